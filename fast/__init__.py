@@ -5,17 +5,17 @@
                   plan selects them by the properties of the layer types in traits
     shared_memory blobs of Split, Concat and Slice layers that are parts of one array
     tiles         blobs stored in the order in which matrix products write and pooling layers read
-    per_channel   Scale, Bias and PReLU; batch_norm uses it
-    convolution, pooling, lrn, eltwise, relu, inner_product, hdf5_data, augment, kinematics (and the hand model)
+    per_channel   Scale; batch_norm uses it
+    convolution, pooling, relu, inner_product, hdf5_data, augment, kinematics (and the hand model)
                   the fast layers: each is a subclass of the plain layer of the same name with another computation
-    columns, rows, row_winograd, winograd, depthwise
+    columns, rows, row_winograd, winograd, depthwise, phases
                   algorithms for convolutions, of which convolution.py chooses; geometry has what they share, and
                   adapters extend them to several groups, to dx, and to values that are not finite
     map_pooling   pooling over any windows
     last_axis     maps with their number as last axis, for depthwise convolutions and max poolings
     row_tiles, window_tiles, max_tiles
                   algorithms for convolution and pooling on tiles
-    fusing        layers in place behind a convolution or a sum of blobs, computed with it
+    fusing        layers in place behind a convolution, computed with it
     parallel, aligned, blas
                   threads; memory at cache lines; configuration of OpenBLAS before NumPy is loaded
 

@@ -13,6 +13,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +30,8 @@ MIN_WINDOWS = 8  # per output, from which flipping the kernel takes less time th
 MIN_IMAGE = 128  # positions of an image from which a 1 x 1 convolution reads x in place, without joining images
 MIN_ROW = 16  # outputs; copying shorter rows takes as long if their values are not adjacent
 COPY = 16  # multiplications that take as long as copying a value
+
+Index = tuple[Any, ...]
 
 
 class Columns(Algorithm):
@@ -150,37 +155,64 @@ def lower(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Array
     n, C = x.shape[:2]
     if _in_place(g, slice(0, n)):
         return x[0, :, rows].reshape(C, -1)
-    by_channel, inside, sizes = g.band(x.swapaxes(0, 1), rows)
-    shape = (C, *g.kernel, n, rows.stop - rows.start, *outputs[1:])
-    columns = scratch("columns", shape, x.dtype)
-    is_split = g.kernel[-1] > g.stride[-1] and outputs[-1] >= MIN_ROW
-    step = g.stride[-1] if is_split else 1  # values of every column are adjacent in a split map
-    direct = step == 1 and not any(g.pad)
-    padded = scratch("padded", (C, n, *sizes[:-1], step, -(-sizes[-1] // step)), x.dtype)
+    plan = _plan(g, x.shape[2:], rows.start, rows.stop, outputs)
+    by_channel = x.swapaxes(0, 1)[:, :, plan.rows]
+    columns = scratch("columns", (C, *g.kernel, n, rows.stop - rows.start, *outputs[1:]), x.dtype)
+    padded = scratch("padded", (C, n, *plan.padded), x.dtype) if plan.padded else by_channel
 
     def job(c: slice) -> None:
-        if not direct:
-            padded[c] = 0
-            for phase, source, target in _split(inside[-1], step):
-                padded[at(c, inside[:-1])][..., phase, target] = by_channel[c, ..., source]
-        for element, part in g.windows(slice(0, rows.stop - rows.start), outputs):
-            if direct:
-                columns[(c,) + element] = by_channel[at(c, part)]
-            else:
-                first, phase = divmod(part[-1].start, step)
-                last = slice(first, first + (outputs[-1] - 1) * (g.stride[-1] // step) + 1, g.stride[-1] // step)
-                columns[(c,) + element] = padded[at(c, part[:-1])][..., phase, last]
+        source, target, read = by_channel[c], columns[c], padded[c]
+        if plan.padded:
+            read.fill(0)
+            for place, values in plan.copies:
+                read[place] = source[values]
+        for element, part in plan.elements:
+            target[element] = read[part]
 
     run_parts(job, C, 1, columns.size * COPY)
     return columns.reshape(C * math.prod(g.kernel), -1)
 
 
-def _split(inside: slice, step: int) -> Iterator[tuple[int, slice, slice]]:
-    """For each remainder of a padded axis, the values of x and their places, if x is at ``inside``."""
+@dataclass(frozen=True)
+class _Plan:
+    """What is copied for some rows of outputs; all indices are without the channels.
+
+    rows      those of x under them
+    padded    the spatial axes with padding, the last one split into every stride-th value; None if x is read in place
+    copies    indices of the padded values and of x
+    elements  for each element of the kernel, the indices of its columns and of the values under it
+    """
+
+    rows: slice
+    padded: tuple[int, ...] | None
+    copies: list[tuple[Index, Index]]
+    elements: list[tuple[Index, Index]]
+
+
+@lru_cache(maxsize=256)
+def _plan(g: Geometry, sizes: tuple[int, ...], start: int, stop: int, outputs: tuple[int, ...]) -> _Plan:
+    every, last = slice(None), g.stride[-1]
+    first = start * g.stride[0] - g.pad[0]
+    end = first + (stop - start - 1) * g.stride[0] + g.dilation[0] * (g.kernel[0] - 1) + 1
+    low, high = min(max(first, 0), sizes[0]), max(min(end, sizes[0]), 0)
+    inside = (slice(low - first, max(high, low) - first), *g.inside(sizes)[1:])
+    shape = (end - first, *g.padded(sizes)[1:])
+    step = last if g.kernel[-1] > last and outputs[-1] >= MIN_ROW else 1  # values of a column are then adjacent
+    windows = [((every, *element), part) for element, part in g.windows(slice(0, stop - start), outputs)]
+    if step == 1 and not any(g.pad):
+        return _Plan(slice(low, high), None, [], [(element, (every, every, *part)) for element, part in windows])
+    copies: list[tuple[Index, Index]] = []
     for phase in range(step):
-        source = slice((phase - inside.start) % step, inside.stop - inside.start, step)
-        first = (inside.start + source.start) // step
-        yield phase, source, slice(first, first + len(range(source.start, source.stop, step)))
+        values = slice((phase - inside[-1].start) % step, inside[-1].stop - inside[-1].start, step)
+        place = (inside[-1].start + values.start) // step
+        places = slice(place, place + len(range(values.start, values.stop, step)))
+        copies.append(((every, every, *inside[:-1], phase, places), (..., values)))
+    elements: list[tuple[Index, Index]] = []
+    for element, part in windows:
+        place, phase = divmod(part[-1].start, step)
+        own = slice(place, place + (outputs[-1] - 1) * (last // step) + 1, last // step)
+        elements.append((element, (every, every, *part[:-1], phase, own)))
+    return _Plan(slice(low, high), (*shape[:-1], step, -(-shape[-1] // step)), copies, elements)
 
 
 def multiply(g: Geometry, w: Array, columns: Array, out: Array, o: slice) -> None:

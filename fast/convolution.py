@@ -18,10 +18,11 @@ import numpy as np
 
 from fast.adapters import ByGroup, Contained, Turned
 from fast.columns import Columns
-from fast.depthwise import Bands, Depthwise, Filter
+from fast.depthwise import Depthwise, Filter
 from fast.fast_layer import FastLayer
 from fast.fusing import After, after_of
 from fast.geometry import Algorithm, Geometry, NotFiniteError, Sizes, Sum
+from fast.phases import Phases
 from fast.row_tiles import RowTiles
 from fast.row_winograd import RowWinograd
 from fast.rows import Rows
@@ -34,9 +35,8 @@ from layers.vision.depthwise_convolution import ConvolutionDepthwise, DepthwiseC
 from netlib.blob import Array, Blob, Blobs
 
 ROW_WINOGRAD, WINOGRAD, ROWS = ByGroup(Contained(RowWinograd())), ByGroup(Contained(Winograd())), ByGroup(Rows())
-FILTER = Contained(Filter())
+FILTER, PHASES = Contained(Filter()), Contained(Phases((ROW_WINOGRAD, WINOGRAD)))
 ALGORITHMS: tuple[Algorithm, ...] = (
-    Contained(Bands()),
     FILTER,
     Turned(FILTER),
     Depthwise(),
@@ -45,6 +45,8 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Turned(ROW_WINOGRAD),
     WINOGRAD,
     Turned(WINOGRAD),
+    PHASES,
+    Turned(PHASES),
     ROWS,
     Turned(ROWS),
     Columns(),
@@ -64,29 +66,47 @@ class Choice:
 
 def choose(g: Geometry, x_shape: tuple[int, ...], y_shape: tuple[int, ...]) -> Choice:
     """The fastest algorithms for x (N, C, ...) and y (N, O, ...), with at least one spatial axis."""
-    s = Sizes(g, x_shape[0], x_shape[1] // g.group, x_shape[2:], y_shape[1] // g.group, y_shape[2:])
+    s, both = Sizes.of(g, x_shape, y_shape), Columns() if Columns.fits_both(g) else None
 
     def first(sum_: Sum) -> Algorithm:
         return next(algorithm for algorithm in ALGORITHMS if algorithm.fits(s, sum_))
 
-    both = Columns() if Columns.fits_both(g) else None
     return Choice(first("correlate"), first("transpose"), first("gradient"), both)
 
 
-class FastConvolution(FastLayer, Convolution):
-    """Convolution by the algorithm that is the fastest for its shapes.
+class ByAlgorithms(FastLayer, Convolution):
+    """Base class.
 
-    tiles       the algorithm on tiles, or None
     algorithms  the algorithms on arrays for each bottom; none for the plain layer
     """
 
-    tiles: RowTiles | WindowTiles | None = None
     algorithms: Sequence[Choice] = ()
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
-        """Read the geometry, and create the algorithms that keep matrices of the weights."""
+        """Read the geometry."""
         super().setup(bottom, top)
         self.geometry = Geometry(self.kernel, self.stride, self.pad, self.dilation, self.param.group)
+
+    def fuses_relu(self) -> bool:
+        """Whether an algorithm computes what is behind the layer: not the plain layer."""
+        return len(self.algorithms) > 0
+
+    def fuses_channels(self) -> bool:
+        """The same, if the outputs are the channels of the top."""
+        return self.fuses_relu() and self.axis == 1
+
+
+class FastConvolution(ByAlgorithms):
+    """Convolution by the algorithm that is the fastest for its shapes.
+
+    tiles  the algorithm on tiles, or None
+    """
+
+    tiles: RowTiles | WindowTiles | None = None
+
+    def setup(self, bottom: Blobs, top: Blobs) -> None:
+        """Create the algorithms that keep matrices of the weights."""
+        super().setup(bottom, top)
         self.row_tiles, self.window_tiles = RowTiles(), WindowTiles()
 
     def bottom_tile(self, top_tile: int | None) -> int | None:
@@ -102,12 +122,8 @@ class FastConvolution(FastLayer, Convolution):
         return self.tiles is not None and not self.needs_bottom_diff
 
     def fuses_relu(self) -> bool:
-        """Whether the algorithm computes what is behind the layer: not on tiles, nor in the plain layer."""
-        return self.tiles is None and len(self.algorithms) > 0
-
-    def fuses_channels(self) -> bool:
-        """The same, if the outputs are the channels of the top."""
-        return self.fuses_relu() and self.axis == 1
+        """Whether the algorithm computes what is behind the layer: not on tiles."""
+        return self.tiles is None and super().fuses_relu()
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         """Reshape the tops and choose the algorithm."""
@@ -186,26 +202,8 @@ class FastConvolutionDepthwise(FastConvolution, ConvolutionDepthwise):
     """Convolution of each channel on its own, with as many outputs as channels."""
 
 
-class FastDeconvolution(FastLayer, Deconvolution):
-    """Deconvolution by the algorithm that is the fastest for its shapes.
-
-    algorithms  those for each bottom; none for the plain layer
-    """
-
-    algorithms: Sequence[Choice] = ()
-
-    def setup(self, bottom: Blobs, top: Blobs) -> None:
-        """Read the geometry."""
-        super().setup(bottom, top)
-        self.geometry = Geometry(self.kernel, self.stride, self.pad, self.dilation, self.param.group)
-
-    def fuses_relu(self) -> bool:
-        """Whether the algorithm computes what is behind the layer: not on tiles, nor in the plain layer."""
-        return len(self.algorithms) > 0
-
-    def fuses_channels(self) -> bool:
-        """The same, if the outputs are the channels of the top."""
-        return self.fuses_relu() and self.axis == 1
+class FastDeconvolution(ByAlgorithms, Deconvolution):
+    """Deconvolution by the algorithm that is the fastest for its shapes."""
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         """Reshape the tops and choose the algorithm."""

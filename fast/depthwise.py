@@ -8,13 +8,6 @@ of their products with dy.
 
 Large maps are filtered by OpenCV, one channel at a time; with a stride, the windows are chosen afterwards.
 
-For narrow maps, the outputs of a channel are one product of its padded rows, of which kh are adjacent, and a band of
-weights.
-
-    Y[c] (Ho, Wo)  =  X[c] (Ho, kh W) @ B[c] (kh W, Wo)        B[c, i W + v, u] = w[c, i, v + left - u] or 0
-
-There are W / kw times as many multiplications, but one call for all channels of a block.
-
 The channels are not divided between threads: the calls take so little time that two threads wait for the interpreter
 longer than they save.
 """
@@ -36,7 +29,6 @@ from netlib.system.memory import blocks
 
 FILTERED = 1200  # values of a map, per window, from which calls of filter2D take less time
 FOURIER = 50  # elements of a kernel, from which filter2D uses a Fourier transform of float64
-BANDED = 16  # values of a row, up to which products with bands take as long, with fewer calls
 ACTIVATED = 1 << 15  # values of the outputs to which an activation is applied at a time
 MAX_VALUES = 1 << 18  # of the maps of a block
 MIN_CHANNELS = 32  # of a block
@@ -46,20 +38,6 @@ BAND_VALUES = 1 << 15  # of the rows of outputs in one call
 def is_depthwise(s: Sizes) -> bool:
     """One channel per group of an image. It takes a third to two thirds of the time of Columns."""
     return len(s.sizes) == 2 and s.geometry.group > s.inputs == 1 and s.excess <= MAX_EXCESS
-
-
-class Bands(Algorithm):
-    """Products of rows with bands of weights, for narrow maps."""
-
-    def fits(self, s: Sizes, sum_: Sum) -> bool:
-        """Narrow maps and adjacent windows: as fast, with fewer calls."""
-        return sum_ == "correlate" and is_depthwise(s) and s.geometry.is_dense and s.sizes[1] <= BANDED
-
-    def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
-        """Write y."""
-        check_finite(w)  # the bands omit padding, and 0 times infinity is NaN
-        w, after = after.fold(w)
-        _multiply_by_bands(g, x, _by_input(x.shape[1], w, 0), after, y)
 
 
 class Filter(Algorithm):
@@ -153,34 +131,6 @@ def _filter(g: Geometry, x: Array, kernels: Array, biases: Array, after: After, 
                     if not whole:
                         target[...] = chosen
             after.activate(outputs[part], outputs[part])
-
-
-def _multiply_by_bands(g: Geometry, x: Array, kernels: Array, after: After, y: Array) -> None:
-    """Write y (N, O, Ho, Wo) by one product for each channel and image."""
-    (N, C, H, W), (kh, kw), (top, left) = x.shape, g.kernel, g.pad
-    count, (Ho, Wo) = kernels.shape[1], y.shape[2:]
-    high = Ho + kh - 1
-    size = max(MAX_VALUES // max(N * high * W + count * kh * W * Wo, 1), 1)
-    for own in blocks(C, size):
-        each = own.stop - own.start
-        padded = scratch("padded", (N, each, high, W), x.dtype)
-        padded[:, :, :top] = padded[:, :, top + H :] = 0
-        padded[:, :, top : top + H] = x[:, own]
-        bands = scratch("bands", (each, count, kh, W, Wo), x.dtype)
-        bands.fill(0)
-        for j in range(kw):
-            first, end = (min(max(edge + left - j, 0), Wo) for edge in (0, W))
-            if end > first:
-                band = bands[..., first + j - left : end + j - left, first:end]
-                np.einsum("...uu->...u", band)[...] = kernels[own, ..., j, None]
-        image, channel, row, item = padded.strides
-        rows = np.ndarray((N, each, 1, Ho, kh * W), x.dtype, padded, 0, (image, channel, channel, row, item))
-        outputs = slice(own.start * count, own.stop * count)
-        target = y[:, outputs].reshape(N, each, count, Ho, Wo)
-        np.matmul(rows, bands.reshape(each, count, kh * W, Wo), out=target)
-        check_finite(target)
-        flat = target.reshape(N, each * count, Ho * Wo)
-        after.write(flat, flat, outputs, axis=1)
 
 
 def _by_input(channels: int, array: Array, axis: int) -> Array:

@@ -26,12 +26,9 @@ COPIES = 16  # parts of a large copy, and so the maximum number of threads that 
 
 # The places of plain classes in layers/ and of their fast classes here; files are imported when a net needs them.
 FAST_CLASSES: dict[str, str] = {
-    "activation.bias.Bias": "per_channel.FastBias",
-    "activation.prelu.PReLU": "per_channel.FastPReLU",
     "activation.relu.ReLU": "relu.FastReLU",
     "activation.relu6.ReLU6": "relu.FastReLU6",
     "activation.scale.Scale": "per_channel.FastScale",
-    "common.eltwise.Eltwise": "eltwise.FastEltwise",
     "common.inner_product.InnerProduct": "inner_product.FastInnerProduct",
     "data.hdf5_data.HDF5Data": "hdf5_data.FastHDF5Data",
     "hand.augment.HandAugment": "augment.FastHandAugment",
@@ -39,7 +36,6 @@ FAST_CLASSES: dict[str, str] = {
     "hand.kinematics.Kinematics": "kinematics.FastKinematics",
     "hand.sized_hand_model.SizedHandModel": "kinematics.FastSizedHandModel",
     "normalization.batch_norm.BatchNorm": "batch_norm.FastBatchNorm",
-    "normalization.lrn.LRN": "lrn.FastLRN",
     "vision.convolution.Convolution": "convolution.FastConvolution",
     "vision.deconvolution.Deconvolution": "convolution.FastDeconvolution",
     "vision.depthwise_convolution.ConvolutionDepthwise": "convolution.FastConvolutionDepthwise",

@@ -1,10 +1,10 @@
 """Fusing: a convolution computes the layers in place behind it, while its outputs are in the cache.
 
 Batch normalization by its sums, a Scale with learned parameters and a ReLU or ReLU6 are a multiplication, an addition
-and a maximum per channel: y = max(gain y + bias, 0). A sum of blobs computes the ReLU behind it, too. The values
-between the layers are overwritten in any case, so no caller can see the difference, unless a part of the net is run:
-then each layer is computed on its own. A layer with a backward pass is fused only if it is a ReLU or ReLU6, which store
-nothing, or a Scale directly behind a BatchNorm by the statistics of the batch (batch_norm.py).
+and a maximum per channel: y = max(gain y + bias, 0). The values between the layers are overwritten in any case, so no
+caller can see the difference, unless a part of the net is run: then each layer is computed on its own. A layer with a
+backward pass is fused only if it is a ReLU or ReLU6, which store nothing, or a Scale directly behind a BatchNorm by the
+statistics of the batch (batch_norm.py).
 """
 
 from __future__ import annotations
@@ -150,7 +150,7 @@ def _continues(at: Connection, chain: Sequence[Layer], follower: Connection) -> 
     if len(follower.bottom) != 1 or (chain and isinstance(chain[-1], (ReLU, ReLU6))):
         return False
     if isinstance(layer, (ReLU, ReLU6)):
-        return layer.slope == 0
+        return bool(layer.param.negative_slope == 0)
     if isinstance(layer, Scale) and first.fuses_trained_scale():
         if chain:
             return False

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
@@ -26,6 +26,9 @@ from netlib.system.memory import blocks
 
 MIN_PART = 32  # rows of a part; a multiple of the rows that BLAS computes together, so that all parts round alike
 MIN_BLOCK_COST = 5_000_000  # multiplications of a block, on average, from which blocks run on several threads
+MAX_OUTLIER = 4000.0  # relative to usual values; the errors of its neighbours are then 5e-4 of usual outputs
+SAMPLE = 256  # sums
+QUARTILE = 0.3186  # of the absolute values of numbers with a normal distribution and standard deviation 1
 MIN_PARTS_COST = 20_000_000  # multiplications; a virtual processor wakes a thread more slowly than a smaller product
 
 
@@ -39,17 +42,17 @@ class Geometry:
     dilation: tuple[int, ...]
     group: int
 
-    @property
+    @cached_property
     def is_dense(self) -> bool:
         """Whether neighbouring windows are one value apart and read neighbouring values."""
         return set(self.stride) | set(self.dilation) == {1}
 
-    @property
+    @cached_property
     def one_group(self) -> Geometry:
         """The geometry of one of the groups."""
         return Geometry(self.kernel, self.stride, self.pad, self.dilation, 1)
 
-    @property
+    @cached_property
     def turned(self) -> Geometry:
         """The geometry of the transpose of a convolution with stride 1: a convolution with the flipped kernel."""
         pad = tuple(d * (k - 1) - p for k, p, d in zip(self.kernel, self.pad, self.dilation))
@@ -68,14 +71,6 @@ class Geometry:
     def inside(self, sizes: Sequence[int]) -> tuple[slice, ...]:
         """The part of padded axes that is not padding."""
         return tuple(slice(p, p + n) for n, p in zip(sizes, self.pad))
-
-    def band(self, x: Array, rows: slice) -> tuple[Array, tuple[slice, ...], tuple[int, ...]]:
-        """The part of x (C, n, ...) under these rows of outputs, its place in the padded part, and that part's axes."""
-        first = rows.start * self.stride[0] - self.pad[0]
-        end = first + (rows.stop - rows.start - 1) * self.stride[0] + self.dilation[0] * (self.kernel[0] - 1) + 1
-        low, high = min(max(first, 0), x.shape[2]), max(min(end, x.shape[2]), 0)
-        inside = (slice(low - first, max(high, low) - first), *self.inside(x.shape[2:])[1:])
-        return x[:, :, low:high], inside, (end - first, *self.padded(x.shape[2:])[1:])
 
     def windows(self, rows: slice, outputs: Sequence[int]) -> Iterator[tuple[tuple[int, ...], tuple[slice, ...]]]:
         """For each kernel element, the part of the padded axes under it in all windows of these rows of outputs."""
@@ -100,6 +95,11 @@ class Sizes:
     windows: tuple[int, ...]
     excess: float = 1.0
 
+    @classmethod
+    def of(cls, g: Geometry, x: tuple[int, ...], y: tuple[int, ...]) -> Sizes:
+        """The sizes for arrays x (N, C, ...) and y (N, O, ...)."""
+        return cls(g, x[0], x[1] // g.group, x[2:], y[1] // g.group, y[2:])
+
     @property
     def is_undilated(self) -> bool:
         """Whether this is a sum over images without dilation."""
@@ -123,6 +123,12 @@ class Sizes:
 def at(channels: slice, part: tuple[slice, ...]) -> tuple[slice, ...]:
     """The index of these channels and a part of the spatial axes in an array (C, n, ...)."""
     return channels, slice(None), *part
+
+
+def inside(start: int, step: int, size: int, count: int) -> tuple[int, slice]:
+    """Of ``count`` places from ``start`` in steps, the first inside an axis, and the numbers of those that are."""
+    first, end = (min(max(-(-(edge - start) // step), 0), count) for edge in (0, size))
+    return max(start + first * step, 0), slice(first, max(end, first))
 
 
 Sum = Literal["correlate", "transpose", "gradient"]
@@ -150,7 +156,7 @@ class Algorithm:
 
 
 class NotFiniteError(Exception):
-    """An algorithm that mixes the values of several windows has found one that is not finite."""
+    """An algorithm that mixes the values of several windows has found one that is not finite, or much larger."""
 
 
 def check_finite(values: Array) -> None:
@@ -160,6 +166,32 @@ def check_finite(values: Array) -> None:
     """
     if not math.isfinite(np.vdot(values, values)):
         raise NotFiniteError
+
+
+def check_spread(sums: Array, x: Array, outputs: int) -> None:
+    """Raise NotFiniteError if the rounding errors of one value of x may be visible in outputs that do not contain it.
+
+    sums     outputs of the windows of a block, before anything is added
+    x        (n, C, ...) the images of the block
+    outputs  per image and window
+
+    One value that is v times as large as the usual ones adds v² outputs / C usual squares to the sum of squares. If
+    that is suspicious, the values of x decide.
+    """
+    squares = float(np.vdot(sums, sums))
+    if not math.isfinite(squares):
+        raise NotFiniteError
+    usual = _usual(sums)
+    is_suspicious = usual and (squares / usual / usual - sums.size) * x.shape[1] > MAX_OUTLIER**2 * outputs
+    if is_suspicious and max(x.max(), -x.min()) > MAX_OUTLIER * _usual(x):
+        raise NotFiniteError
+
+
+def _usual(values: Array) -> float:
+    """An estimate of the standard deviation, which few large values do not change. Zeros are those of a background."""
+    sample = np.abs(values.reshape(-1)[:: max(values.size // SAMPLE, 1) | 1])
+    sample = sample[sample > 0]
+    return float(np.partition(sample, sample.size // 4)[sample.size // 4]) / QUARTILE if sample.size else 0.0
 
 
 def channel_parts(channels: int, group: int, cost: float) -> list[slice]:

@@ -12,14 +12,13 @@ in one vector, at every column and not only where a window starts, and the windo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 
 from fast import parallel
-from fast.geometry import Geometry
+from fast.geometry import Geometry, inside
 from fast.last_axis import Maps, map_first
 from fast.parallel import scratch
 from layers.vision.pooling import NOTHING
@@ -31,64 +30,38 @@ MAX_EVERYWHERE = 4  # side of overlapping windows, up to which those at every pl
 PART = 1 << 15  # values; starting a thread takes longer than pooling fewer
 
 
-@dataclass(frozen=True)
 class Windows:
-    """Sizes of maps (H, W) and pooled maps (Ho, Wo), and kernel, stride and pad of the windows."""
+    """What pooling maps (H, W) to maps (Ho, Wo) needs to know of its windows.
 
-    sizes: tuple[int, int]
-    outputs: tuple[int, int]
-    kernel: tuple[int, int]
-    stride: tuple[int, int]
-    pad: tuple[int, int]
+    padded           the size of a map with padding, including the parts of windows that extend beyond the padding
+    inside           the part of a padded map that is not padding
+    rows             for each row of the kernel that is inside the map anywhere, the windows in which it is inside, and
+                     the rows of the map there
+    columns          the first columns of all windows in a padded map
+    overlap          whether a value can be in several windows
+    is_whole         whether the only window is the map
+    runs_everywhere  whether maxima at every place of the padded maps take less time than those of the windows
+    """
 
-    @property
-    def padded(self) -> tuple[int, int]:
-        """The size of a map with padding, including the parts of windows that extend beyond the padding."""
-        high, wide = (
-            max((o - 1) * s + k, p + n)
-            for n, o, k, s, p in zip(self.sizes, self.outputs, self.kernel, self.stride, self.pad)
-        )
-        return high, wide
-
-    @property
-    def inside(self) -> tuple[slice, slice]:
-        """The part of a padded map that is not padding."""
-        (top, left), (H, W) = self.pad, self.sizes
-        return slice(top, top + H), slice(left, left + W)
-
-    @property
-    def overlap(self) -> bool:
-        """Whether a value can be in several windows."""
-        return any(k > s for k, s in zip(self.kernel, self.stride))
-
-    @property
-    def is_whole(self) -> bool:
-        """Whether the only window is the map."""
-        return self.kernel == self.sizes and self.outputs == (1, 1) and self.pad == (0, 0)
-
-    @property
-    def runs_everywhere(self) -> bool:
-        """Whether maxima at every place of the padded maps take less time than those of the windows."""
-        return self.overlap and max(self.kernel) <= MAX_EVERYWHERE
-
-    def rows(self) -> Iterator[tuple[int, slice, slice]]:
-        """For each row of the kernel, the windows in which it is inside the map, and the rows of the map there."""
-        (H, _), (Ho, _), (kh, _), (s, _), (p, _) = self.sizes, self.outputs, self.kernel, self.stride, self.pad
-        for i in range(kh):
-            first = max(-(-(p - i) // s), 0)
-            end = min((H - 1 + p - i) // s + 1, Ho)
-            if end > first:
-                begin = first * s + i - p
-                yield i, slice(first, end), slice(begin, begin + (end - first - 1) * s + 1, s)
-
-    def columns(self) -> slice:
-        """The first columns of all windows in a padded map."""
-        return slice(0, (self.outputs[1] - 1) * self.stride[1] + 1, self.stride[1])
+    def __init__(self, g: Geometry, sizes: tuple[int, int], outputs: tuple[int, int]) -> None:
+        self.g, self.sizes, self.outputs, self.kernel, self.stride = g, sizes, outputs, g.kernel, g.stride
+        axes = zip(sizes, outputs, g.kernel, g.stride, g.pad)
+        self.padded = tuple(max((o - 1) * s + k, p + n) for n, o, k, s, p in axes)
+        self.inside = g.inside(sizes)
+        starts = [(inside(i - g.pad[0], g.stride[0], sizes[0], outputs[0])) for i in range(g.kernel[0])]
+        self.rows = [
+            (own, slice(first, first + (own.stop - own.start - 1) * g.stride[0] + 1, g.stride[0]))
+            for first, own in starts
+            if own.stop > own.start
+        ]
+        self.columns = slice(0, (outputs[1] - 1) * g.stride[1] + 1, g.stride[1])
+        self.overlap = any(k > s for k, s in zip(g.kernel, g.stride))
+        self.is_whole = g.kernel == sizes and outputs == (1, 1) and not any(g.pad)
+        self.runs_everywhere = self.overlap and max(g.kernel) <= MAX_EVERYWHERE
 
     def maps(self, like: Array, fill: float) -> Maps:
         """Working memory for as many maps as ``like`` (n, H, W) has, filled with one value."""
-        g = Geometry(self.kernel, self.stride, self.pad, (1, 1), 1)
-        return Maps(g, self.sizes, self.outputs, like, fill)
+        return Maps(self.g, self.sizes, self.outputs, like, fill)
 
     def run(self, maps: int, job: Callable[[slice], None]) -> None:
         """Call ``job`` for all blocks of maps, on several threads if there are enough values."""
@@ -126,9 +99,8 @@ def _over_columns(w: Windows, op: np.ufunc, x: Array, empty: float) -> Array:
     left, right = w.inside[1].start, w.inside[1].stop
     v[..., :left] = v[..., right:] = empty
     part = v[..., left:right]
-    elements = list(w.rows())
-    whole = [(rows, own) for _, rows, own in elements if rows == slice(0, w.outputs[0])]
-    rest = [(rows, own) for _, rows, own in elements if rows != slice(0, w.outputs[0])]
+    whole = [(rows, own) for rows, own in w.rows if rows == slice(0, w.outputs[0])]
+    rest = [(rows, own) for rows, own in w.rows if rows != slice(0, w.outputs[0])]
     if len(whole) > 1:
         op(x[:, whole[0][1]], x[:, whole[1][1]], out=part)
     elif whole:
@@ -144,7 +116,7 @@ def _over_rows(w: Windows, op: np.ufunc, v: Array) -> Array:
     """The windows (n, Ho, Wo) of v (n, Ho, Wp), a view of working memory."""
     out = scratch("pooled", v.shape, v.dtype)
     running(op, v.reshape(-1), w.kernel[1], out.reshape(-1))
-    return out[..., w.columns()]
+    return out[..., w.columns]
 
 
 def _everywhere(w: Windows, op: np.ufunc, x: Array, empty: float) -> Array:
@@ -260,7 +232,7 @@ class MeanOfMaps:
         """Write dx (n, H, W): running sums of the gradients of all windows that start at a column."""
         kw = w.kernel[1]
         wide = w.padded[1] + kw - 1
-        starts = slice(kw - 1, kw - 1 + w.columns().stop, w.stride[1])
+        starts = slice(kw - 1, kw - 1 + w.columns.stop, w.stride[1])
         left, right = w.inside[1].start, w.inside[1].stop
 
         def job(maps: slice) -> None:
@@ -272,7 +244,7 @@ class MeanOfMaps:
             running(np.add, share.reshape(-1), kw, total.reshape(-1))
             below, gradient = total[..., left:right], dx[maps]
             gradient.fill(0)
-            for _, windows, rows in w.rows():
+            for windows, rows in w.rows:
                 gradient[:, rows] += below[:, windows]
 
         w.run(len(dx), job)

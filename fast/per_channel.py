@@ -1,4 +1,4 @@
-"""FastScale, FastBias and FastPReLU: one value per channel, in blocks that stay in the cache.
+"""FastScale: one value per channel, in blocks that stay in the cache.
 
 A blob is viewed as (outer, G, inner): G values of the parameter, each for ``inner`` adjacent values, ``outer`` times. A
 block is some of the outer items, or some of the G values if there are few items. Several operations run on one block
@@ -17,8 +17,6 @@ import numpy as np
 from fast import parallel
 from fast.fast_layer import FastLayer
 from fast.parallel import scratch
-from layers.activation.bias import Bias
-from layers.activation.prelu import PReLU
 from layers.activation.scale import Scale
 from netlib.blob import Array, Blobs
 from netlib.system.memory import blocks
@@ -119,68 +117,3 @@ class FastScale(FastLayer, Scale):
             self.bias.diff[...] += of_dy.reshape(self.gain.shape)
         if propagate_down[0] and not self.is_fused:
             affine(dy, gain, None, view(bottom[0].diff, self.axis, gain.size))
-
-
-class FastBias(FastLayer, Bias):
-    """Bias with a learned parameter. A second bottom is added by the plain layer."""
-
-    def forward(self, bottom: Blobs, top: Blobs) -> None:
-        """Compute y = x + b."""
-        if not self.learned:
-            super().forward(bottom, top)
-            return
-        b, axis = self.bias.data.reshape(-1), self._axis(bottom)
-        affine(view(bottom[0].data, axis, b.size), None, b, view(top[0].data, axis, b.size))
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        """Compute db, and copy dy to dx unless they are one array."""
-        if not self.learned:
-            super().backward(top, propagate_down, bottom)
-            return
-        dy = top[0].diff
-        self.bias.diff[...] += sums(view(dy, self._axis(bottom), self.bias.count))[0].reshape(self.bias.shape)
-        if propagate_down[0] and bottom[0] is not top[0]:
-            bottom[0].diff[...] = dy
-
-    def _axis(self, bottom: Blobs) -> int:
-        return len(bottom[0].shape) - len(self.wide) if self.bias.shape else 0
-
-
-class FastPReLU(FastLayer, PReLU):
-    """Rectified linear unit with learned slopes."""
-
-    def forward(self, bottom: Blobs, top: Blobs) -> None:
-        """Compute y = max(x, 0) + slope min(x, 0); in place, x is copied if backward will read it."""
-        x, slope = bottom[0].data, self.slope.data.reshape(-1)
-        if self.needs_backward and bottom[0] is top[0]:
-            self.x = self.kept("x", x)
-            self.x[...] = x
-        x, y = view(x, self._axis(), slope.size), view(top[0].data, self._axis(), slope.size)
-
-        def job(i: slice, c: slice) -> None:
-            negative = np.minimum(x[i, c], 0, out=scratch("product", x[i, c].shape, x.dtype))
-            negative *= slope[c, None]
-            np.maximum(x[i, c], 0, out=y[i, c])
-            y[i, c] += negative
-
-        each_block(x.shape, job)
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        """Compute the sums for the slopes, and dx."""
-        slope, axis = self.slope.data.reshape(-1), self._axis()
-        x = view(self.x if bottom[0] is top[0] else bottom[0].data, axis, slope.size)
-        dy = view(top[0].diff, axis, slope.size)
-        _, of_product = sums(dy, np.minimum(x, 0))
-        assert of_product is not None
-        self.slope.diff[...] += of_product.reshape(self.slope.shape)
-        if propagate_down[0]:
-            dx = view(bottom[0].diff, axis, slope.size)
-
-            def job(i: slice, c: slice) -> None:
-                own = dy[i, c]
-                dx[i, c] = np.where(x[i, c] > 0, own, slope[c, None] * own)
-
-            each_block(dy.shape, job)
-
-    def _axis(self) -> int:
-        return 1 if self.slope.shape else 0

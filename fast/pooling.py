@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from fast.fast_layer import FastLayer
+from fast.geometry import Geometry
 from fast.map_pooling import MaxOfMaps, MeanOfMaps, Windows
 from fast.max_tiles import MaxTiles
 from fast.tiles import pitch_of, tile_of
@@ -49,8 +50,7 @@ class FastPooling(FastLayer, Pooling):
         on_tiles = self.tile is not None and (tile_of(x) is not None or tile_of(y) is not None)
         self.tiles = MaxTiles(self, self.tile, x, y) if on_tiles and self.tile else None
         (_, _, H, W), (_, _, Ho, Wo) = x.shape, y.shape
-        (kh, kw), (sh, sw), (ph, pw) = self.kernel, self.stride, self.pad
-        self.over = Windows((H, W), (Ho, Wo), (kh, kw), (sh, sw), (ph, pw))
+        self.over = Windows(Geometry(self.kernel, self.stride, self.pad, (1, 1), 1), (H, W), (Ho, Wo))
         if self.is_max:
             self.winners = np.empty(0 if on_tiles else y.shape, MaxOfMaps.winner_type(self.over))
         else:

@@ -31,7 +31,7 @@ import numpy as np
 
 from fast import parallel
 from fast.fusing import After
-from fast.geometry import Algorithm, Geometry, Sizes, Sum, check_finite
+from fast.geometry import Algorithm, Geometry, Sizes, Sum, check_finite, check_spread
 from fast.last_axis import map_first, map_last
 from fast.parallel import scratch
 from netlib.blob import Array
@@ -71,7 +71,7 @@ class RowWinograd(Algorithm):
         weights = (kernel_matrix(k).astype(w.dtype) @ by_column).reshape(k + 3, 1, O, k * C)
 
         def job(images: slice) -> None:
-            _correlate(weights, _inputs(g, x[images], y.shape[2:]), after, y[images])
+            _correlate(weights, _inputs(g, x[images], y.shape[2:]), x[images], after, y[images])
 
         parallel.run([partial(job, images) for images in _blocks(k, x, y)])
 
@@ -201,14 +201,14 @@ def _windows(k: int, V: Array) -> Array:
     return np.lib.stride_tricks.as_strided(V, shape, (point, row, channel, item))
 
 
-def _correlate(weights: Array, V: Array, after: After, y: Array) -> None:
-    """Write y (n, O, Ho, Wo)."""
+def _correlate(weights: Array, V: Array, x: Array, after: After, y: Array) -> None:
+    """Write y (n, O, Ho, Wo) of images x."""
     (n, O, Ho, Wo), T, k = y.shape, V.shape[3] - 1, len(V) - 3
     products = scratch("products", (k + 3, Ho, O, T * n), y.dtype)
     np.matmul(weights, _windows(k, V), out=products)
     sums = scratch("split", (TILE, Ho, O, T, n), y.dtype)
     from_points(k, products.reshape(k + 3, 1, -1), sums.reshape(TILE, 1, -1))
-    check_finite(sums)
+    check_spread(sums, x, O)
     rows = sums.reshape(TILE * Ho, O, T * n)
     after.write(rows, rows, slice(0, O), axis=1)
     flat = scratch("by place", (O, Ho, Wo, n), y.dtype)

@@ -1,4 +1,4 @@
-r"""Rows: convolution of images by one product per row of outputs, with less copying than im2col.
+r"""Rows: convolution by one product per row of outputs, or per plane of a volume, with less copying than im2col.
 
 Im2col copies each value of x kh * kw times. Here it is copied only kw times, to X[h, j, c, n, w] = x[n, c, h, w + j].
 The kh rows of X for a row of outputs are contiguous, so all right factors are one strided view of X:
@@ -6,18 +6,21 @@ The kh rows of X for a row of outputs are contiguous, so all right factors are o
     Y[h] (O, n Wo)  =  w (O, kh kw C) @ X[h : h + kh] (kh kw C, n Wo)
 
 With a stride, X has every second column, for example, and Y[h] starts at every second row. The gradient of x, with
-stride 1, is a convolution of dy with the flipped kernel, the gradient of w the sum of dY[h] Xᵀ over the rows.
+stride 1, is a convolution of dy with the flipped kernel, the gradient of w the sum of dY[h] Xᵀ over the rows. For
+volumes, h is the first axis, and w and j are all others.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from fast.fusing import After
-from fast.geometry import MAX_EXCESS, Algorithm, Geometry, Sizes, Sum, run_blocks, run_parts
+from fast.geometry import MAX_EXCESS, Algorithm, Geometry, Sizes, Sum, inside, run_blocks, run_parts
 from fast.parallel import scratch
 from netlib.blob import Array
 from netlib.system.memory import blocks
@@ -25,14 +28,14 @@ from netlib.system.memory import blocks
 LENGTH = 128  # columns of a product, of several images if their rows are shorter
 BLOCK_BYTES = 1 << 20  # of X
 MIN_ROWS = 8  # of outputs in a block, which reads kh - 1 more rows
-UNPACKED = 1_000_000  # multiplications; OpenBLAS copies the factors of larger products first
-MIN_COLUMNS = 32  # of a part; products of fewer columns are slower
 FEW_WEIGHTS = 60_000
 COPY = 16  # multiplications that take as long as copying a value
 
+Index = tuple[Any, ...]
+
 
 class Rows(Algorithm):
-    """The algorithm for images without dilation and groups, and few outputs."""
+    """The algorithm for images and volumes without groups, without dilation of the first axis, and few outputs."""
 
     def fits(self, s: Sizes, sum_: Sum) -> bool:
         """Few outputs, so that copying takes as long as the product, and long rows. Up to twice as fast.
@@ -40,66 +43,51 @@ class Rows(Algorithm):
         For dw also few weights, because there is a product for each row of outputs. Up to 1.4 times as fast.
         """
         g = s.geometry
-        if sum_ == "transpose" or not s.is_undilated or g.group > 1 or s.excess > MAX_EXCESS:
+        if sum_ == "transpose" or len(s.sizes) < 2 or g.dilation[0] > 1 or g.group > 1 or s.excess > MAX_EXCESS:
             return False
         if not 8 <= s.outputs <= 96 or not all(k > step for k, step in zip(g.kernel, g.stride)):
             return False
         has_few_weights = s.inputs * math.prod(g.kernel) * s.outputs <= FEW_WEIGHTS
-        is_long = s.images * s.windows[-1] >= (16 if has_few_weights else 64)
+        is_long = s.images * math.prod(s.windows[1:]) >= (16 if has_few_weights else 64)
         return is_long and (has_few_weights or sum_ != "gradient")
 
     def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
         """Write y."""
-        weights = w.transpose(0, 2, 3, 1).reshape(len(w), -1)
+        weights = np.moveaxis(w, 1, -1).reshape(len(w), -1)
 
         def job(images: slice, rows: slice) -> None:
-            X = stacked(g, x[images], rows, y.shape[3])
+            X = stacked(g, x[images], rows, y.shape[3:])
             _correlate(weights, X, after, y[images, :, rows])
 
         run_blocks(job, _blocks(g, x, y.shape), weights.size * y.size // len(w))
 
     def gradient(self, g: Geometry, x: Array, dy: Array, dw: Array) -> None:
         """Add to dw."""
-        O, C, kh, kw = dw.shape
-        total = np.zeros((kh, kw, C, O), dw.dtype)
+        O, C, *kernel = dw.shape
+        total = np.zeros((*kernel, C, O), dw.dtype)
         for images, rows in _blocks(g, x, dy.shape):
-            X = stacked(g, x[images], rows, dy.shape[3])
+            X = stacked(g, x[images], rows, dy.shape[3:])
             _gradient(X, dy[images, :, rows], total.reshape(-1, O))
-        dw += total.transpose(3, 2, 0, 1)
+        dw += np.moveaxis(total, (-1, -2), (0, 1))
 
 
 def _correlate(weights: Array, X: Array, after: After, y: Array) -> None:
-    """Write the rows y (n, O, rows, Wo) of one block."""
+    """Write the rows y (n, O, rows, ...) of one block."""
+    y = y.reshape(*y.shape[:3], -1)
     n, O, R, Wo = y.shape
     out = scratch("result", (R, O, n * Wo), y.dtype)
     by_row = out.reshape(R, O, n, Wo).transpose(2, 1, 0, 3)
-    parts = unpacked_parts(O, weights.shape[1], n * Wo)
 
     def job(o: slice) -> None:
-        np.matmul(weights[o], by_parts(X, parts), out=by_parts(out[:, o], parts))
+        np.matmul(weights[o], X, out=out[:, o])
         after.write(by_row[:, o], y[:, o], o, axis=1)
 
     run_parts(job, O, 1, weights.size * n * R * Wo)
 
 
-def unpacked_parts(rows: int, inner: int, columns: int) -> int:
-    """The number of equal parts of the columns of a product, so that OpenBLAS does not copy the factors; or 1."""
-    for parts in range(1, columns // MIN_COLUMNS + 1):
-        if columns % parts == 0 and rows * inner * (columns // parts) <= UNPACKED:
-            return parts
-    return 1
-
-
-def by_parts(factor: Array, parts: int) -> Array:
-    """View factors (R, K, L), of which L is adjacent, as (R, parts, K, L / parts)."""
-    R, K, L = factor.shape
-    row, column, item = factor.strides
-    shape = (R, parts, K, L // parts)
-    return np.lib.stride_tricks.as_strided(factor, shape, (row, L // parts * item, column, item))
-
-
 def _gradient(X: Array, dy: Array, total: Array) -> None:
     """Add the products of one block to total (kh kw C, O)."""
+    dy = dy.reshape(*dy.shape[:3], -1)
     n, O, R, Wo = dy.shape
     gradient = scratch("dy", (R, O, n, Wo), dy.dtype)
     gradient[...] = dy.transpose(2, 1, 0, 3)
@@ -112,38 +100,56 @@ def _gradient(X: Array, dy: Array, total: Array) -> None:
     run_parts(job, O, 1, total.size * n * R * Wo)
 
 
-def stacked(g: Geometry, x: Array, rows: slice, width: int) -> Array:
-    """X of x (n, C, H, W) for these rows of outputs, as the view (rows, kh kw C, n Wo)."""
-    n, C, H, W = x.shape
-    (kh, kw), (top, left), (down, right), R = g.kernel, g.pad, g.stride, rows.stop - rows.start
-    X = scratch("columns", ((R - 1) * down + kh, kw, C, n, width), x.dtype)
-    start = rows.start * down - top
+def stacked(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Array:
+    """X of x (n, C, H, ...) for these rows of outputs, as the view (rows, kernel C, n L) with L ``outputs`` each."""
+    (n, C, H), across, R = x.shape[:3], g.kernel[1:], rows.stop - rows.start
+    down, elements = g.stride[0], math.prod(across)
+    X = scratch("columns", ((R - 1) * down + g.kernel[0], elements, C, n, *outputs), x.dtype)
+    start = rows.start * down - g.pad[0]
     low, high = max(start, 0), max(min(start + len(X), H), 0)
     above, below = min(low - start, len(X)), max(high - start, 0)
+    plan = _plan(g, x.shape[3:], outputs)
 
     def job(c: slice) -> None:
         X[:above, :, c] = X[below:, :, c] = 0
-        source = x[:, c, low:high].transpose(2, 1, 0, 3)
-        for j in range(kw):
-            first, end = (min(max(-(-edge // right), 0), width) for edge in (left - j, W + left - j))
-            target, column = X[above:below, j, c], first * right + j - left
-            target[..., :first] = target[..., end:] = 0
-            if end > first:
-                target[..., first:end] = source[..., column : column + (end - first - 1) * right + 1 : right]
+        source, target = x[:, c, low:high].swapaxes(0, 2), X[above:below, :, c]
+        for own, taken, edges in plan:
+            for edge in edges:
+                target[edge] = 0
+            target[own] = source[taken]
 
     run_parts(job, C, 1, X.size * COPY)
-    item, length = X.itemsize, n * width
-    shape, row = (R, kh * kw * C, length), kw * C * length
+    item, length, K = X.itemsize, n * math.prod(outputs), elements * C
+    shape, row = (R, g.kernel[0] * K, length), K * length
     return np.ndarray(shape, X.dtype, X, 0, (down * row * item, length * item, item))
+
+
+@lru_cache(maxsize=256)
+def _plan(g: Geometry, sizes: tuple[int, ...], outputs: tuple[int, ...]) -> list[tuple[Index, Index, list[Index]]]:
+    """For each element of the kernel without the first axis, the indices in X of the windows in which it is inside x,
+    those of its values there, and the indices of the other windows."""
+    plan: list[tuple[Index, Index, list[Index]]] = []
+    for element, place in enumerate(np.ndindex(g.kernel[1:])):
+        own: Index = (slice(None), element, ...)
+        taken: Index = (...,)
+        edges: list[Index] = []
+        for i, d, p, step, size, count in zip(place, g.dilation[1:], g.pad[1:], g.stride[1:], sizes, outputs):
+            first, within = inside(i * d - p, step, size, count)
+            others = [slice(0, within.start), slice(within.stop, count)]
+            rest = (slice(None),) * (len(outputs) - len(taken))
+            edges += [(*own, edge, *rest) for edge in others if edge.stop > edge.start]
+            own += (within,)
+            taken += (slice(first, first + max((within.stop - within.start - 1) * step + 1, 0), step),)
+        plan.append((own, taken, edges))
+    return plan
 
 
 def _blocks(g: Geometry, x: Array, y_shape: tuple[int, ...]) -> Iterator[tuple[slice, slice]]:
     """The images and rows of outputs of each block: long products, and as many rows as fit in the cache."""
-    N, C = x.shape[:2]
-    _, _, Ho, Wo = y_shape
-    count = -(-N // min(-(-LENGTH // Wo), N)) if N else 0
+    (N, C), Ho, row = x.shape[:2], y_shape[2], math.prod(y_shape[3:])
+    count = -(-N // min(-(-LENGTH // row), N)) if N else 0
     for images in blocks(N, -(-N // max(count, 1)) or 1):
-        row = g.kernel[1] * C * (images.stop - images.start) * Wo * x.itemsize
-        bands = -(-Ho // max((BLOCK_BYTES // row - g.kernel[0]) // g.stride[0] + 1, MIN_ROWS))
+        values = math.prod(g.kernel[1:]) * C * (images.stop - images.start) * row
+        bands = -(-Ho // max((BLOCK_BYTES // (values * x.itemsize) - g.kernel[0]) // g.stride[0] + 1, MIN_ROWS))
         for rows in blocks(Ho, -(-Ho // bands)):
             yield images, rows

@@ -17,6 +17,7 @@ from netlib.layer import Layer
 
 if TYPE_CHECKING:
     from layers.activation.bias import Bias
+    from layers.activation.power import Power
     from layers.activation.relu import ReLU
     from layers.activation.relu6 import ReLU6
     from layers.activation.scale import Scale
@@ -56,6 +57,10 @@ class LayerTraits:
 
 def _relu(layer: ReLU | ReLU6) -> LayerTraits:
     return LayerTraits(batchwise=True, elementwise=True, monotone=layer.param.negative_slope == 0, reads_top=False)
+
+
+def _power(layer: Power) -> LayerTraits:
+    return LayerTraits(batchwise=True, reads_bottom=layer.param.power != 1, reads_top=False)
 
 
 def _convolution(layer: Convolution) -> LayerTraits:
@@ -126,13 +131,20 @@ def _dropout(layer: Dropout) -> LayerTraits:
 
 # Traits of the class at a place in layers/, or a function of the layer if they depend on its options.
 TABLE: dict[str, LayerTraits | Callable[..., LayerTraits]] = {
+    "activation.absval.AbsVal": LayerTraits(batchwise=True, reads_top=False),
     "activation.bias.Bias": _bias,
-    "activation.power.Power": LayerTraits(batchwise=True, reads_bottom=False, reads_top=False),
+    "activation.bnll.BNLL": LayerTraits(batchwise=True, reads_top=False),
+    "activation.clip.Clip": LayerTraits(batchwise=True, reads_top=False),
+    "activation.elu.ELU": LayerTraits(batchwise=True, reads_top=False),
+    "activation.exp.Exp": LayerTraits(batchwise=True, reads_top=False),
+    "activation.log.Log": LayerTraits(batchwise=True, reads_top=False),
+    "activation.power.Power": _power,
     "activation.prelu.PReLU": LayerTraits(batchwise=True, reads_top=False),
     "activation.relu.ReLU": _relu,
     "activation.relu6.ReLU6": _relu,
     "activation.scale.Scale": _scale,
     "activation.sigmoid.Sigmoid": LayerTraits(batchwise=True, elementwise=True, reads_bottom=False),
+    "activation.swish.Swish": LayerTraits(batchwise=True, reads_top=False),
     "activation.tanh.TanH": LayerTraits(batchwise=True, elementwise=True, reads_bottom=False),
     "common.concat.Concat": _concat,
     "common.dropout.Dropout": _dropout,

@@ -26,7 +26,7 @@ import numpy as np
 
 from fast import parallel
 from fast.fusing import After
-from fast.geometry import MAX_EXCESS, Algorithm, Geometry, Sizes, Sum, check_finite, image_blocks
+from fast.geometry import MAX_EXCESS, Algorithm, Geometry, Sizes, Sum, check_finite, check_spread, image_blocks
 from fast.parallel import scratch
 from fast.row_winograd import TILE, from_points, items, kernel_matrix, spread, to_points
 from netlib.blob import Array
@@ -35,10 +35,6 @@ from netlib.system.memory import blocks
 BLOCK_BYTES = 4 << 20  # of both factors of the products of a block; smaller ones take more calls
 MIN_TILES = 192  # of a block, because BLAS copies the weights for every product
 MIN_PART = 64  # tiles of a thread
-FEW_TILES = 256  # of a batch, up to which transforming the weights takes a large part of the time
-WEIGHT_BYTES = 5 << 19  # of the transformed weights of a block of outputs
-MIN_OUTPUTS = 32  # of such a block
-MIN_COST = 100_000_000  # multiplications of the products, from which several threads save more than their calls take
 KERNEL = 3
 SIDE = TILE + KERNEL - 1  # of the inputs of a tile
 
@@ -67,15 +63,12 @@ class Winograd(Algorithm):
 
     def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
         """Write y."""
-        if 0 < len(x) * math.prod(_tiles(y)) <= FEW_TILES:
-            _correlate_few(g, x, w, after, y)
-            return
         weights = _weights(w, scratch("weights", (SIDE * SIDE, *w.shape[:2]), w.dtype))
 
         def job(part: Part) -> None:
             images, rows = part
             V = _inputs(g, x[images], rows, y.shape[2:]).reshape(SIDE * SIDE, x.shape[1], -1)
-            _correlate(weights, V, after, y[images, :, TILE * rows.start : TILE * rows.stop])
+            _correlate(weights, V, x[images], after, y[images, :, TILE * rows.start : TILE * rows.stop])
 
         parallel.run([partial(job, part) for part in _blocks(x, y)])
 
@@ -121,32 +114,13 @@ def _matrix(transform: Callable[[int, Array, Array], None], inputs: int, outputs
     return found[:, 0]
 
 
-def _correlate_few(g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
-    """Write y by blocks of outputs, whose transformed weights stay in the cache."""
-    N, C, O, (R, T) = len(x), x.shape[1], len(w), _tiles(y)
-    V = scratch("shared", (SIDE, SIDE * C * N, R * T), x.dtype)
-
-    def transform(rows: slice) -> None:
-        _inputs(g, x, rows, y.shape[2:], V[..., rows.start * T : rows.stop * T])
-
-    def job(o: slice) -> None:
-        weights = _weights(w[o], scratch("weights", (SIDE * SIDE, o.stop - o.start, C), w.dtype))
-        _correlate(weights, V.reshape(SIDE * SIDE, C, -1), after.part(o), y[:, o])
-
-    threads = parallel.threads() if SIDE * SIDE * O * C * N * R * T >= MIN_COST else 1
-    bands = min(threads, R)
-    each = min(max(WEIGHT_BYTES // (SIDE * SIDE * C * w.itemsize), MIN_OUTPUTS), -(-O // threads))
-    parallel.run([partial(transform, rows) for rows in blocks(R, -(-R // bands))], here=threads == 1)
-    parallel.run([partial(job, o) for o in blocks(O, each)], here=threads == 1)
-
-
 def _weights(w: Array, out: Array) -> Array:
     """Write G w Gᵀ of w (O, C, 3, 3) to out (36, O, C)."""
     np.matmul(_gg().astype(w.dtype), w.reshape(-1, KERNEL * KERNEL).T, out=out.reshape(SIDE * SIDE, -1))
     return out
 
 
-def _inputs(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...], V: Array | None = None) -> Array:
+def _inputs(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Array:
     """Bᵀ d B of the tiles of these rows, V (6, 6 C n, tiles of an image), from x (n, C, H, W).
 
     The rows of d are transformed by one product with all tiles, for which each tile is copied with the one to the right
@@ -164,8 +138,7 @@ def _inputs(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...], V: Arr
     windows = pairs.reshape(TILE, -1, 2 * TILE)[..., :SIDE]
     np.matmul(_matrix(to_points, SIDE, SIDE).astype(x.dtype), windows.swapaxes(1, 2), out=mixed)
     whole = mixed.reshape(TILE, SIDE * L, (R + 1) * T)
-    if V is None:
-        V = scratch("inputs", (SIDE, SIDE * L, R * T), x.dtype)
+    V = scratch("inputs", (SIDE, SIDE * L, R * T), x.dtype)
     elements = [whole[i % TILE, :, i // TILE * T : (i // TILE + R) * T] for i in range(SIDE)]
     to_points(KERNEL, elements, V)
     return V
@@ -188,8 +161,8 @@ def _place(x: Array, top: int, left: int, out: Array) -> None:
         inner[..., start:stop] = x[:, :, row : row + TILE * (end - first) : TILE, start - left : stop - left]
 
 
-def _correlate(weights: Array, V: Array, after: After, y: Array) -> None:
-    """Write the rows y (n, O, rows, Wo) of one block."""
+def _correlate(weights: Array, V: Array, x: Array, after: After, y: Array) -> None:
+    """Write the rows y (n, O, rows, Wo) of one block of images x."""
     (n, O, _, Wo), (R, T) = y.shape, _tiles(y)
     products = scratch("products", (SIDE * SIDE, O, n * R * T), y.dtype)
     np.matmul(weights, V, out=products)
@@ -197,7 +170,7 @@ def _correlate(weights: Array, V: Array, after: After, y: Array) -> None:
     from_points(KERNEL, products.reshape(SIDE, 1, -1), halves.reshape(TILE, 1, -1))
     merged = scratch("split", (TILE, O * n * R * T, TILE), y.dtype)
     np.matmul(halves.swapaxes(1, 2), _matrix(from_points, SIDE, TILE).T.astype(y.dtype), out=merged)
-    check_finite(merged)
+    check_spread(merged, x, O)
     by_channel = y.swapaxes(0, 1)
     for row, values in enumerate(merged.reshape(TILE, O, n, R, -1)):
         target = by_channel[:, :, row::TILE]

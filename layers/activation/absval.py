@@ -11,22 +11,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from netlib.blob import Blobs
-from netlib.layer import Layer
+from layers.activation.elementwise import Elementwise
+from netlib.blob import Array, Blobs
 
 
-class AbsVal(Layer):
+class AbsVal(Elementwise):
     """Absolute value."""
 
-    bottoms = tops = (1, 1)
     in_place = False
-
-    def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        top[0].reshape(bottom[0].shape)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         np.abs(bottom[0].data, out=top[0].data)
 
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        if propagate_down[0]:
-            bottom[0].diff[...] = top[0].diff * np.sign(bottom[0].data)
+    def _slope(self, x: Array) -> Array:
+        return np.sign(x)

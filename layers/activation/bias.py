@@ -14,6 +14,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from netlib.blob import Blobs
 from netlib.fillers import Filler
 from netlib.layer import Layer
@@ -59,7 +61,7 @@ class Bias(Layer):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         b = self.bias.data if self.learned else bottom[1].data
-        top[0].data[...] = bottom[0].data + b.reshape(self.wide)
+        np.add(bottom[0].data, b.reshape(self.wide), out=top[0].data)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         dy = top[0].diff

@@ -3,37 +3,23 @@
 bottom[0]  x  any shape
 top[0]     y  same shape, may be the same blob
 
-y  = log(1 + exp(x))
+y  = log(1 + exp(x)) = max(x, 0) + log(1 + exp(-|x|))        the second form cannot overflow
 dx = dy / (1 + exp(-x))
-
-Kept for backward: ``slope`` = dy/dx, because in place y overwrites x.
 """
 
 from __future__ import annotations
 
 import numpy as np
-import scipy
 
-from netlib.blob import Blobs
-from netlib.layer import Layer, forward_aside
+from layers.activation.elementwise import Elementwise, positive, sigmoid
+from netlib.blob import Array
 
 
-class BNLL(Layer):
+class BNLL(Elementwise):
     """Softplus."""
 
-    bottoms = tops = (1, 1)
+    def _value(self, x: Array) -> Array:
+        return positive(x) + np.log1p(np.exp(-np.abs(x)))
 
-    def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        top[0].reshape(bottom[0].shape)
-
-    def forward(self, bottom: Blobs, top: Blobs) -> None:
-        x = bottom[0].data
-        self.slope = scipy.special.expit(x)
-        top[0].data[...] = np.logaddexp(x, 0)  # without overflow
-
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        forward_aside(self, bottom, top)
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        if propagate_down[0]:
-            bottom[0].diff[...] = top[0].diff * self.slope
+    def _slope(self, x: Array) -> Array:
+        return sigmoid(x)

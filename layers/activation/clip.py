@@ -5,18 +5,14 @@ top[0]     y  same shape, may be the same blob
 
 y  = max(min, min(x, max))
 dx = dy where min <= x <= max, 0 elsewhere
-
-Kept for backward: ``inside``, the mask of this condition, because in place y overwrites x.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from netlib.blob import Blobs
-from netlib.layer import Layer, forward_aside
+from layers.activation.elementwise import Elementwise
+from netlib.blob import Array
 from netlib.proto.schema import numbered
 
 
@@ -28,23 +24,13 @@ class ClipParameter:
     max: float = numbered(2)
 
 
-class Clip(Layer):
+class Clip(Elementwise):
     """Limits values to a range."""
 
     param_type = ClipParameter
-    bottoms = tops = (1, 1)
 
-    def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        top[0].reshape(bottom[0].shape)
+    def _value(self, x: Array) -> Array:
+        return x.clip(self.param.min, max(self.param.min, self.param.max))
 
-    def forward(self, bottom: Blobs, top: Blobs) -> None:
-        x, p = bottom[0].data, self.param
-        self.inside = (x >= p.min) & (x <= p.max)
-        top[0].data[...] = np.maximum(p.min, np.minimum(x, p.max))
-
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        forward_aside(self, bottom, top)
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        if propagate_down[0]:
-            bottom[0].diff[...] = top[0].diff * self.inside
+    def _slope(self, x: Array) -> Array:
+        return (x >= self.param.min) & (x <= self.param.max)

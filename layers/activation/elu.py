@@ -5,8 +5,6 @@ top[0]     y  same shape, may be the same blob
 
 y  = x  where x > 0, alpha (exp(x) - 1) elsewhere
 dx = dy where x > 0, dy alpha exp(x)    elsewhere
-
-Kept for backward: ``slope`` = dy/dx, because in place y overwrites x.
 """
 
 from __future__ import annotations
@@ -15,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netlib.blob import Blobs
-from netlib.layer import Layer
+from layers.activation.elementwise import Elementwise, negative, positive
+from netlib.blob import Array
 from netlib.proto.schema import numbered
 
 
@@ -27,24 +25,14 @@ class ELUParameter:
     alpha: float = numbered(1, 1.0)  # y tends to -alpha for x towards -infinity
 
 
-class ELU(Layer):
+class ELU(Elementwise):
     """Exponential linear unit."""
 
     param_type = ELUParameter
-    bottoms = tops = (1, 1)
 
-    def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        top[0].reshape(bottom[0].shape)
+    def _value(self, x: Array) -> Array:
+        return positive(x) + self.param.alpha * np.expm1(negative(x))
 
-    def forward(self, bottom: Blobs, top: Blobs) -> None:
-        x, alpha = bottom[0].data, self.param.alpha
-        negative = np.minimum(x, 0)
-        self.slope = np.where(x > 0, 1, alpha * np.exp(negative))
-        top[0].data[...] = np.maximum(x, 0) + alpha * np.expm1(negative)
-
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.slope = np.where(bottom[0].data > 0, 1, self.param.alpha + top[0].data)
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        if propagate_down[0]:
-            bottom[0].diff[...] = top[0].diff * self.slope
+    def _slope(self, x: Array) -> Array:
+        alpha, slope = self.param.alpha, np.exp(negative(x))
+        return slope if alpha == 1 else slope * ((x > 0) + self.dtype.type(alpha) * (x <= 0))

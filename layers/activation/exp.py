@@ -5,8 +5,6 @@ top[0]     y  same shape, may be the same blob
 
 y  = base^(shift + scale x)
 dx = dy y scale ln(base)
-
-Kept for backward: ``slope`` = dy/dx.
 """
 
 from __future__ import annotations
@@ -16,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netlib.blob import Blobs
-from netlib.layer import Layer
+from layers.activation.elementwise import Elementwise
+from netlib.blob import Array, Blobs
 from netlib.proto.schema import numbered
 
 
@@ -30,31 +28,21 @@ class ExpParameter:
     shift: float = numbered(3, 0.0)
 
 
-class Exp(Layer):
+class Exp(Elementwise):
     """Exponential function of a linear function."""
 
     param_type = ExpParameter
-    bottoms = tops = (1, 1)
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         base = self.param.base
         if base != -1 and not 0 < base < math.inf:
             raise self.fail(f"base {base:g} must be positive and finite, or -1 for e", "base")
-        self.ln_base = 1.0 if base == -1 else math.log(base)
+        ln_base = 1.0 if base == -1 else math.log(base)
+        self.rate, self.offset = ln_base * self.param.scale, ln_base * self.param.shift
 
-    def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        top[0].reshape(bottom[0].shape)
-
-    def forward(self, bottom: Blobs, top: Blobs) -> None:
-        p = self.param
+    def _value(self, x: Array) -> Array:
         with np.errstate(over="ignore"):  # the solver reports infinities
-            y = np.exp(self.ln_base * (p.shift + p.scale * bottom[0].data))
-            self.slope = self.ln_base * p.scale * y
-        top[0].data[...] = y
+            return np.exp(self.rate * x + self.offset)
 
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.slope = self.ln_base * self.param.scale * top[0].data
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        if propagate_down[0]:
-            bottom[0].diff[...] = top[0].diff * self.slope
+    def _slope(self, x: Array) -> Array:
+        return self.rate * self._value(x)

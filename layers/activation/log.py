@@ -5,8 +5,6 @@ top[0]     y  same shape, may be the same blob
 
 y  = ln(shift + scale x) / ln(base)        NaN or infinite where shift + scale x is not positive, as in Caffe
 dx = dy scale / (shift + scale x) / ln(base)
-
-Kept for backward: ``slope`` = dy/dx, because in place y overwrites x.
 """
 
 from __future__ import annotations
@@ -16,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netlib.blob import Blobs
-from netlib.layer import Layer, forward_aside
+from layers.activation.elementwise import Elementwise
+from netlib.blob import Array, Blobs
 from netlib.proto.schema import numbered
 
 
@@ -30,11 +28,10 @@ class LogParameter:
     shift: float = numbered(3, 0.0)
 
 
-class Log(Layer):
+class Log(Elementwise):
     """Logarithm of a linear function."""
 
     param_type = LogParameter
-    bottoms = tops = (1, 1)
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         base = self.param.base
@@ -42,19 +39,10 @@ class Log(Layer):
             raise self.fail(f"base {base:g} must be positive, finite and not 1, or -1 for e", "base")
         self.ln_base = 1.0 if base == -1 else math.log(base)
 
-    def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        top[0].reshape(bottom[0].shape)
-
-    def forward(self, bottom: Blobs, top: Blobs) -> None:
-        p = self.param
-        argument = p.shift + p.scale * bottom[0].data
+    def _value(self, x: Array) -> Array:
         with np.errstate(divide="ignore", invalid="ignore"):  # the solver reports NaN
-            self.slope = p.scale / self.ln_base / argument
-            top[0].data[...] = np.log(argument) / self.ln_base
+            return np.log(self.param.shift + self.param.scale * x) / self.ln_base
 
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        forward_aside(self, bottom, top)
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        if propagate_down[0]:
-            bottom[0].diff[...] = top[0].diff * self.slope
+    def _slope(self, x: Array) -> Array:
+        with np.errstate(divide="ignore"):
+            return self.param.scale / self.ln_base / (self.param.shift + self.param.scale * x)

@@ -5,8 +5,6 @@ top[0]     y  same shape, may be the same blob
 
 y  = (shift + scale x)^power
 dx = dy power scale (shift + scale x)^(power - 1)
-
-Kept for backward: ``slope`` = dy/dx, because in place y overwrites x.
 """
 
 from __future__ import annotations
@@ -15,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netlib.blob import Blobs
-from netlib.layer import Layer, forward_aside
+from layers.activation.elementwise import Elementwise
+from netlib.blob import Array
 from netlib.proto.schema import numbered
 
 
@@ -29,25 +27,21 @@ class PowerParameter:
     shift: float = numbered(3, 0.0)
 
 
-class Power(Layer):
+class Power(Elementwise):
     """Power function of a linear function."""
 
     param_type = PowerParameter
-    bottoms = tops = (1, 1)
 
-    def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        top[0].reshape(bottom[0].shape)
-
-    def forward(self, bottom: Blobs, top: Blobs) -> None:
-        p = self.param
-        base, factor = p.shift + p.scale * bottom[0].data, p.power * p.scale
+    def _value(self, x: Array) -> Array:
         with np.errstate(divide="ignore", invalid="ignore"):  # the solver reports NaN
-            self.slope = factor * base ** (p.power - 1) if factor else np.zeros_like(base)
-            top[0].data[...] = base**p.power
+            return self._base(x) ** self.param.power
 
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        forward_aside(self, bottom, top)
+    def _slope(self, x: Array) -> Array:
+        p = self.param
+        if p.power == 1 or p.power * p.scale == 0:
+            return np.full_like(x, p.power * p.scale)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return p.power * p.scale * self._base(x) ** (p.power - 1)
 
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        if propagate_down[0]:
-            bottom[0].diff[...] = top[0].diff * self.slope
+    def _base(self, x: Array) -> Array:
+        return self.param.shift + self.param.scale * x

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from layers.activation.elementwise import negative, positive
 from netlib.blob import Blobs
 from netlib.fillers import Constant, Filler
 from netlib.layer import Layer
@@ -59,13 +60,13 @@ class PReLU(Layer):
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         self.x = bottom[0].data.copy() if bottom[0] is top[0] else bottom[0].data
         slope = self.slope.data.reshape(self.wide)
-        top[0].data[...] = np.maximum(self.x, 0) + slope * np.minimum(self.x, 0)
+        np.add(positive(self.x), slope * negative(self.x), out=top[0].data)
 
     def clear(self, bottom: Blobs, top: Blobs) -> None:
         self.x = np.zeros(bottom[0].shape, self.dtype) if bottom[0] is top[0] else bottom[0].data
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         dy, slope = top[0].diff, self.slope.data.reshape(self.wide)
-        self.slope.diff[...] += (dy * np.minimum(self.x, 0)).sum(axis=self.others)
+        self.slope.diff[...] += (dy * negative(self.x)).sum(axis=self.others)
         if propagate_down[0]:
-            bottom[0].diff[...] = np.where(self.x > 0, dy, slope * dy)
+            np.multiply(dy, (self.x > 0) + slope * (self.x <= 0), out=bottom[0].diff)

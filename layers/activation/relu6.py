@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netlib.blob import Blobs
-from netlib.layer import Layer
+from layers.activation.elementwise import Elementwise, negative, positive
+from netlib.blob import Array, Blobs
 from netlib.proto.schema import numbered
 
 
@@ -27,28 +27,25 @@ class ReLU6Parameter:
     negative_slope: float = numbered(1, 0.0)  # of negative values
 
 
-class ReLU6(Layer):
+class ReLU6(Elementwise):
     """Rectified linear unit, limited to 6."""
 
     param_type = ReLU6Parameter
     param_name = "relu6_param"
-    bottoms = tops = (1, 1)
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
-        self.reads_top = bottom[0] is top[0]
-        self.slope = self.dtype.type(self.param.negative_slope)
-        if self.slope < 0 and bottom[0] is top[0]:
+        self.reads_top = self.from_y = bottom[0] is top[0]
+        self.leak = self.dtype.type(self.param.negative_slope)
+        if self.leak < 0 and bottom[0] is top[0]:
             raise self.fail("a negative negative_slope cannot run in place", "negative_slope")
 
-    def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        top[0].reshape(bottom[0].shape)
+    def _value(self, x: Array) -> Array:
+        return self._unlimited(x).clip(-np.inf, 6) if self.leak else x.clip(0, 6)
 
-    def forward(self, bottom: Blobs, top: Blobs) -> None:
-        x = bottom[0].data
-        top[0].data[...] = np.minimum(np.where(x > 0, x, self.slope * x), 6)
+    def _slope(self, x: Array) -> Array:
+        if not self.leak:
+            return (x > 0) & (x < 6)
+        return ((x > 0) + self.leak * (x <= 0)) * (self._unlimited(x) < 6)
 
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        if propagate_down[0]:
-            x, dy = bottom[0].data, top[0].diff
-            below = np.where(x > 0, x, self.slope * x) < 6
-            bottom[0].diff[...] = np.where(x > 0, dy, self.slope * dy) * below
+    def _unlimited(self, x: Array) -> Array:
+        return positive(x) + self.leak * negative(x)

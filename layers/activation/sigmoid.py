@@ -3,7 +3,7 @@
 bottom[0]  x  any shape
 top[0]     y  same shape, may be the same blob
 
-y  = 1 / (1 + exp(-x))
+y  = 1 / (1 + exp(-x)) = (1 + tanh(x / 2)) / 2        Caffe computes the second form
 dx = dy y (1 - y)
 """
 
@@ -11,10 +11,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import scipy
-
-from netlib.blob import Blobs
-from netlib.layer import Layer
+from layers.activation.elementwise import Elementwise, sigmoid
+from netlib.blob import Array
 from netlib.proto.schema import Engine, numbered
 
 
@@ -25,20 +23,14 @@ class SigmoidParameter:
     engine: Engine = numbered(1, "DEFAULT")  # accepted, ignored
 
 
-class Sigmoid(Layer):
+class Sigmoid(Elementwise):
     """Logistic function."""
 
     param_type = SigmoidParameter
-    bottoms = tops = (1, 1)
-    reads_top = True
+    reads_top = from_y = True
 
-    def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        top[0].reshape(bottom[0].shape)
+    def _value(self, x: Array) -> Array:
+        return sigmoid(x)
 
-    def forward(self, bottom: Blobs, top: Blobs) -> None:
-        scipy.special.expit(bottom[0].data, out=top[0].data)
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        if propagate_down[0]:
-            y, dy = top[0].data, top[0].diff
-            bottom[0].diff[...] = dy * y * (1 - y)
+    def _slope(self, y: Array) -> Array:
+        return y * (1 - y)

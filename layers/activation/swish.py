@@ -4,19 +4,15 @@ bottom[0]  x  any shape
 top[0]     y  same shape, may be the same blob
 
 y  = x s                       s = 1 / (1 + exp(-beta x))
-dx = dy (beta y + s (1 - beta y))
-
-Kept for backward: ``slope`` = dy/dx.
+dx = dy s (1 + beta x (1 - s))
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import scipy
-
-from netlib.blob import Blobs
-from netlib.layer import Layer
+from layers.activation.elementwise import Elementwise, sigmoid
+from netlib.blob import Array
 from netlib.proto.schema import numbered
 
 
@@ -27,25 +23,14 @@ class SwishParameter:
     beta: float = numbered(1, 1.0)  # 0 gives x / 2, large values approach ReLU
 
 
-class Swish(Layer):
+class Swish(Elementwise):
     """Sigmoid-weighted linear unit."""
 
     param_type = SwishParameter
-    bottoms = tops = (1, 1)
 
-    def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        top[0].reshape(bottom[0].shape)
+    def _value(self, x: Array) -> Array:
+        return x * sigmoid(self.param.beta * x)
 
-    def forward(self, bottom: Blobs, top: Blobs) -> None:
-        x, beta = bottom[0].data, self.param.beta
-        s = scipy.special.expit(beta * x)
-        y = x * s
-        self.slope = beta * y + s * (1 - beta * y)
-        top[0].data[...] = y
-
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.slope = self.param.beta * top[0].data  # the sigmoid is 0
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        if propagate_down[0]:
-            bottom[0].diff[...] = top[0].diff * self.slope
+    def _slope(self, x: Array) -> Array:
+        s, bx = sigmoid(self.param.beta * x), self.param.beta * x
+        return s * (1 + bx * (1 - s))

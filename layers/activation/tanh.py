@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netlib.blob import Blobs
-from netlib.layer import Layer
+from layers.activation.elementwise import Elementwise
+from netlib.blob import Array, Blobs
 from netlib.proto.schema import Engine, numbered
 
 
@@ -25,21 +25,15 @@ class TanHParameter:
     engine: Engine = numbered(1, "DEFAULT")  # accepted, ignored
 
 
-class TanH(Layer):
+class TanH(Elementwise):
     """Hyperbolic tangent."""
 
     param_type = TanHParameter
     param_name = "tanh_param"
-    bottoms = tops = (1, 1)
-    reads_top = True
-
-    def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        top[0].reshape(bottom[0].shape)
+    reads_top = from_y = True
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         np.tanh(bottom[0].data, out=top[0].data)
 
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        if propagate_down[0]:
-            y, dy = top[0].data, top[0].diff
-            bottom[0].diff[...] = dy * (1 - y * y)
+    def _slope(self, y: Array) -> Array:
+        return 1 - y * y

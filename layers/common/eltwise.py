@@ -66,9 +66,10 @@ class Eltwise(Layer):
         if self.param.operation == "PROD":
             y[...] = reduce(np.multiply, xs)
         elif self.param.operation == "SUM":
-            np.multiply(xs[0], self.coeff[0], out=y)
-            for c, x in zip(self.coeff[1:], xs[1:]):
-                y += c * x
+            first, second, *others = (x if c == 1 else c * x for c, x in zip(self.coeff, xs))
+            np.add(first, second, out=y)
+            for x in others:
+                y += x
         else:
             self.winner = np.where(xs[0] > xs[1], 0, 1)
             np.maximum(xs[0], xs[1], out=y)
@@ -82,7 +83,7 @@ class Eltwise(Layer):
             if not down:
                 continue
             if self.param.operation == "SUM":
-                x.diff[...] = self.coeff[i] * dy
+                x.diff[...] = dy if self.coeff[i] == 1 else self.coeff[i] * dy
             elif self.param.operation == "MAX":
                 x.diff[...] = dy * (self.winner == i)
             elif self.param.stable_prod_grad:

@@ -20,8 +20,8 @@ from typing import Literal
 import numpy as np
 
 from layers.loss import labels as labels_of
+from layers.loss.labels import LabelLoss
 from netlib.blob import Blobs
-from netlib.layer import Layer
 from netlib.proto.schema import OneBased, numbered
 
 
@@ -32,21 +32,14 @@ class HingeLossParameter:
     norm: OneBased[Literal["L1", "L2"]] = numbered(1, "L1")
 
 
-class HingeLoss(Layer):
+class HingeLoss(LabelLoss):
     """Sum of deficits to the margins."""
 
     param_type = HingeLossParameter
-    bottoms = (2, 2)
-    tops = (1, 1)
-    in_place = False
-    loss_weight = 1.0
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         self.shape = labels_of.rows(self, bottom)
         top[0].reshape(())
-
-    def allow_force_backward(self, bottom_index: int) -> bool:
-        return bottom_index == 0
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x = bottom[0].data.reshape(self.shape)

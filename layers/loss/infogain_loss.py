@@ -24,9 +24,10 @@ import numpy as np
 import scipy
 
 from layers.loss import labels as labels_of
+from layers.loss.labels import LabelLoss
 from netlib.blob import Array, Blobs
 from netlib.files.paths import find
-from netlib.layer import Layer, forward_aside
+from netlib.layer import forward_aside
 from netlib.proto.binaryproto import read_blob
 from netlib.proto.messages import LossParameter
 from netlib.proto.schema import numbered
@@ -40,15 +41,13 @@ class InfogainLossParameter:
     axis: int = numbered(2, 1)  # axis of the classes
 
 
-class InfogainLoss(Layer):
+class InfogainLoss(LabelLoss):
     """Softmax and a logistic loss weighted by pairs of classes."""
 
     param_type = InfogainLossParameter
     other_blocks: ClassVar[dict[str, type]] = {"loss_param": LossParameter}
     bottoms = (2, 3)
     tops = (1, 2)
-    in_place = False
-    loss_weight = 1.0
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         self.loss_param: LossParameter = self.read_block("loss_param", LossParameter)
@@ -75,9 +74,6 @@ class InfogainLoss(Layer):
         if self.from_file is not None:
             return str(self.param.source), self.from_file
         return self.spec.bottom[2], bottom[2].data
-
-    def allow_force_backward(self, bottom_index: int) -> bool:
-        return bottom_index == 0
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         labels, counts = labels_of.read(self, bottom, self.classes, self.loss_param.ignore_label)

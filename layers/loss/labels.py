@@ -12,6 +12,7 @@ The divisor is at least 1, so the loss of a batch without labels is 0. Losses th
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 import numpy as np
 
@@ -21,6 +22,18 @@ from netlib.proto import schema
 from netlib.proto.messages import LossParameter
 
 MIN_PROBABILITY = float(np.float32(1e-20))  # Caffe's lower bound before it takes the logarithm
+
+
+class LabelLoss(Layer):
+    """Base class of losses of scores, the first bottom, and labels, which have no gradient."""
+
+    bottoms: ClassVar[tuple[int, int | None]] = (2, 2)
+    tops: ClassVar[tuple[int, int | None]] = (1, 1)
+    in_place = False
+    loss_weight = 1.0
+
+    def allow_force_backward(self, bottom_index: int) -> bool:
+        return bottom_index == 0
 
 
 def normalization(param: LossParameter, default: str = "VALID") -> str:

@@ -15,24 +15,17 @@ from __future__ import annotations
 import numpy as np
 
 from layers.loss import labels as labels_of
+from layers.loss.labels import LabelLoss
 from netlib.blob import Array, Blobs
-from netlib.layer import Layer
 
 
-class MultinomialLogisticLoss(Layer):
+class MultinomialLogisticLoss(LabelLoss):
     """Negative log-likelihood of the labels."""
 
-    bottoms = (2, 2)
-    tops = (1, 1)
-    in_place = False
-    loss_weight = 1.0
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         self.shape = labels_of.rows(self, bottom)
         top[0].reshape(())
-
-    def allow_force_backward(self, bottom_index: int) -> bool:
-        return bottom_index == 0
 
     def _chosen(self, bottom: Blobs) -> tuple[tuple[Array, Array], Array]:
         """Index of the labels' probabilities, and their values."""

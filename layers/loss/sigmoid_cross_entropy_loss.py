@@ -18,24 +18,20 @@ not ignored.
 from __future__ import annotations
 
 import numpy as np
-import scipy
 
+from layers.activation.elementwise import positive, sigmoid
 from layers.loss import labels as labels_of
-from layers.loss.labels import items_and_values
+from layers.loss.labels import LabelLoss, items_and_values
 from netlib.blob import Blobs
-from netlib.layer import Layer, forward_aside
+from netlib.layer import forward_aside
 from netlib.proto.messages import LossParameter
 
 
-class SigmoidCrossEntropyLoss(Layer):
+class SigmoidCrossEntropyLoss(LabelLoss):
     """Sigmoid and logistic loss combined, which is more accurate than separate layers."""
 
     param_type = LossParameter
     param_name = "loss_param"
-    bottoms = (2, 2)
-    tops = (1, 1)
-    in_place = False
-    loss_weight = 1.0
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         self.normalization = labels_of.normalization(self.param, default="BATCH_SIZE")
@@ -44,15 +40,12 @@ class SigmoidCrossEntropyLoss(Layer):
         self.shape = items_and_values(self, bottom)
         top[0].reshape(())
 
-    def allow_force_backward(self, bottom_index: int) -> bool:
-        return bottom_index == 0
-
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x, target = (blob.data.reshape(self.shape) for blob in bottom)
         self.counts = labels_of.counted(target, self.param.ignore_label)
-        cost = np.maximum(x, 0) - target * x + np.log1p(np.exp(-np.abs(x)))
+        cost = positive(x) - target * x + np.log1p(np.exp(-np.abs(x)))
         self.divisor = labels_of.divisor(self.normalization, self.counts, len(x))
-        top[0].data[...] = cost[self.counts].sum() / self.divisor
+        top[0].data[...] = (cost if self.counts.all() else cost[self.counts]).sum() / self.divisor
 
     def clear(self, bottom: Blobs, top: Blobs) -> None:
         forward_aside(self, bottom, top)
@@ -62,5 +55,5 @@ class SigmoidCrossEntropyLoss(Layer):
             raise self.fail("has no gradient for its targets; set propagate_down: false for them")
         if propagate_down[0]:
             x, target = (blob.data.reshape(self.shape) for blob in bottom)
-            dx = (scipy.special.expit(x) - target) * self.counts * (top[0].diff / self.divisor)
+            dx = (sigmoid(x) - target) * self.counts * (top[0].diff / self.divisor)
             bottom[0].diff[...] = dx.reshape(bottom[0].shape)

@@ -16,37 +16,25 @@ M (``loss_param { normalization }``): VALID (default) labels that are not ignore
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 import scipy
 
+from layers.common.softmax import SoftmaxParameter
 from layers.loss import labels as labels_of
+from layers.loss.labels import LabelLoss
 from netlib.blob import Array, Blobs
-from netlib.layer import Layer
 from netlib.proto.messages import LossParameter
-from netlib.proto.schema import Engine, numbered
 
 
-@dataclass(frozen=True)
-class SoftmaxParameter:
-    """The ``softmax_param { ... }`` block."""
-
-    axis: int = numbered(2, 1)
-    engine: Engine = numbered(1, "DEFAULT")  # accepted, ignored
-
-
-class SoftmaxWithLoss(Layer):
+class SoftmaxWithLoss(LabelLoss):
     """Softmax and multinomial logistic loss combined, which is more accurate than separate layers."""
 
     param_type = SoftmaxParameter
     param_name = "softmax_param"
     other_blocks: ClassVar[dict[str, type]] = {"loss_param": LossParameter}
-    bottoms = (2, 2)
     tops = (1, 2)
-    in_place = False
-    loss_weight = 1.0
     stored = ("p",)
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
@@ -62,9 +50,6 @@ class SoftmaxWithLoss(Layer):
         top[0].reshape(())
         if len(top) > 1:
             top[1].reshape(x.shape)
-
-    def allow_force_backward(self, bottom_index: int) -> bool:
-        return bottom_index == 0
 
     def _labels(self, bottom: Blobs) -> tuple[Array, Array]:
         """Labels and the mask of those that count, both with a class axis of size 1."""
@@ -87,7 +72,7 @@ class SoftmaxWithLoss(Layer):
             raise self.fail("has no gradient for its labels; set propagate_down: false for them")
         if propagate_down[0]:
             labels, counts = self._labels(bottom)
-            dx = self.p.copy()
-            np.put_along_axis(dx, labels, np.take_along_axis(dx, labels, self.axis) - 1, self.axis)
             scale = top[0].diff / labels_of.divisor(self.normalization, counts, self.items)
-            bottom[0].diff[...] = dx * counts * scale
+            weight = (counts * scale).astype(self.dtype)
+            dx = np.multiply(self.p, weight, out=bottom[0].diff)
+            np.put_along_axis(dx, labels, np.take_along_axis(dx, labels, self.axis) - weight, self.axis)

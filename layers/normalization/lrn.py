@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from netlib.blob import Array, Blobs
 from netlib.layer import Layer, warn_of_ignored
@@ -51,7 +50,7 @@ class LRN(Layer):
             raise self.fail(f"local_size {p.local_size} is even; expected an odd number",
                             "local_size")
         across = p.norm_region == "ACROSS_CHANNELS"
-        self.axes = (1,) if across else (2, 3)
+        self.axes = (0,) if across else (1, 2)
         self.k = p.k if across else 1.0
         if not across:
             warn_of_ignored(self, "k", advice=" with WITHIN_CHANNEL")
@@ -62,21 +61,32 @@ class LRN(Layer):
         top[0].reshape(bottom[0].shape)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        x = bottom[0].data
-        self.s = self.k + self.param.alpha * self._mean(x * x)
-        top[0].data[...] = x * self.s**-self.param.beta
+        self.s = np.empty_like(bottom[0].data)
+        for x, y, s in zip(bottom[0].data, top[0].data, self.s):
+            s[...] = self.k + self.param.alpha * self._mean(x * x)
+            np.divide(x, self._power(s), out=y)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
-            x, dy, s, p = bottom[0].data, top[0].diff, self.s, self.param
-            from_neighbours = 2 * p.alpha * p.beta * x * self._mean(dy * x * s ** (-p.beta - 1))
-            bottom[0].diff[...] = dy * s**-p.beta - from_neighbours
+            factor = 2 * self.param.alpha * self.param.beta
+            for x, dy, s, dx in zip(bottom[0].data, top[0].diff, self.s, bottom[0].diff):
+                scaled = dy / self._power(s)
+                np.subtract(scaled, factor * x * self._mean(scaled * x / s), out=dx)
+
+    def _power(self, s: Array) -> Array:
+        """s^beta."""
+        if self.param.beta == 0.75:  # the square root and that of it, in a fifth of the time
+            root = np.sqrt(s)
+            return root * np.sqrt(root)
+        return s**self.param.beta
 
     def _mean(self, values: Array) -> Array:
-        """Mean over the neighbourhood of each value."""
-        size = self.param.local_size
+        """Mean over the neighbourhood of each value of an image (C, H, W)."""
         for axis in self.axes:
-            side = min(size // 2, max(values.shape[axis] - 1, 0))  # beyond the edge there are only zeros
-            padding = [(side, side) if i == axis else (0, 0) for i in range(4)]
-            values = sliding_window_view(np.pad(values, padding), 2 * side + 1, axis).sum(axis=-1) / size
+            along = np.moveaxis(values / self.param.local_size, axis, 0)
+            total = along.copy()
+            for i in range(1, min(self.param.local_size // 2 + 1, len(along))):  # beyond the edge there are only zeros
+                total[i:] += along[:-i]
+                total[:-i] += along[i:]
+            values = np.moveaxis(total, 0, axis)
         return values

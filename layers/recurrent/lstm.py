@@ -12,7 +12,7 @@ and r = cont[t] h[t - 1]. Each step t is an LSTMUnit (lstm_unit.py: the gates, t
 and backwards, from the last step to the first: with dh and dc the gradients of h[t] and c[t] from the next step and the
 top, dz[t] and dc[t - 1] are the gradients of that unit, and
 
-    dw_h += dz[t]ᵀ r        dh[t - 1] = cont[t] dz[t] w_h
+    dh[t - 1] = cont[t] dz[t] w_h        dw_h += dz[t]ᵀ r of all steps, in one product
 
 Kept for backward: ``gate``, ``r`` and ``c`` of every step; c[0] is the initial cell state.
 """
@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from layers.recurrent.lstm_unit import step, step_backward
+from layers.recurrent.lstm_unit import slopes, step
 from layers.recurrent.recurrent import Recurrent
 from netlib.blob import Blobs
 
@@ -33,32 +33,40 @@ class LSTM(Recurrent):
     gates = 4
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        z, w_h, cont = self._z(bottom), self.w_h.data, bottom[1].data[:, :, None]
-        (T, N, _), D = z.shape, self.param.num_output
+        w_h, cont = self.w_h.data, self._cont(bottom)
+        z, D = self._z(bottom), self.param.num_output
+        T, _, N = z.shape
         h, c = self._first_states(bottom)
-        self.gate = np.empty((T, 4, N, D), self.dtype)
-        self.r, self.c = np.empty((T, N, D), self.dtype), np.empty((T + 1, N, D), self.dtype)
+        self.gate, self.r = z.reshape(T, 4, D, N), np.empty((T, D, N), self.dtype)
+        self.c, y = np.empty((T + 1, D, N), self.dtype), np.empty((T, D, N), self.dtype)
         self.c[0] = c
         for t in range(T):
-            self.r[t] = cont[t] * h
-            c, h, self.gate[t] = step(c, z[t] + self.r[t] @ w_h.T, cont[t])
-            self.c[t + 1], top[0].data[t] = c, h
+            self.r[t] = h if cont[t] is None else cont[t] * h
+            z[t] += w_h @ self.r[t]
+            self.c[t + 1], h = c, y[t] = step(self.c[t], self.gate[t], cont[t])
+        top[0].data[...] = y.swapaxes(1, 2)
         self._keep_states((h, c), top)
 
     def clear(self, bottom: Blobs, top: Blobs) -> None:
         T, N, D = top[0].shape
-        self.r, self.c = np.zeros((T, N, D), self.dtype), np.zeros((T + 1, N, D), self.dtype)
-        self.gate = np.zeros((T, 4, N, D), self.dtype)  # of zeros: g is 0, the other gates are 1/2
+        self.r, self.c = np.zeros((T, D, N), self.dtype), np.zeros((T + 1, D, N), self.dtype)
+        self.gate = np.zeros((T, 4, D, N), self.dtype)  # of zeros: g is 0, the other gates are 1/2
         self.gate[:, :3] = 0.5
-        self.gate[:, 1] *= bottom[1].data[:, :, None]
+        self.gate[:, 1] *= bottom[1].data[:, None]
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        w_h, dw_h, cont = self.w_h.data, self.w_h.diff, bottom[1].data[:, :, None]
-        T, N, D = top[0].shape
-        dz = np.empty((T, N, 4 * D), self.dtype)
-        dh = dc = np.zeros((N, D), self.dtype)
+        w_h, cont = self.w_h.data.T, self._cont(bottom)
+        of_c, of_x = slopes(self.c[:-1], self.c[1:], self.gate)
+        dy = np.ascontiguousarray(top[0].diff.swapaxes(1, 2))
+        T, D, N = dy.shape
+        dz = np.empty((T, 4 * D, N), self.dtype)
+        dh = dc = np.zeros((D, N), self.dtype)
         for t in reversed(range(T)):
-            dc, dz[t] = step_backward(dc, top[0].diff[t] + dh, self.c[t], self.c[t + 1], self.gate[t])
-            dw_h += dz[t].T @ self.r[t]
-            dh = cont[t] * (dz[t] @ w_h)
-        self._backward_z(dz, propagate_down, bottom)
+            dh = dh + dy[t]
+            dc = dc + dh * of_c[t]
+            dx = np.multiply(of_x[t], dc, out=dz[t].reshape(4, D, N))
+            np.multiply(of_x[t, 2], dh, out=dx[2])
+            dh, dc = w_h @ dz[t], dc * self.gate[t, 1]
+            if cont[t] is not None:
+                dh *= cont[t]
+        self._backward_z(dz, self.r, propagate_down, bottom)

@@ -23,7 +23,6 @@ Kept for backward: ``gate``, (i, f, o, g).
 from __future__ import annotations
 
 import numpy as np
-import scipy
 
 from netlib.blob import Array, Blobs
 from netlib.layer import Layer, forward_aside
@@ -51,7 +50,8 @@ class LSTMUnit(Layer):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         c_before, x, cont = (blob.data[0] for blob in bottom)
-        top[0].data[0], top[1].data[0], self.gate = step(c_before, x, cont[:, None])
+        self.gate = x.reshape(len(x), 4, -1).swapaxes(0, 1).copy()
+        top[0].data[0], top[1].data[0] = step(c_before, self.gate, cont[:, None])
 
     def clear(self, bottom: Blobs, top: Blobs) -> None:
         forward_aside(self, bottom, top)
@@ -59,28 +59,40 @@ class LSTMUnit(Layer):
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[2]:
             raise self.fail(f"bottom {self.spec.bottom[2]!r} (cont) has no gradient; set propagate_down: false")
-        dc, dh = top[0].diff[0], top[1].diff[0]
-        dc_before, dx = step_backward(dc, dh, bottom[0].data[0], top[0].data[0], self.gate)
+        of_c, of_x = slopes(bottom[0].data[0], top[0].data[0], self.gate)
+        dh = top[1].diff[0]
+        dc = top[0].diff[0] + dh * of_c
         if propagate_down[0]:
-            bottom[0].diff[0] = dc_before
+            bottom[0].diff[0] = dc * self.gate[1]
         if propagate_down[1]:
-            bottom[1].diff[0] = dx
+            dx = of_x * np.stack((dc, dc, dh, dc))
+            bottom[1].diff[0] = dx.swapaxes(0, 1).reshape(len(dc), -1)
 
     def allow_force_backward(self, bottom_index: int) -> bool:
         return bottom_index != 2
 
 
-def step(c_before: Array, x: Array, cont: Array) -> tuple[Array, Array, Array]:
-    """Compute c, h (N, D) and the gates i, f, o, g (4, N, D) from c_before (N, D), x (N, 4 D) and cont (N, 1)."""
-    i, f, o, g = np.split(x, 4, axis=1)
-    i, f, o, g = scipy.special.expit(i), cont * scipy.special.expit(f), scipy.special.expit(o), np.tanh(g)
+def step(c_before: Array, gate: Array, cont: Array | None) -> tuple[Array, Array]:
+    """Compute c and h (...) from c_before (...) and cont, None for 1. ``gate`` (4, ...) holds x, replaced by the gates.
+
+    All four gates are one call of tanh: sigmoid(x) = (1 + tanh(x / 2)) / 2.
+    """
+    sigmoids = gate[:3]
+    sigmoids *= 0.5
+    np.tanh(gate, out=gate)
+    sigmoids *= 0.5
+    sigmoids += 0.5
+    i, f, o, g = gate
+    if cont is not None:
+        f *= cont
     c = f * c_before + i * g
-    return c, o * np.tanh(c), np.stack((i, f, o, g))
+    return c, o * np.tanh(c)
 
 
-def step_backward(dc: Array, dh: Array, c_before: Array, c: Array, gate: Array) -> tuple[Array, Array]:
-    """Compute dc_before (N, D) and dx (N, 4 D) from dc and dh (N, D) and the inputs and results of ``step``."""
-    (i, f, o, g), tanh_c = gate, np.tanh(c)
-    dc = dc + dh * o * (1 - tanh_c**2)
-    dx = (dc * g * i * (1 - i), dc * c_before * f * (1 - f), dh * tanh_c * o * (1 - o), dc * i * (1 - g**2))
-    return dc * f, np.concatenate(dx, axis=1)
+def slopes(c_before: Array, c: Array, gate: Array) -> tuple[Array, Array]:
+    """The slopes that backward multiplies, of one or of all steps: dh/dc (..., N, D), and (..., 4, N, D) for the four
+    parts of x, of which that of o belongs to dh and the others to dc."""
+    i, f, o, g = np.moveaxis(gate, -3, 0)
+    tanh_c = np.tanh(c)
+    of_x = g * i * (1 - i), c_before * f * (1 - f), tanh_c * o * (1 - o), i * (1 - g**2)
+    return o * (1 - tanh_c**2), np.stack(of_x, axis=-3)

@@ -11,7 +11,10 @@ params[...] w_h     (G, D)
 top[0]      h       (T, N, D)    D = num_output
 top[-k:]    states  (1, N, D)    with ``expose_hidden``: the k states after the last step
 
-z[t] = w_x x[t] + b + w_s static        (T, N, G): the input of a step without the recurrent part
+z[t] = w_x x[t] + b + w_s static        (T, G, N): the input of a step without the recurrent part
+
+During the computation, the values of a stream are a column: a step is w_h (G, D) times the states (D, N), each gate is
+a block of rows, and a product reads the weights in the order in which they are stored.
 
 Without ``expose_hidden``, the first step of a batch continues from the states of the last forward, initially zeros.
 They are part of the layer's state, so an exact resume is possible. As in Caffe, if the number of streams decreases, the
@@ -125,43 +128,59 @@ class Recurrent(Layer):
     # ------------------------------------------------------------------------------------------ for LSTM and RNN
 
     def _z(self, bottom: Blobs) -> Array:
-        """Compute z for all steps."""
+        """Compute z for all steps, (T, G, N)."""
         T, N = bottom[1].shape
-        z = bottom[0].data.reshape(T, N, -1) @ self.w_x.data.T + self.b.data
-        return z + bottom[2].data.reshape(N, -1) @ self.w_s.data.T if self.has_static else z
+        constant = self.b.data[:, None]
+        if self.has_static:
+            constant = constant + self.w_s.data @ bottom[2].data.reshape(N, -1).T
+        z = self.w_x.data @ bottom[0].data.reshape(T, N, -1).swapaxes(1, 2)
+        z += constant
+        return z
 
-    def _backward_z(self, dz: Array, propagate_down: list[bool], bottom: Blobs) -> None:
-        """Backpropagate dz to the parameters and all bottoms."""
+    def _cont(self, bottom: Blobs) -> list[Array | None]:
+        """cont (N,) of each step; None if it is 1 for all streams, so that nothing need be multiplied."""
+        cont = bottom[1].data
+        return [None if goes_on else step for goes_on, step in zip((cont == 1).all(axis=1), cont)]
+
+    def _backward_z(self, dz: Array, r: Array, propagate_down: list[bool], bottom: Blobs) -> None:
+        """Backpropagate dz (T, G, N) to the parameters, w_h by the states r (T, D, N), and to all bottoms."""
         if propagate_down[1]:
             raise self.fail(f"bottom {self.spec.bottom[1]!r} (cont) has no gradient; set propagate_down: false")
-        (T, N, G), x = dz.shape, bottom[0]
-        flat = dz.reshape(T * N, G)
+        (T, _, N), x = dz.shape, bottom[0]
+        flat = in_rows(dz)
         self.w_x.diff[...] += flat.T @ x.data.reshape(T * N, -1)
-        self.b.diff[...] += flat.sum(axis=0, dtype=np.float64)
+        self.w_h.diff[...] += flat.T @ in_rows(r)
+        self.b.diff[...] += dz.sum(axis=2).sum(axis=0, dtype=np.float64)
         if propagate_down[0]:
-            x.diff[...] = (flat @ self.w_x.data).reshape(x.shape)
+            np.matmul(flat, self.w_x.data, out=x.diff.reshape(T * N, -1))
         if self.has_static:
             static, total = bottom[2], dz.sum(axis=0)
-            self.w_s.diff[...] += total.T @ static.data.reshape(N, -1)
+            self.w_s.diff[...] += total @ static.data.reshape(N, -1)
             if propagate_down[2]:
-                static.diff[...] = (total @ self.w_s.data).reshape(static.shape)
+                static.diff[...] = (total.T @ self.w_s.data).reshape(static.shape)
         for i in range(3 if self.has_static else 2, len(bottom)):
             if propagate_down[i]:
                 bottom[i].diff[...] = 0
 
     def _first_states(self, bottom: Blobs) -> list[Array]:
-        """States before the first step, (N, D) each."""
+        """States before the first step, (D, N) each."""
         if self.param.expose_hidden:
-            return [blob.data[0] for blob in bottom[-self.state_count :]]
+            return [blob.data[0].T for blob in bottom[-self.state_count :]]
         N = bottom[0].shape[1]
         if not self.states or len(self.states[0]) < N:
-            return [np.zeros((N, self.param.num_output), self.dtype)] * self.state_count
-        return [state[:N] for state in self.states]
+            return [np.zeros((self.param.num_output, N), self.dtype)] * self.state_count
+        return [state[:N].T for state in self.states]
 
     def _keep_states(self, states: Sequence[Array], top: Blobs) -> None:
-        """Store the states after the last step."""
+        """Store the states after the last step, (D, N) each."""
         if self.param.expose_hidden:
             for blob, state in zip(top[1:], states):
-                blob.data[0] = state
+                blob.data[0] = state.T
         else:
-            self.states = list(states)
+            self.states = [state.T for state in states]
+
+
+def in_rows(array: Array) -> Array:
+    """Copy of (T, G, N) as (T N, G)."""
+    T, G, N = array.shape
+    return array.swapaxes(1, 2).reshape(T * N, G)

@@ -12,7 +12,9 @@ and r = cont[t] h[t - 1]. Each step t computes
 and backwards, from the last step to the first, with dh the gradient of h[t] from the next step:
 
     da = do[t] (1 - o[t]²)        dw_o += daᵀ h[t]        db_o += da        dh += da w_o
-    dz[t] = dh (1 - h[t]²)        dw_h += dz[t]ᵀ r        dh[t - 1] = cont[t] dz[t] w_h
+    dz[t] = dh (1 - h[t]²)        dh[t - 1] = cont[t] dz[t] w_h
+
+dw_h += dz[t]ᵀ r, dw_o and db_o of all steps are one product or sum each.
 
 Kept for backward: ``h``, ``r`` and ``o`` of every step.
 """
@@ -21,8 +23,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from layers.recurrent.recurrent import Recurrent
-from netlib.blob import Array, Blobs
+from layers.recurrent.recurrent import Recurrent, in_rows
+from netlib.blob import Blobs
 
 
 class RNN(Recurrent):
@@ -38,35 +40,30 @@ class RNN(Recurrent):
         self.b_o = self.new_param("b_o", (D,), self.param.bias_filler)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        z, cont = self._z(bottom), bottom[1].data[:, :, None]
-        w_h, w_o, b_o = self.w_h.data, self.w_o.data, self.b_o.data
+        z, cont, w_h = self._z(bottom), self._cont(bottom), self.w_h.data
         [h] = self._first_states(bottom)
         self.r, self.h = np.empty_like(z), np.empty_like(z)
         for t in range(len(z)):
-            self.r[t] = cont[t] * h
-            h = self.h[t] = np.tanh(z[t] + self.r[t] @ w_h.T)
-        self.o = np.tanh(self.h @ w_o.T + b_o)
-        top[0].data[...] = self.o
-        self._keep_states([h], top)
+            self.r[t] = h if cont[t] is None else cont[t] * h
+            h = np.tanh(z[t] + w_h @ self.r[t], out=self.h[t])
+        self.o = np.tanh(self.w_o.data @ self.h + self.b_o.data[:, None])
+        top[0].data[...] = self.o.swapaxes(1, 2)
+        self._keep_states([h.copy()], top)
 
     def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.r = self.h = self.o = np.zeros(top[0].shape, self.dtype)
+        T, N, D = top[0].shape
+        self.r = self.h = self.o = np.zeros((T, D, N), self.dtype)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        w_h, w_o = self.w_h.data, self.w_o.data
-        dw_h, dw_o, db_o = self.w_h.diff, self.w_o.diff, self.b_o.diff
-        cont, da = bottom[1].data[:, :, None], top[0].diff * (1 - self.o**2)
-        dw_o += flat(da).T @ flat(self.h)
-        db_o += flat(da).sum(axis=0, dtype=np.float64)
-        dh, dz = da @ w_o, np.empty_like(da)
+        cont, w_h = self._cont(bottom), self.w_h.data.T
+        da = top[0].diff.swapaxes(1, 2) * (1 - self.o**2)
+        self.w_o.diff[...] += in_rows(da).T @ in_rows(self.h)
+        self.b_o.diff[...] += in_rows(da).sum(axis=0, dtype=np.float64)
+        dh, dz, slope = self.w_o.data.T @ da, np.empty_like(da), 1 - self.h**2
         before = np.zeros_like(dh[0])
         for t in reversed(range(len(dz))):
-            dz[t] = (dh[t] + before) * (1 - self.h[t] ** 2)
-            dw_h += dz[t].T @ self.r[t]
-            before = cont[t] * (dz[t] @ w_h)
-        self._backward_z(dz, propagate_down, bottom)
-
-
-def flat(array: Array) -> Array:
-    """View of (T, N, D) as (T N, D)."""
-    return array.reshape(-1, array.shape[2])
+            np.multiply(dh[t] + before, slope[t], out=dz[t])
+            before = w_h @ dz[t]
+            if cont[t] is not None:
+                before *= cont[t]
+        self._backward_z(dz, self.r, propagate_down, bottom)

@@ -11,8 +11,12 @@ With a mask as second bottom, Upsample is another layer (upsample.py), with more
 
 from __future__ import annotations
 
+from functools import reduce
+
+import numpy as np
+
 from layers.vision.upsample import UpsampleParameter
-from netlib.blob import Array, Blobs
+from netlib.blob import Blobs
 from netlib.layer import Layer
 from netlib.proto import schema
 
@@ -43,13 +47,12 @@ class NearestUpsample(Layer):
         top[0].reshape(*shape[:-2], shape[-2] * self.scale, shape[-1] * self.scale)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        self._copies(top[0].data)[...] = bottom[0].data[..., :, None, :, None]
+        rows = bottom[0].data.repeat(self.scale, axis=-1)
+        for i in range(self.scale):
+            top[0].data[..., i :: self.scale, :] = rows
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
-            self._copies(top[0].diff).sum(axis=(-3, -1), out=bottom[0].diff)
-
-    def _copies(self, y: Array) -> Array:
-        """View of (..., H s, W s) as (..., H, s, W, s)."""
-        *others, H, W = y.shape
-        return y.reshape(*others, H // self.scale, self.scale, W // self.scale, self.scale)
+            s, dy = self.scale, top[0].diff  # dy.sum over axes of s values takes ten times as long
+            rows = reduce(np.add, (dy[..., i::s, :] for i in range(s)))
+            bottom[0].diff[...] = reduce(np.add, (rows[..., j::s] for j in range(s)))

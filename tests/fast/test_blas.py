@@ -1,6 +1,8 @@
 """BLAS threads and kernels are configured, before or after NumPy is imported, and the user's settings are kept."""
 
+import ctypes
 import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -46,6 +48,19 @@ def test_late_import_is_told() -> None:
     """If NumPy was imported first, the log reports that the kernels cannot be changed."""
     note = run("import numpy, netlib, os; print(netlib.BLAS_NOTE, os.environ.get('OPENBLAS_CORETYPE'))")
     assert "kernels chosen by OpenBLAS" in note and note.endswith("None")
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the thresholds are those of the GNU C library")
+@pytest.mark.parametrize(("given", "few"), [({}, True), ({"MALLOC_TRIM_THRESHOLD_": "100000"}, False)])
+def test_freed_memory_is_used_again(given: dict[str, str], few: bool) -> None:
+    """Arrays of a few MB cost no page faults once others have been freed, unless the user has set another threshold."""
+    if not hasattr(ctypes.CDLL(None), "mallopt"):
+        pytest.skip("not the GNU C library")
+    code = ("import netlib, numpy, resource\n"
+            "def faults(): return resource.getrusage(resource.RUSAGE_SELF).ru_minflt\n"
+            "def work(): return [numpy.ones(500_000), numpy.ones(500_000)]\n"
+            "work(); work(); before = faults()\nfor _ in range(20): work()\nprint(faults() - before)")
+    assert (int(run(code, **given)) < 2000) == few
 
 
 @pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="Linux lists the files that a process has mapped")

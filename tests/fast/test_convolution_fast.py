@@ -12,9 +12,10 @@ import netlib
 from fast.adapters import ByGroup, Contained, Turned
 from fast.columns import Columns
 from fast.convolution import FastConvolution, FastDeconvolution, choose
-from fast.depthwise import Bands, Depthwise, Filter
+from fast.depthwise import Depthwise, Filter
 from fast.fusing import After
 from fast.geometry import Algorithm, Geometry
+from fast.phases import Phases
 from fast.row_winograd import RowWinograd
 from fast.rows import Rows
 from fast.winograd import Winograd
@@ -25,9 +26,8 @@ from netlib.proto import prototxt
 CASES = range(100)
 SMALL_BLOCKS = {"depthwise.MAX_VALUES": 700, "depthwise.BAND_VALUES": 50,
                 "depthwise.MIN_CHANNELS": 2, "rows.BLOCK_BYTES": 3000, "rows.LENGTH": 8,
-                "rows.MIN_ROWS": 2, "rows.UNPACKED": 200, "rows.MIN_COLUMNS": 2, "winograd.BLOCK_BYTES": 3000,
-                "winograd.MIN_TILES": 6, "winograd.MIN_PART": 4, "winograd.FEW_TILES": 20, "winograd.WEIGHT_BYTES": 900,
-                "winograd.MIN_OUTPUTS": 1, "winograd.MIN_COST": 0, "geometry.MIN_BLOCK_COST": 0,
+                "rows.MIN_ROWS": 2, "winograd.BLOCK_BYTES": 3000,
+                "winograd.MIN_TILES": 6, "winograd.MIN_PART": 4, "geometry.MIN_BLOCK_COST": 0,
                 "row_winograd.BLOCK_BYTES": 3000, "row_winograd.MIN_IMAGES": 1, "columns.COLUMN_BYTES": 3000,
                 "columns.MIN_COLUMNS": 5, "columns.MIN_WINDOWS": 1, "fusing.BLOCK": 100}
 USUAL = [
@@ -38,6 +38,7 @@ USUAL = [
     "num_output: 64 kernel_size: 3 group: 64",
     "num_output: 8 kernel_size: 3 stride: 2",
     "num_output: 16 kernel_size: 3 pad: 2 dilation: 2 group: 2",
+    "num_output: 64 kernel_size: 3 pad: 2 dilation: 2",
 ]
 
 
@@ -145,26 +146,29 @@ def test_bottoms_of_several_sizes(kind: str, sizes: tuple[int, int], options: st
 def geometry_for(algorithm: Algorithm, rng: np.random.Generator, channels: int) -> Geometry:
     """A random geometry that the algorithm supports."""
 
+    axes = 3 if isinstance(algorithm, Rows) and rng.random() < 0.4 else 2
+
     def two(low: int, high: int) -> tuple[int, ...]:
-        return tuple(int(n) for n in rng.integers(low, high, 2))
+        return tuple(int(n) for n in rng.integers(low, high, axes))
 
     if isinstance(algorithm, Depthwise):
         return Geometry(two(1, 5), two(1, 4), two(0, 4), two(1, 3), channels)
-    if isinstance(algorithm, Bands):
-        return Geometry(two(1, 5), (1, 1), two(0, 4), (1, 1), channels)
     if isinstance(algorithm, Filter):
         kernel = two(1, 6)
         return Geometry(kernel, two(1, 4), tuple(k // 2 if k % 2 else 0 for k in kernel), (1, 1), channels)
+    if isinstance(algorithm, Phases):
+        return Geometry(two(1, 5), (1, 1), two(0, 4), two(1, 4), 1)
     kernel = two(1, 6)
     if isinstance(algorithm, (RowWinograd, Winograd)):
         kernel = (5, 5) if isinstance(algorithm, RowWinograd) and rng.random() < 0.5 else (3, 3)
-    stride = two(1, 4) if isinstance(algorithm, Rows) and rng.random() < 0.5 else (1, 1)
-    return Geometry(kernel, stride, tuple(int(rng.integers(0, k)) for k in kernel), (1, 1), 1)
+    stride = two(1, 4) if isinstance(algorithm, Rows) and rng.random() < 0.5 else (1,) * axes
+    dilation = (1, *two(1, 3)[1:]) if isinstance(algorithm, Rows) else (1, 1)
+    return Geometry(kernel, stride, tuple(int(rng.integers(0, k)) for k in kernel), dilation, 1)
 
 
 @pytest.mark.parametrize(
     "algorithm",
-    [Bands(), Filter(), Depthwise(), Rows(), RowWinograd(), Winograd()],
+    [Filter(), Depthwise(), Rows(), RowWinograd(), Winograd(), Phases((Columns(),))],
     ids=lambda algorithm: type(algorithm).__name__,
 )
 @pytest.mark.parametrize("case", range(25))
@@ -219,10 +223,10 @@ def test_each_algorithm(algorithm: Algorithm, case: int, monkeypatch: pytest.Mon
         ((1, 512, 7, 7), (512, 512, 3, 3), 1, ["Columns", "Columns", "Columns"]),
         ((8, 3, 32, 32), (32, 3, 5, 5), 1, ["Rows", "Columns", "RowWinograd"]),
         ((8, 64, 16, 16), (64, 32, 5, 5), 2, ["RowWinograd", "RowWinograd", "RowWinograd"]),
-        ((8, 32, 12, 12), (32, 1, 3, 3), 32, ["Bands", "Depthwise", "Depthwise"]),
         ((8, 32, 40, 40), (32, 1, 3, 3), 32, ["Filter", "Filter", "Depthwise"]),
         ((8, 32, 20, 20), (64, 1, 3, 3), 32, ["Depthwise", "Depthwise", "Depthwise"]),
         ((8, 64, 20, 20), (32, 2, 3, 3), 32, ["Columns", "Depthwise", "Columns"]),
+        ((2, 16, 8, 16, 16), (16, 16, 3, 3, 3), 1, ["Rows", "Rows", "Rows"]),
     ],
 )
 def test_the_choice(x_shape: tuple[int, ...], w_shape: tuple[int, ...], group: int, names: list[str]) -> None:
@@ -231,6 +235,14 @@ def test_the_choice(x_shape: tuple[int, ...], w_shape: tuple[int, ...], group: i
     g = Geometry(w_shape[2:], (1, 1), pad, (1, 1), group)
     chosen = choose(g, x_shape, (x_shape[0], w_shape[0], *x_shape[2:]))
     assert [name_of(a) for a in (chosen.correlate, chosen.transpose, chosen.gradient)] == names
+
+
+def test_the_choice_with_dilation() -> None:
+    """Maps of many channels are computed in phases, and those of which little is left not."""
+    g = Geometry((3, 3), (1, 1), (2, 2), (2, 2), 1)
+    for size, names in ((32, ["Phases"] * 3), (10, ["Columns"] * 3)):
+        chosen = choose(g, (2, 128, size, size), (2, 128, size, size))
+        assert [name_of(a) for a in (chosen.correlate, chosen.transpose, chosen.gradient)] == names
 
 
 def name_of(algorithm: Algorithm) -> str:

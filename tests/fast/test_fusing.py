@@ -1,4 +1,4 @@
-"""A convolution or a sum of blobs, computed together with the layers in place behind it, gives the plain values."""
+"""A convolution, computed together with the layers in place behind it, gives the plain values."""
 
 from __future__ import annotations
 
@@ -29,9 +29,7 @@ FIRST = {
     "filtered": 'type: "Convolution" convolution_param { num_output: 96 kernel_size: 3 group: 96 %s }',
     "transposed": 'type: "Deconvolution" convolution_param { num_output: 6 kernel_size: 3 stride: 2 %s }',
     "norm": NORM,
-    "sum": 'bottom: "x2" type: "Eltwise"',
 }
-BEHIND_SUM = {"norm, scale, relu": 2, "norm, gain": 1, "relu": 1, "relu6": 1}  # a sum does not compute a norm
 CHAINS = {
     "norm, scale, relu": ([NORM, SCALE, RELU], 3),
     "norm, gain": ([NORM, GAIN], 2),
@@ -50,13 +48,13 @@ CHAINS = {
 
 
 def make(first: str, chain: str, shape: tuple[int, ...], engine: str, end: str = "", phase: int = 1) -> netlib.Net:
-    """A net with one convolution or sum and layers in place behind it; its parameters are random."""
+    """A net with one convolution and layers in place behind it; its parameters are random."""
     text = FIRST[first] % FILLERS if "%" in FIRST[first] else FIRST[first]
-    lines = [inputs(x=shape, x2=shape), f'layer {{ name: "first" bottom: "x" top: "y" {text} }}']
+    lines = [inputs(x=shape), f'layer {{ name: "first" bottom: "x" top: "y" {text} }}']
     lines += [f'layer {{ name: "l{i}" bottom: "y" top: "y" {kind} }}' for i, kind in enumerate(CHAINS[chain][0])]
     net = netlib.Net(prototxt.parse("\n".join(lines) + end), phase, dtype=np.float32, engine=engine, seed=3)
     rng = np.random.default_rng(5)
-    for layer in net.layers[2:] if first == "sum" else net.layers:
+    for layer in net.layers:
         for param in layer.blobs:
             param.data[...] = (
                 rng.uniform(0.5, 1.5, param.shape) if layer.type == "BatchNorm" else rng.normal(size=param.shape)
@@ -78,15 +76,12 @@ def test_the_plain_layers_values(
     """One image and a batch in slices; the weights may change between passes, and parts of the net may be run."""
     monkeypatch.setattr(depthwise, "FILTERED", 100)
     plain, fast = (make(first, chain, shape, engine) for engine in ("plain", "fast"))
-    wanted = CHAINS[chain][1]
-    if first == "sum" and "batch" not in chain:
-        wanted = BEHIND_SUM.get(chain, 0)
-    assert fused(fast) == wanted
+    assert fused(fast) == CHAINS[chain][1]
     rng = np.random.default_rng(7)
     for turn in range(2):
-        x = {name: rng.normal(size=shape).astype(np.float32) for name in ("x", "x2")}
+        x = rng.normal(size=shape).astype(np.float32)
         for net in (plain, fast):
-            net.forward(**x)
+            net.forward(x=x)
             for params in net.params.values():
                 params[0].data[...] *= 1 + turn
         y = plain.blobs["y"].data.copy()

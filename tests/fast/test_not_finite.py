@@ -6,12 +6,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy
 
 import netlib
+from fast.geometry import NotFiniteError, check_spread
 from netlib import gradcheck
 from netlib.blob import Array, Blob, Blobs
 from netlib.proto import prototxt
 from tests.fast.test_convolution_fast import name_of
+from tests.support.nets import inputs
 
 VALUES = [np.inf, -np.inf, np.nan, 3e38]  # the last is finite, but its transforms are not
 # Type, options, the shape of the bottom, and the algorithms of y, dx and dw of the convolution
@@ -22,12 +25,13 @@ CASES: list[tuple[str, str, tuple[int, ...], list[str]]] = [
     ("Convolution", "num_output: 16 kernel_size: 5 pad: 2", (8, 16, 13, 14), ["RowWinograd"] * 3),
     ("Convolution", "num_output: 16 kernel_size: 3 pad: 1", (8, 16, 13, 14), ["Rows"] * 3),
     ("Convolution", "num_output: 2 kernel_size: 3 pad: 1", (8, 4, 13, 14), ["Columns"] * 3),
-    ("Convolution", "num_output: 8 group: 4 kernel_size: 3 pad: 1", (3, 4, 12, 11), ["Bands", *["Depthwise"] * 2]),
-    ("Convolution", "num_output: 4 group: 4 kernel_size: 5 pad: 2", (3, 4, 12, 1), ["Bands", *["Depthwise"] * 2]),
+    ("Convolution", "num_output: 8 group: 4 kernel_size: 3 pad: 1", (3, 4, 12, 11), ["Depthwise"] * 3),
+    ("Convolution", "num_output: 4 group: 4 kernel_size: 5 pad: 2", (3, 4, 12, 1), ["Depthwise"] * 3),
     ("Convolution", "num_output: 8 group: 4 kernel_size: 3 pad: 1", (3, 4, 20, 21), ["Depthwise"] * 3),
     ("Convolution", "num_output: 4 group: 4 kernel_size: 3 pad: 1", (3, 4, 40, 41), ["Filter", "Filter", "Depthwise"]),
     ("Convolution", "num_output: 4 group: 4 kernel_size: 9 pad: 4", (3, 4, 40, 41), ["Depthwise"] * 3),
     ("Convolution", "num_output: 4 group: 4 kernel_size: 3 pad: 1", (3, 8, 9, 9), ["Columns", "Depthwise", "Columns"]),
+    ("Convolution", "num_output: 128 kernel_size: 3 pad: 2 dilation: 2", (2, 128, 32, 30), ["Phases"] * 3),
     ("Deconvolution", "num_output: 48 kernel_size: 3 pad: 1", (7, 48, 16, 16), ["Winograd"] * 3),
     ("Deconvolution", "num_output: 4 kernel_size: 4 pad: 1 stride: 2", (3, 5, 9, 9), ["Columns"] * 3),
 ]
@@ -162,3 +166,38 @@ def test_other_windows(layer: str, phase: int) -> None:
                 results.append([y, net.blobs["x"].diff.copy()])
             check_equal(results[1], results[0])
             array[...] = kept
+
+
+@pytest.mark.parametrize("share", [0, 1e-3, 0.03])
+@pytest.mark.parametrize(("channels", "size", "kernel"), [(64, 28, 3), (32, 16, 3), (16, 28, 5)])
+def test_large_values_spoil_only_their_windows(channels: int, size: int, kernel: int, share: float) -> None:
+    """Outputs whose windows do not contain one of the values 65535, as of depth sensors, are right to 1e-3."""
+    rng = np.random.default_rng(1)
+    x = rng.normal(size=(8, channels, size, size)).astype(np.float32)
+    large = rng.random((8, size, size)) < share
+    large[0, 5, 5] = True
+    x[:, 0][large] = 65535
+    options = f"num_output: {channels} kernel_size: {kernel} pad: {kernel // 2} weight_filler {{ type: 'msra' }}"
+    found = []
+    for engine, dtype in (("plain", np.float64), ("fast", np.float32)):
+        text = f'layer {{ name: "c" type: "Convolution" bottom: "x" top: "y" convolution_param {{ {options} }} }}'
+        net = netlib.Net(prototxt.parse(inputs(x=x.shape) + text), netlib.TEST, engine=engine, dtype=dtype, seed=1)
+        found.append(net.forward(x=x)["y"].copy())
+    seen = scipy.ndimage.maximum_filter(large, size=(1, kernel, kernel))
+    want, got = (y.swapaxes(0, 1)[:, ~seen] for y in found)
+    assert np.abs(got - want).max() <= 1e-3 * want.std()
+
+
+@pytest.mark.parametrize("values", ["normal", "half zeros", "black background", "long tail"])
+def test_ordinary_values_are_not_taken_for_large_ones(values: str) -> None:
+    """The guard accepts the sums of ordinary inputs, and not those with one of 65535."""
+    rng = np.random.default_rng(0)
+    x = rng.standard_t(3, (2, 64, 24, 24)) if values == "long tail" else rng.normal(size=(2, 64, 24, 24))
+    x = (np.maximum(x, 0) if values == "half zeros" else x).astype(np.float32)
+    if values == "black background":
+        x[..., 8:] = 0
+    sums = np.tensordot(rng.normal(size=(64, 64)), scipy.ndimage.uniform_filter(x, (0, 0, 3, 3)), (1, 1))
+    check_spread(sums, x, 64)
+    x[0, 0, 5, 5] = 65535
+    with pytest.raises(NotFiniteError):
+        check_spread(sums + 65535 * (np.abs(sums) > 3 * sums.std()), x, 64)

@@ -1,0 +1,79 @@
+"""Elementwise: base class of the layers that compute each value of y from one value of x.
+
+bottom[0]  x  any shape
+top[0]     y  same shape, may be the same blob
+
+y  = value(x)
+dx = dy slope(x)
+
+A subclass defines these two formulas as ``_value`` and ``_slope``. They are computed in
+blocks that stay in the cache with their temporary arrays.
+
+Kept for backward: ``x``, because in place y overwrites it. With ``from_y``, the slope is computed from y instead.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from netlib.blob import Array, Blobs
+from netlib.layer import Layer
+from netlib.system.memory import blocks
+
+BLOCK = 1 << 15  # values
+
+
+class Elementwise(Layer):
+    """Base class of activations."""
+
+    bottoms = tops = (1, 1)
+    from_y = False
+
+    def _value(self, x: Array) -> Array:
+        """y for some values of x."""
+        raise NotImplementedError(f"{type(self).__name__} has no _value")
+
+    def _slope(self, x: Array) -> Array:
+        """dy/dx for some values of x, or of y with ``from_y``."""
+        raise NotImplementedError(f"{type(self).__name__} has no _slope")
+
+    def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        top[0].reshape(bottom[0].shape)
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        if bottom[0] is top[0] and not self.from_y:
+            self.x = bottom[0].data.copy()
+        x, y = bottom[0].data.reshape(-1), top[0].data.reshape(-1)
+        for part in blocks(x.size, BLOCK):
+            y[part] = self._value(x[part])
+
+    def clear(self, bottom: Blobs, top: Blobs) -> None:
+        self.x = bottom[0].data.copy()
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        if propagate_down[0]:
+            read = top[0].data if self.from_y else self.x if bottom[0] is top[0] else bottom[0].data
+            read, dy, dx = read.reshape(-1), top[0].diff.reshape(-1), bottom[0].diff.reshape(-1)
+            for part in blocks(read.size, BLOCK):
+                np.multiply(dy[part], self._slope(read[part]), out=dx[part])
+
+
+# NumPy's maximum with a number takes three times as long as its clip.
+
+
+def positive(x: Array) -> Array:
+    """max(x, 0)."""
+    return x.clip(0, np.inf)
+
+
+def negative(x: Array) -> Array:
+    """min(x, 0)."""
+    return x.clip(-np.inf, 0)
+
+
+def sigmoid(x: Array) -> Array:
+    """1 / (1 + exp(-x)), by the hyperbolic tangent, which NumPy computes faster and which cannot overflow."""
+    y = np.tanh(0.5 * x)
+    y *= 0.5
+    y += 0.5
+    return y
