@@ -22,12 +22,7 @@ from handpose.output.live.messages import Messages
 from handpose.output.tracks.writing import open_writer
 from handpose.sequences.acts import Act
 from handpose.sequences.movements import HandPose
-<<<<<<< HEAD
-from handpose.sequences.recordings import SyntheticRecording
-from handpose.sequences.scripts import Role, Script
-=======
 from handpose.sequences.recordings import Role, Script, SyntheticRecording
->>>>>>> wt-t
 from handpose.tracking.track import HIDDEN, TrackedFrame
 from handpose.tracking.tracker import Tracker
 from tests.handpose.tracking.conftest import RATE, Take, copied, played
