@@ -31,16 +31,15 @@ tools.begin(__name__)
 import numpy as np
 
 import fast.engine
-import fast.executor
 import fast.inner_product
 import fast.kinematics
 import fast.plan
 import fast.row_tiles
+import fast.slices
 import netlib
 import netlib.updates
 from benchmarks.paper import Paper, add_timing, small
 from fast.engine import FAST_CLASSES, FastEngine
-from fast.executor import WholeStep
 from fast.plan import whole
 from fast.window_tiles import WindowTiles
 from tools.common.arguments import parser_of
@@ -86,7 +85,7 @@ PARTS: dict[str, Off] = {
         if (name := place.rpartition(".")[2]) not in ELSEWHERE
     },
     "slices of the batch": patched(
-        fast.executor, "plan", lambda connections, stored: [whole(at) for at in connections]
+        fast.engine, "plan", lambda connections, stored: [whole(at) for at in connections]
     ),
     "second thread": one_thread,
     "windows without background": patched(WindowTiles, "fits", staticmethod(lambda g, bottom, top, w: False)),
@@ -98,7 +97,7 @@ PARTS: dict[str, Off] = {
     "updates in blocks": patched(netlib.updates, "BLOCK", 1 << 40),
     "updates on all threads": patched(FastEngine, "run", lambda self, jobs: [job() for job in jobs]),
     "inputs copied on all threads": patched(fast.engine, "LARGE", 1 << 40),
-    "reshape only where shapes change": patched(WholeStep, "_now", lambda step: object()),
+    "reshape only where shapes change": patched(fast.slices, "SHAPE", lambda blob: object()),
     "algorithm for single poses": patched(fast.kinematics, "FEW", 0),
 }
 

@@ -38,13 +38,13 @@ import tools
 tools.begin(__name__)
 
 import numpy as np
+from netlib.engine.plain import BackwardHook
 
 import netlib
 from benchmarks.paper import Paper, add_batch, small
 from netlib import engine
 from netlib.distributed.allreduce import Buffers, Gradients
 from netlib.distributed.data_parallel import DataParallel
-from netlib.engine.plain import BackwardHook
 from netlib.errors import NetlibError
 from netlib.layer import Layer
 from netlib.net import Net

@@ -253,11 +253,12 @@ class Solver:
         """Sum the gradients of iter_size batches and return the mean loss."""
         total = 0.0
         is_shown = self.param.debug_info and self._display_is_due()
-        for left in reversed(range(self.param.iter_size)):
-            loss = self.net.run_forward(report.debug_forward) if is_shown else self.net.run_forward()
-            total += self._finite(loss)
-            hooks = (hook for callback in self.callbacks if not left and (hook := callback.backward_hook()))
-            self.net.run_backward(next(hooks, None), report.debug_backward if is_shown else None)
+        for _ in range(self.param.iter_size):
+            total += self._finite(report.debug_forward(self.net) if is_shown else self.net.run_forward())
+            if is_shown:
+                report.debug_backward(self.net)
+            else:
+                self.net.run_backward()
         return self._agreed(total / self.param.iter_size)
 
     def _last_loss(self) -> float:

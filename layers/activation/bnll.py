@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from netlib.blob import Blobs
-from netlib.layer import Layer, forward_aside
+from netlib.layer import Layer
 
 
 class BNLL(Layer):
@@ -30,9 +30,6 @@ class BNLL(Layer):
         x = bottom[0].data
         self.slope = scipy.special.expit(x)
         top[0].data[...] = np.logaddexp(x, 0)  # without overflow
-
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        forward_aside(self, bottom, top)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from netlib.blob import Blobs
-from netlib.layer import Layer, forward_aside
+from netlib.layer import Layer
 from netlib.proto.schema import numbered
 
 
@@ -41,9 +41,6 @@ class Clip(Layer):
         x, p = bottom[0].data, self.param
         self.inside = (x >= p.min) & (x <= p.max)
         top[0].data[...] = np.maximum(p.min, np.minimum(x, p.max))
-
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        forward_aside(self, bottom, top)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:

@@ -42,9 +42,6 @@ class ELU(Layer):
         self.slope = np.where(x > 0, 1, alpha * np.exp(negative))
         top[0].data[...] = np.maximum(x, 0) + alpha * np.expm1(negative)
 
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.slope = np.where(bottom[0].data > 0, 1, self.param.alpha + top[0].data)
-
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
             bottom[0].diff[...] = top[0].diff * self.slope

@@ -52,9 +52,6 @@ class Exp(Layer):
             self.slope = self.ln_base * p.scale * y
         top[0].data[...] = y
 
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.slope = self.ln_base * self.param.scale * top[0].data
-
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
             bottom[0].diff[...] = top[0].diff * self.slope

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from netlib.blob import Blobs
-from netlib.layer import Layer, forward_aside
+from netlib.layer import Layer
 from netlib.proto.schema import numbered
 
 
@@ -51,9 +51,6 @@ class Log(Layer):
         with np.errstate(divide="ignore", invalid="ignore"):  # the solver reports NaN
             self.slope = p.scale / self.ln_base / argument
             top[0].data[...] = np.log(argument) / self.ln_base
-
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        forward_aside(self, bottom, top)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:

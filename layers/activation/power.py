@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from netlib.blob import Blobs
-from netlib.layer import Layer, forward_aside
+from netlib.layer import Layer
 from netlib.proto.schema import numbered
 
 
@@ -44,9 +44,6 @@ class Power(Layer):
         with np.errstate(divide="ignore", invalid="ignore"):  # the solver reports NaN
             self.slope = factor * base ** (p.power - 1) if factor else np.zeros_like(base)
             top[0].data[...] = base**p.power
-
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        forward_aside(self, bottom, top)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:

@@ -61,9 +61,6 @@ class PReLU(Layer):
         slope = self.slope.data.reshape(self.wide)
         top[0].data[...] = np.maximum(self.x, 0) + slope * np.minimum(self.x, 0)
 
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.x = np.zeros(bottom[0].shape, self.dtype) if bottom[0] is top[0] else bottom[0].data
-
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         dy, slope = top[0].diff, self.slope.data.reshape(self.wide)
         self.slope.diff[...] += (dy * np.minimum(self.x, 0)).sum(axis=self.others)

@@ -43,9 +43,6 @@ class Swish(Layer):
         self.slope = beta * y + s * (1 - beta * y)
         top[0].data[...] = y
 
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.slope = self.param.beta * top[0].data  # the sigmoid is 0
-
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
             bottom[0].diff[...] = top[0].diff * self.slope

@@ -23,7 +23,7 @@ import scipy
 from layers.loss import labels as labels_of
 from layers.loss.labels import items_and_values
 from netlib.blob import Blobs
-from netlib.layer import Layer, forward_aside
+from netlib.layer import Layer
 from netlib.proto.messages import LossParameter
 
 
@@ -53,9 +53,6 @@ class SigmoidCrossEntropyLoss(Layer):
         cost = np.maximum(x, 0) - target * x + np.log1p(np.exp(-np.abs(x)))
         self.divisor = labels_of.divisor(self.normalization, self.counts, len(x))
         top[0].data[...] = cost[self.counts].sum() / self.divisor
-
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        forward_aside(self, bottom, top)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[1]:

@@ -47,7 +47,6 @@ class SoftmaxWithLoss(Layer):
     tops = (1, 2)
     in_place = False
     loss_weight = 1.0
-    stored = ("p",)
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         self.loss_param: LossParameter = self.read_block("loss_param", LossParameter)

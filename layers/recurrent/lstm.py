@@ -45,13 +45,6 @@ class LSTM(Recurrent):
             self.c[t + 1], top[0].data[t] = c, h
         self._keep_states((h, c), top)
 
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        T, N, D = top[0].shape
-        self.r, self.c = np.zeros((T, N, D), self.dtype), np.zeros((T + 1, N, D), self.dtype)
-        self.gate = np.zeros((T, 4, N, D), self.dtype)  # of zeros: g is 0, the other gates are 1/2
-        self.gate[:, :3] = 0.5
-        self.gate[:, 1] *= bottom[1].data[:, :, None]
-
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         w_h, dw_h, cont = self.w_h.data, self.w_h.diff, bottom[1].data[:, :, None]
         T, N, D = top[0].shape

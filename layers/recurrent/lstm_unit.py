@@ -26,7 +26,7 @@ import numpy as np
 import scipy
 
 from netlib.blob import Array, Blobs
-from netlib.layer import Layer, forward_aside
+from netlib.layer import Layer
 
 
 class LSTMUnit(Layer):
@@ -52,9 +52,6 @@ class LSTMUnit(Layer):
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         c_before, x, cont = (blob.data[0] for blob in bottom)
         top[0].data[0], top[1].data[0], self.gate = step(c_before, x, cont[:, None])
-
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        forward_aside(self, bottom, top)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[2]:

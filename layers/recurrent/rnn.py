@@ -49,9 +49,6 @@ class RNN(Recurrent):
         top[0].data[...] = self.o
         self._keep_states([h], top)
 
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.r = self.h = self.o = np.zeros(top[0].shape, self.dtype)
-
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         w_h, w_o = self.w_h.data, self.w_o.data
         dw_h, dw_o, db_o = self.w_h.diff, self.w_o.diff, self.b_o.diff

@@ -16,7 +16,6 @@ from netlib.distributed import ranks as module_of_ranks
 from netlib.distributed.allreduce import Gradients
 from netlib.distributed.ranks import Ranks
 from netlib.distributed.shard import RankOfLayers
-from netlib.engine.plain import BackwardHook
 from netlib.errors import NetlibError
 from netlib.net import Net
 from netlib.snapshots import snapshot
@@ -57,10 +56,6 @@ class DataParallel(Callback):
     def on_start(self, solver: Solver) -> None:
         """Note the checksum of the parameters, in iterations in which they are compared."""
         self._checksum = consistency.checksum(solver)
-
-    def backward_hook(self) -> BackwardHook | None:
-        """Average gradients during the pass, if that is faster."""
-        return self.ranks.begin_gradients()
 
     def on_loss(self, solver: Solver, loss: float, with_gradients: bool = True) -> float:
         """Agree on the mean loss and on requests; average gradients and moving averages."""

@@ -28,7 +28,6 @@ import numpy as np
 from netlib.blob import Array
 from netlib.distributed.allreduce import Averaging, Gradients, Means, Requests
 from netlib.distributed.ranks import Ranks
-from netlib.engine.plain import BackwardHook
 from netlib.errors import DataError, DivergenceError, NetlibError, WeightsError, reason_of
 from netlib.training.callbacks import Request
 
@@ -192,17 +191,6 @@ class MPIRanks(Ranks):
         self._gradients, self._since = gradients, None
         for blobs in gradients.parts:
             self._means.buffers([blob.diff for blob in blobs])
-
-    def begin_gradients(self) -> BackwardHook | None:
-        """Return the hook that averages gradients while earlier layers run backwards, if ranks are on several machines.
-
-        On one machine the processors would move the bytes, and they are busy with the layers.
-        """
-        if self.on_machine == self.count:
-            return None
-        gradients = self._of_steps
-        under_way = self._under_way = Averaging(self._means, gradients.parts)
-        return lambda layer: under_way.poll(None if layer is None else gradients.complete(layer))
 
     def finish_gradients(self) -> None:
         """Average the gradients in the order of the ranks, or finish doing so."""

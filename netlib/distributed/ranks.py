@@ -16,7 +16,6 @@ from typing import Any
 from netlib.blob import Array
 from netlib.distributed.allreduce import Gradients
 from netlib.distributed.shard import Shard
-from netlib.engine.plain import BackwardHook
 from netlib.errors import NetlibError
 from netlib.training.callbacks import Request
 
@@ -77,10 +76,6 @@ class Ranks:
 
     def begin_steps(self, gradients: Gradients) -> None:
         """Prepare for steps with these gradients. Raises OutOfMemoryError."""
-
-    def begin_gradients(self) -> BackwardHook | None:
-        """Called before the backward pass that completes the gradients; returns a hook for it, or None."""
-        return None
 
     def finish_gradients(self) -> None:
         """Called when all gradients are complete; afterwards they are means over the ranks."""

@@ -12,19 +12,19 @@ import importlib
 import importlib.abc
 import importlib.machinery
 import sys
+import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
 
 from netlib.files.paths import BASE, ROOT, load_module, own
-from netlib.system.one_thread import lock
 
 NAMES = ("layers", "fast")
 # Folders of a clone that netlib does not import.
 OTHERS = ("tools", "export", "exercises", "experiments", "models", "benchmarks")
 _known: dict[str, ModuleType] = {}  # results of own_module
 _aside: dict[str, ModuleType] = {}  # our modules that are not in sys.modules, by name
-_lock = lock()
+_lock = threading.RLock()
 _depth = [0]  # of in_place
 
 

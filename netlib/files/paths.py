@@ -6,12 +6,12 @@ import contextlib
 import importlib.util
 import os
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
 from netlib.errors import DataError, reason_of
-from netlib.system.one_thread import lock
 
 BASE = Path(__file__).resolve().parents[2]  # parent of netlib/ and layers/: a clone, or site-packages
 SHARE = BASE / "netlib" / "share"  # in an installed package, the parent of a clone's other folders (setup.py)
@@ -19,7 +19,7 @@ ROOT = SHARE if SHARE.is_dir() else BASE  # parent of fast/, prototxt/, models/ 
 OWN_FOLDERS = ("prototxt", "models")  # these are installed too
 IS_CLONE = (ROOT / "setup.cfg").exists()
 PROGRAMS = ("handpose", "netlib")  # commands of an installed package; their first argument names a tool
-_loading = lock()
+_loading = threading.RLock()
 
 
 def command(name: str) -> str:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, Protocol
 
 from netlib.blob import Array
-from netlib.engine.plain import BackwardHook, Engine
+from netlib.engine import Engine
 from netlib.errors import DataError, NetlibError
 from netlib.graph import LayerHook
 from netlib.net import Net
@@ -89,10 +89,6 @@ class Callback:
     def seed(self, chosen: int) -> int:
         """The seed to use, given the one that this process chose."""
         return chosen
-
-    def backward_hook(self) -> BackwardHook | None:
-        """The hook of the backward pass that completes the gradients (``Net.run_backward``), if any."""
-        return None
 
     def on_loss(self, solver: Solver, loss: float, with_gradients: bool = True) -> float:
         """A loss was computed, and with it the gradients of an iteration; returns the loss to report."""

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from netlib.blob import Array
-from netlib.engine.plain import Connection
 from netlib.net import Net
 
 log = logging.getLogger("netlib")
@@ -59,24 +58,29 @@ def lack_of_loss(net: Net) -> Iterator[str]:
     yield f"net {net.name!r} has no loss: no output has a loss_weight, so no weight changes; {advice}"
 
 
-def debug_forward(at: Connection) -> None:
-    """Log the mean absolute values of a layer's tops and parameters, as Caffe's debug_info does."""
-    for name, blob in zip(at.layer.spec.top, at.top):
-        log.info("    [Forward] Layer %s, top blob %s data: %.6g", at.layer.name, name, _mean(blob.data))
-    for i, blob in enumerate(at.layer.blobs):
-        given = at.layer.spec.param[i].name if i < len(at.layer.spec.param) else ""
-        log.info("    [Forward] Layer %s, param blob %s data: %.6g", at.layer.name, given or i, _mean(blob.data))
+def debug_forward(net: Net) -> float:
+    """Run the layers one by one and log the mean absolute values of their tops and parameters, as Caffe's debug_info
+    does. Returns the loss.
+    """
+    for number, at in enumerate(net.connections):
+        net.run_forward(number, number + 1)
+        for name, blob in zip(at.layer.spec.top, at.top):
+            log.info("    [Forward] Layer %s, top blob %s data: %.6g", at.layer.name, name, _mean(blob.data))
+        for i, blob in enumerate(at.layer.blobs):
+            given = at.layer.spec.param[i].name if i < len(at.layer.spec.param) else ""
+            log.info("    [Forward] Layer %s, param blob %s data: %.6g", at.layer.name, given or i, _mean(blob.data))
+    return net.loss()
 
 
-def debug_backward(at: Connection) -> None:
-    """Log the mean absolute values of the gradients that a layer computed."""
-    if not at.needs_backward:
-        return
-    for name, blob, down in zip(at.layer.spec.bottom, at.bottom, at.propagate_down):
-        if down:
-            log.info("    [Backward] Layer %s, bottom blob %s diff: %.6g", at.layer.name, name, _mean(blob.diff))
-    for i, blob in enumerate(at.layer.blobs):
-        log.info("    [Backward] Layer %s, param blob %d diff: %.6g", at.layer.name, i, _mean(blob.diff))
+def debug_backward(net: Net) -> None:
+    """Run the layers backwards one by one and log the mean absolute values of the gradients that they compute."""
+    for number, at in reversed(list(enumerate(net.connections))):
+        net.run_backward(number, number + 1)
+        for name, blob, down in zip(at.layer.spec.bottom, at.bottom, at.propagate_down):
+            if at.needs_backward and down:
+                log.info("    [Backward] Layer %s, bottom blob %s diff: %.6g", at.layer.name, name, _mean(blob.diff))
+        for i, blob in enumerate(at.layer.blobs if at.needs_backward else []):
+            log.info("    [Backward] Layer %s, param blob %d diff: %.6g", at.layer.name, i, _mean(blob.diff))
 
 
 def debug_params(net: Net) -> None:

@@ -3,7 +3,6 @@
 mpiexec -n N python -m mpi4py tests/support/rank_programs.py NAME
 """
 
-import functools
 import json
 import os
 import signal
@@ -18,10 +17,8 @@ from mpi4py import MPI
 
 from netlib.distributed import consistency, mpi
 from netlib.distributed.data_parallel import DataParallel
-from netlib.proto import prototxt
 from netlib.errors import DataError, NetlibError
 from netlib.training.callbacks import Functions
-from netlib.distributed.allreduce import Gradients
 from netlib.distributed.mpi import MPIRanks
 
 
@@ -51,40 +48,6 @@ def sums(ranks):
                     total = total + other
                 assert got.dtype == dtype and got.tobytes() == (total / dtype(ranks.count)).tobytes()
     ranks.average([])
-
-
-def three_layers():
-    """Return a net with six parameters, and its gradients in three parts."""
-    text = 'layer { name: "in" type: "Input" top: "x0" input_param { shape { dim: 2 dim: 9 } } }' + "".join(
-        f'layer {{ name: "fc{i}" type: "InnerProduct" bottom: "x{i}" top: "x{i + 1}" '
-        "inner_product_param { num_output: 9 } }"
-        for i in range(3)
-    )
-    net = netlib.Net(prototxt.parse(text, "net.prototxt"), netlib.TRAIN)
-    return net, Gradients(net.layers, net.learnable, min_bytes=100)
-
-
-def overlapped(ranks):
-    """Means do not depend on when a rank learns that parts are complete, nor on how often it checks."""
-    ranks.on_machine = 1  # else no averages are made before the end
-    net, gradients = three_layers()
-    ranks.begin_steps(gradients)
-    diffs = [param.blob.diff for param in net.learnable]
-    for knows in (lambda i: True, lambda i: False, lambda i: i % ranks.count != ranks.rank):
-        everyone = [
-            np.random.default_rng(r).standard_normal((len(diffs), 81)).astype(np.float32) for r in range(ranks.count)
-        ]
-        passed = ranks.begin_gradients()
-        for i in (2, 1, 0):
-            for k in (2 * i, 2 * i + 1):
-                diffs[k].flat = everyone[ranks.rank][k]
-            for layer in (None, net.layers[1 + i] if knows(i) else None, None):
-                passed(layer)
-        assert ranks.agree(0.0, None, None) == 0.0
-        ranks.finish_gradients()
-        mean = functools.reduce(np.add, everyone) / np.float32(ranks.count)
-        for k, diff in enumerate(diffs):
-            assert diff.tobytes() == mean[k, : diff.size].tobytes()
 
 
 def agreement(ranks):
@@ -122,14 +85,6 @@ def errors(ranks):
     said = caught(NetlibError, ranks.agree, 1.0, None, int(ranks.rank == 2))
     assert said.startswith("the parameters of rank 2 differ from those of rank 0")
     assert mean() == 1.0
-    net, gradients = three_layers()
-    ranks.begin_steps(gradients)
-    ranks.on_machine = 1
-    if ranks.rank != 2:  # the others have started to average
-        ranks.begin_gradients()(net.layers[2])
-    assert caught(DataError, *(of_one if ranks.rank == 2 else (mean,))) == "rank 2: no rows"
-    assert mean() == 1.0
-    overlapped(ranks)
 
 
 def cut_off(ranks):
@@ -164,7 +119,6 @@ def stopped(ranks):
 
 def two_solvers(ranks):
     """Two solvers take turns on the same ranks; an error of one rank is raised on all, and both solvers continue."""
-    ranks.on_machine = 1
     files = "exact.prototxt", "small_solver.prototxt"
     one, other = (netlib.get_solver(file, callbacks=[DataParallel(ranks)]) for file in files)
     one.step(1)
@@ -203,12 +157,9 @@ def train(solver, iterations):
 
 
 def resume(ranks):
-    """Repeated and resumed runs are equal, bit for bit, whether averages are made at the end, as on one machine,
-    or during the pass; all ranks have the same bits.
-    """
+    """Repeated and resumed runs are equal, bit for bit; all ranks have the same bits."""
     bits = []
-    for begin, beside in ((None, ranks.count), (None, 1), ("snapshots/exact_iter_3.solverstate", 1)):
-        ranks.on_machine = beside
+    for begin in (None, None, "snapshots/exact_iter_3.solverstate"):
         solver = netlib.get_solver("exact.prototxt", callbacks=[DataParallel(ranks)])
         solver.solve(begin)
         assert solver.iter == 6

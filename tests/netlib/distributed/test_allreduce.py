@@ -140,27 +140,6 @@ def test_fixed_and_shared_parameters() -> None:
     assert [gradients.complete(net.layer_dict[f"fc{i}"]) for i in (3, 2, 1, 0)] == [0, 0, 1, 2]
 
 
-def test_what_a_net_says_is_complete_does_not_change() -> None:
-    """The gradients of a complete part do not change while the remaining layers run backwards."""
-    net = net_of("", SHARED, SHARED, "")
-    net.forward(x0=np.random.default_rng(0).standard_normal((2, 4)))
-    net.clear_param_diffs()
-    gradients = Gradients(net.layers, net.learnable, min_bytes=1)
-    seen: list[list[np.ndarray]] = []
-
-    def passed(layer: netlib.Layer | None) -> None:
-        if layer is not None:
-            for blobs in gradients.parts[len(seen) : gradients.complete(layer)]:
-                seen.append([blob.diff.copy() for blob in blobs])
-
-    net.run_backward(passed)
-    assert len(seen) == len(gradients.parts) == 3
-    for blobs, diffs in zip(gradients.parts, seen):
-        for blob, diff in zip(blobs, diffs):
-            np.testing.assert_array_equal(blob.diff, diff)
-            assert diff.any()
-
-
 def test_the_papers_network() -> None:
     """The large gradients are complete before the backward passes of the convolutions, which take most of the time."""
     net = netlib.Net("prototxt/nyu_deploy.prototxt", netlib.TRAIN)
