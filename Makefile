@@ -6,13 +6,12 @@
 # make table1  the paper's Table 1: runs the missing training runs (days; HOURS=8 limits the time), writes docs/results
 # make bench   compares the speed with PyTorch, onnxruntime and OpenCV (installs them; on Linux, install a CPU build of torch first)
 # make parts   the time that each part of fast/ saves, by switching it off (minutes)
-# make ranks   compares threads with MPI processes, and prints a model of many machines
 # make docs    what documents take from the code, pages for the browser, the chapters as notebooks, and the site in site/
 #              (SERVE=1 serves the site and follows changes)
 # make lint    the style and type checks of the continuous integration, spelling and wording
 #
 # ITERATIONS=N and FRAMES='--train N --test N' make train shorter or longer; OPTIONS='...' goes to the
-# program of demo, table1, bench, parts or ranks.
+# program of demo, table1, bench or parts.
 PYTHON ?= python3
 # Hundreds of processes are started by the tests; without compiled files each compiles all that it imports.
 unexport PYTHONDONTWRITEBYTECODE
@@ -21,7 +20,7 @@ RUN := $(BIN)/python
 SOLVER := prototxt/nyu_solver.prototxt
 SNAPSHOT = snapshots/nyu_iter_$(ITERATIONS).caffemodel.h5
 
-.PHONY: help demo train test kernels docs lint table1 bench parts ranks clean
+.PHONY: help demo train test kernels docs lint table1 bench parts clean
 
 help:
 	@sed -n '/^#/!q; s/^# //p' $(firstword $(MAKEFILE_LIST))
@@ -48,9 +47,6 @@ bench: .venv/bench
 
 parts: .venv/tools
 	$(RUN) benchmarks/parts.py $(OPTIONS)
-
-ranks: .venv/mpi
-	$(RUN) benchmarks/ranks.py $(OPTIONS)
 
 test: .venv/test
 	$(RUN) -m pytest -n auto --dist worksteal $(if $(ORDER),--order $(ORDER))

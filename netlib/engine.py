@@ -14,27 +14,26 @@ import operator
 import os
 import sysconfig
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import TypeVar
 
-import numpy as np
 from numpy.typing import DTypeLike
 
 from netlib.blob import Array, Blob, Blobs
+from netlib.building import python_layer
 from netlib.errors import NetlibError, did_you_mean
 from netlib.files.own_modules import own_module
 from netlib.files.paths import ROOT
-from netlib.layer import Layer, warn
+from netlib.layer import Layer
 from netlib.system import memory
 from netlib.system.memory import OutOfMemoryError
 
 T = TypeVar("T")
 NAMES = ("fast", "plain")
 ADVICE = "; use a smaller batch or layer"
-UNWRITTEN = 1.2345678e-38  # a normal float32: adding to it, or multiplying it, gives in effect what 0 gives
 LIBRARIES = ("<", *(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")))  # not the user's files
 
 
@@ -98,12 +97,10 @@ class Step:
         at = self.at
         if not at.needs_backward:
             return
-        unwritten = [] if at.has_run_back or at.layer.type != "Python" else _marked(at)
-        with self.errors:
+        is_new = at.layer.type == "Python" and not at.has_run_back
+        with self.errors, python_layer.all_written(at) if is_new else nullcontext():
             at.layer.backward(at.top, at.propagate_down, at.bottom)
         at.has_run_back = True
-        for name, blob in unwritten:
-            _replace_unwritten(at.layer, name, blob)
 
     def pieces(self) -> list[list[Connection]]:
         """The layers in execution order, for a timer: one list per slice of the batch; here there is one."""
@@ -253,22 +250,3 @@ def check_memory(steps: Sequence[Step]) -> None:
         memory.check(sum(blob.bytes for blob in [*params, *writers] if blob.owns_memory), "for all blobs of the net")
     except OutOfMemoryError as error:
         raise lacking(writers[max(writers, key=lambda top: top.bytes)], "forward", error) from error
-
-
-def _marked(at: Connection) -> list[tuple[str, Blob]]:
-    """Mark the bottom diffs that a backward pass has to write; returns them with their names."""
-    bottoms = [(name, blob) for name, blob, down in zip(at.layer.spec.bottom, at.bottom, at.propagate_down)
-               if down and blob.count and blob not in at.top]
-    for _, blob in bottoms:
-        blob.diff.fill(UNWRITTEN)
-    return bottoms
-
-
-def _replace_unwritten(layer: Layer, name: str, blob: Blob) -> None:
-    """Set what backward left unwritten of a marked diff to 0, as in Caffe, with a warning."""
-    unwritten = blob.diff == np.asarray(UNWRITTEN, blob.dtype)
-    if unwritten.any():
-        blob.diff[unwritten] = 0
-        part = "the diff" if unwritten.all() else f"{unwritten.sum()} of {blob.count} values of the diff"
-        warn(layer, f"backward of {type(layer).__name__} does not write {part} of bottom {name!r}; "
-                    "what is not written is 0, as in Caffe: write every element, or set propagate_down: false")

@@ -13,14 +13,14 @@ import numpy as np
 
 from netlib.blob import Blob, Blobs
 from netlib.building import create
+from netlib.building.params import Parameters
+from netlib.building.splits import insert_splits
 from netlib.engine import Connection, Engine, LayerErrors
 from netlib.errors import LayerError, did_you_mean
 from netlib.layer import Layer, check_backward
-from netlib.params import Parameters
 from netlib.proto import schema
 from netlib.proto.messages import LayerParameter, NetParameter
 from netlib.proto.net_parameter import distinct
-from netlib.splits import insert_splits
 
 log = logging.getLogger("netlib")
 AUTOMATIC = "(automatic)"  # Caffe's name for the unnamed top of a loss layer

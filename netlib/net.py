@@ -287,16 +287,11 @@ class Net:
         """Make the steps for the current shapes, unless there is one for each layer already."""
         if self._by_layer:
             return
-        old = self.steps
-        self.steps = self.engine.steps(self.connections, self._outside, old)
-        for step in old:
-            if step not in self.steps:
-                for blob in step.unstored:
-                    blob.on_access = None
-        for step in self.steps:
-            if step not in old:
-                for at in step.connections:
-                    at.ran_with = None
+        old, self.steps = self.steps, self.engine.steps(self.connections, self._outside, self.steps)
+        for blob in [blob for step in old for blob in step.unstored]:
+            blob.on_access = None
+        for at in [at for step in self.steps if step not in old for at in step.connections]:
+            at.ran_with = None
         self._watch(self.steps)
 
     def _watch(self, steps: Sequence[Step]) -> None:
@@ -310,9 +305,8 @@ class Net:
         if self._by_layer:
             return
         old, by_layer = self.steps, self.engine.steps_by_layer(self.connections)
-        for step in old:
-            for blob in step.unstored:
-                blob.on_access = None
+        for blob in [blob for step in old for blob in step.unstored]:
+            blob.on_access = None
         try:
             with np.errstate(all="ignore"):
                 for step in old:
@@ -375,9 +369,8 @@ class Net:
 
 
 class OneThread:
-    """Context manager for one thread at a time. That thread may enter again; any other gets a NetlibError.
-
-    Two threads that run one net at the same time would mix up their batches. ``name`` is that of the net.
+    """Context manager for one thread at a time, which may enter again; another gets a NetlibError, because two threads
+    that run one net would mix up their batches. ``name`` is that of the net.
     """
 
     def __init__(self, name: str) -> None:

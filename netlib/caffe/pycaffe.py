@@ -23,7 +23,6 @@ from netlib.snapshots import weights as weights_of
 from netlib.snapshots.snapshot import write_weights
 from netlib.solver import Solver as CoreSolver
 from netlib.training import solver_parameter
-from netlib.training.callbacks import Functions
 from netlib.updates import learning_rate
 
 log = logging.getLogger("netlib")
@@ -305,10 +304,6 @@ class Solver(CoreSolver):
     def lr(self) -> float:
         """The learning rate of the next update."""
         return learning_rate(self._param, self.iter)
-
-    def add_callback(self, on_start: Callable[[], Any], on_gradients_ready: Callable[[], Any]) -> None:
-        """Call the first function before each iteration, the second when its gradients are ready."""
-        self.callbacks.append(Functions(on_start, on_gradients_ready))
 
     def share_weights(self, net: core.Net) -> None:
         """Make a net share this solver's weights."""

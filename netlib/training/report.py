@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -12,6 +12,14 @@ from netlib.blob import Array
 from netlib.net import Net
 
 log = logging.getLogger("netlib")
+
+
+class Trained(Protocol):
+    """The attributes of a solver that ``warn_of_no_progress`` uses."""
+
+    net: Net
+    on_step: list[Callable[[], object]]
+    on_gradients_ready: list[Callable[[], object]]
 
 
 def copied(source: object, ignored: Iterable[str], missing: Iterable[str]) -> None:
@@ -56,6 +64,34 @@ def lack_of_loss(net: Net) -> Iterator[str]:
     else:
         advice = f"its outputs: {', '.join(net.outputs) or 'none'}"
     yield f"net {net.name!r} has no loss: no output has a loss_weight, so no weight changes; {advice}"
+
+
+def warn_of_no_progress(solver: Trained, iterations: int = 3) -> None:
+    """Let a solver warn once of a training that changes no weight: its net has no loss, or the gradients of its first
+    iterations are all 0. Those of one batch can be, as of a hinge loss without violations.
+    """
+    left = [iterations]
+
+    def warn_of_no_loss() -> None:
+        for message in lack_of_loss(solver.net):
+            log.warning("%s", message)
+        if not solver.net.losses:
+            left[0] = 0
+        solver.on_step.remove(warn_of_no_loss)
+
+    def warn_of_zeros() -> None:
+        learned = [param for param in solver.net.learnable if param.spec.lr_mult]
+        if not left[0] or not learned or any(param.blob.diff.any() for param in learned):
+            solver.on_gradients_ready.remove(warn_of_zeros)
+            return
+        left[0] -= 1
+        if not left[0]:
+            log.warning("the gradients of all parameters were exactly 0 in the first %d iterations, so no weight "
+                        "changes: check that a loss depends on them (propagate_down, layers of constant output such "
+                        "as a ReLU of negative values)", iterations)
+
+    solver.on_step.append(warn_of_no_loss)
+    solver.on_gradients_ready.append(warn_of_zeros)
 
 
 def debug_forward(net: Net) -> float:

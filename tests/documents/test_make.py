@@ -18,7 +18,7 @@ RUN = {  # target: variables that make it small, and a part of its output
     "table1": ("OPTIONS=--list", "one_hand"),
 }
 NOT_RUN = {  # only the arguments of their programs are checked
-    "bench": "by tests/benchmarks", "parts": "by tests/benchmarks", "ranks": "by tests/benchmarks",
+    "bench": "by tests/benchmarks", "parts": "by tests/benchmarks",
     "docs": "it writes documents; tests/docs/test_generated.py runs its programs", "test": "it runs these tests",
     "kernels": "a part of these tests; .ci/run runs it", "lint": ".ci/run runs it", "clean": "it removes .venv",
 }
