@@ -10,11 +10,12 @@ solver.step(10)
 import os
 from typing import TYPE_CHECKING
 
-from netlib.files.own_modules import own_module
-from netlib.files.paths import ROOT
+from netlib.files.paths import ROOT, execute
 
 # A line for the log. BLAS is configured before NumPy is imported; it affects the rounding of both engines.
-BLAS_NOTE: str = own_module("fast.blas").configure() if (ROOT / "fast").is_dir() else "BLAS: as NumPy sets it up"
+BLAS_NOTE: str = (
+    execute(ROOT / "fast" / "blas.py").configure() if (ROOT / "fast").is_dir() else "BLAS: as NumPy sets it up"
+)
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(1 << 28))  # OpenCV reads this once, when it is imported
 
 from netlib import engine  # noqa: E402

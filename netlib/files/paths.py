@@ -104,3 +104,12 @@ def load_module(name: str, path: Path) -> ModuleType:
                 del sys.modules[name]
                 raise
         return sys.modules[name]
+
+
+def execute(path: Path) -> ModuleType:
+    """Execute the file of a module without an entry in sys.modules."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
