@@ -1,8 +1,8 @@
 """The fast engine: code that exists only for speed. Without this folder all results are the same up to rounding.
 
     engine        the table of fast layers, and other parts of this engine
-    slices        the steps of a net: sequences of layers slice by slice (and slice_blobs), other layers on the whole
-                  batch; plan selects them by the properties of the layer types in traits
+    slices        the steps of a net: sequences of layers slice by slice, other layers on the whole batch; plan selects
+                  them by the properties of the layer types in traits
     tiles         blobs stored in the order in which matrix products write and pooling layers read
     per_channel   Scale, Bias and PReLU; batch_norm uses it
     convolution, pooling, lrn, eltwise, relu, inner_product, hdf5_data, augment, kinematics (and the hand model)

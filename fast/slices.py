@@ -30,14 +30,16 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from functools import partial
 
 import numpy as np
+from numpy.typing import DTypeLike
 
-from fast import parallel
+from fast import aligned, parallel
 from fast.fast_layer import FastLayer
+from fast.parallel import buffer_of
 from fast.plan import Run, Use, uses_of
-from fast.slice_blobs import Hidden, ParamOfLane, Window
+from fast.tiles import FastBlob
 from fast.traits import traits_of
 from netlib.blob import Array, Blob, Blobs
-from netlib.engine import SHAPE, Connection, LayerErrors, Step, lacking, shapes_of
+from netlib.engine import SHAPE, Connection, LayerErrors, Step, shapes_of
 from netlib.errors import NetlibError
 from netlib.layer import Layer
 
@@ -55,6 +57,64 @@ SAMPLES = 256  # values of an input that show whether a caller has written it si
 
 Piece = list[Connection]  # the layers of a run, for one slice
 Lane = list[Piece]  # slices that share parameter gradients
+
+
+class Window(Blob):
+    """A view of some items of a whole blob."""
+
+    def __init__(self, whole: Blob, rows: slice, shape: tuple[int, ...]) -> None:
+        super().__init__(shape, whole.dtype)
+        self._whole, self._rows = whole, rows
+
+    @property
+    def data(self) -> Array:
+        """The values of these items."""
+        return self._whole.data[self._rows]
+
+    @property
+    def diff(self) -> Array:
+        """The gradients of these items."""
+        return self._whole.diff[self._rows]
+
+
+class Hidden(FastBlob):
+    """A blob of one slice. Its diff, and its data unless kept, are valid only until the thread's next slice."""
+
+    def __init__(
+        self, shape: tuple[int, ...], dtype: DTypeLike, buffers: threading.local, key: int, keep: bool
+    ) -> None:
+        super().__init__(shape, dtype)
+        self._buffers, self._key, self._keep = buffers, key, keep
+
+    @property
+    def data(self) -> Array:
+        """The values: memory of the slice if backward reads them again, else working memory of the thread."""
+        if self._keep:
+            if self._data is None:
+                self._data = aligned.zeros(self.storage_shape, self.dtype)
+            return self._data
+        return self._buffer("data")
+
+    @property
+    def diff(self) -> Array:
+        """The gradient, in working memory of the thread."""
+        return self._buffer("diff")
+
+    def _buffer(self, half: str) -> Array:
+        return buffer_of(self._buffers, f"{half}{self._key}", self.storage_shape, self.dtype)
+
+
+class ParamOfLane(Blob):
+    """A parameter of one lane, which shares the values of the original and has its own diff."""
+
+    def __init__(self, original: Blob) -> None:
+        super().__init__(original.shape, original.dtype)
+        self._original = original
+
+    @property
+    def data(self) -> Array:
+        """The values of the original parameter."""
+        return self._original.data
 
 
 class WholeStep(Step):
@@ -98,7 +158,8 @@ class SlicedStep(Step):
         down = {b for at in run.connections for b, wanted in zip(at.bottom, at.propagate_down) if wanted}
         self._outside = [*read, *self._outputs]
         self._gradients = [b for b in read if b in down] + self._outputs  # whose diff is used
-        self._user = {b: at for at in reversed(run.connections) for b in [*at.bottom, *at.top]}
+        self._user = {b: at for at in reversed(run.connections) for b in at.blobs}
+        self._errors = {b: LayerErrors(at.layer, at.bottom) for b, at in self._user.items()}
         self._params = [p for at in run.connections for p in at.layer.blobs]
         self._weights: list[Array] = []  # values of the parameters in the last forward
         self._samples: list[Array] = []  # some values of the inputs in the last forward
@@ -114,7 +175,8 @@ class SlicedStep(Step):
         self._reshape()
         self._copy_weights()
         for blob in self._outputs:
-            self._ensure(blob, "data")  # allocate here, not on several threads at once
+            with self._errors[blob]:
+                blob.data  # noqa: B018 - allocates here, not on several threads at once
         parallel.run([partial(self._forward, lane) for lane in self._lanes])
         for step in self._whole:
             step.forward()
@@ -137,7 +199,8 @@ class SlicedStep(Step):
         if not self._whole and self.unstored:
             self._check_inputs()
         for blob in self._gradients:
-            self._ensure(blob, "diff")
+            with self._errors[blob]:
+                blob.diff  # noqa: B018
         parallel.run([partial(self._backward, lane) for lane in self._lanes])
         for i, at in enumerate(self.run.order):
             for j, param in enumerate(at.layer.blobs):
@@ -191,13 +254,6 @@ class SlicedStep(Step):
                               "stored: run forward again, or read one of them before writing, such as "
                               f"{self.connections[0].layer.spec.top[0]!r}")
 
-    def _ensure(self, blob: Blob, half: str) -> None:
-        """Allocate ``data`` or ``diff`` of a blob. Raises OutOfMemoryError."""
-        try:
-            getattr(blob, half)
-        except MemoryError as error:
-            raise lacking(self._user[blob].layer, half, error) from error
-
     def _copy_weights(self) -> None:
         """Copy the current parameters, into the memory of the last copies."""
         if [p.shape for p in self._params] != [values.shape for values in self._weights]:
@@ -220,7 +276,7 @@ class SlicedStep(Step):
         for at in self.connections:
             with LayerErrors(at.layer, at.bottom):
                 at.layer.reshape(at.bottom, at.top)
-        if len({b.shape[:1] for at in self.connections for b in [*at.bottom, *at.top]}) > 1:
+        if len({b.shape[:1] for at in self.connections for b in at.blobs}) > 1:
             for blob in self.run.hidden:
                 blob.on_access = None
             self._whole, self._lanes, self.unstored = [WholeStep(at) for at in self.connections], [], []

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import netlib
 from fast.convolution import FastConvolution
-from fast.slice_blobs import Hidden
-from fast.slices import SlicedStep
+from fast.slices import Hidden, SlicedStep
 from netlib.proto import prototxt
 
 TRAIN_TEST = Path(__file__).resolve().parents[2] / "prototxt" / "nyu_train_test.prototxt"

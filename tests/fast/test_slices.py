@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 from unittest import mock
 
@@ -769,3 +770,19 @@ def test_tops_of_a_split_share_memory_unless_a_layer_overwrites_it(net_of: MakeN
     fast.forward(start="d")  # of a part, each blob has its own
     assert not np.shares_memory(fast.blobs["b"].data, fast.blobs["c"].data)
     np.testing.assert_array_equal(fast.blobs["c"].data, plain.blobs["c"].data)
+
+
+def test_after_a_step_of_a_solver_all_blobs_have_its_values(tmp_path: Path) -> None:
+    """Also those that were not stored, with dropout, and although the weights have been updated since."""
+    text = PAPER.replace('layer { name: "fc" type', 'layer { name: "drop" type: "Dropout" bottom: "c3" top: "c3" } '
+                         'layer { name: "fc" type')
+    (tmp_path / "solver.prototxt").write_text(f'net_param {{ {text} }} base_lr: 0.1 lr_policy: "fixed" random_seed: 2')
+    fast, plain = (netlib.get_solver(tmp_path / "solver.prototxt", engine=name) for name in ("fast", "plain"))
+    for solver in (fast, plain):
+        for name, array in batch(2, flat=False).items():
+            solver.net.blobs[name].data[...] = array
+        solver.step(1)
+    assert hidden(fast.net) == HIDDEN
+    for name, blob in plain.net.blobs.items():
+        assert difference(fast.net.blobs[name].data, blob.data) <= 2e-5, name
+        assert np.linalg.norm(fast.net.blobs[name].diff - blob.diff) <= 1e-2 * np.linalg.norm(blob.diff), name
