@@ -298,7 +298,7 @@ class Net:
         """Let the first access to an unstored blob store all blobs."""
         for step in steps:
             for blob in step.unstored:
-                blob.on_access = partial(_store, weakref.ref(self), blob)
+                blob.on_access = partial(_store, weakref.ref(self))
 
     def _run_by_layer(self) -> None:
         """From now on run a step for each layer, which stores all blobs, with the values of the last pass."""
@@ -391,7 +391,7 @@ class OneThread:
         self._lock.release()
 
 
-def _store(net: weakref.ref[Net], blob: Blob) -> None:
+def _store(net: weakref.ref[Net]) -> None:
     """Store all blobs of a net before the first access to one that it did not store. Raises NetlibError."""
     owner = net()
     if owner is None:
