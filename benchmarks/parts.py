@@ -42,6 +42,7 @@ from benchmarks.paper import Paper, add_timing, small
 from fast.engine import FAST_CLASSES, FastEngine
 from fast.plan import whole
 from fast.window_tiles import WindowTiles
+from netlib.engine import Step
 from tools.common.arguments import parser_of
 from tools.common.console import DONE, guarded
 
@@ -97,7 +98,7 @@ PARTS: dict[str, Off] = {
     "updates in blocks": patched(netlib.updates, "BLOCK", 1 << 40),
     "updates on all threads": patched(FastEngine, "run", lambda self, jobs: [job() for job in jobs]),
     "inputs copied on all threads": patched(fast.engine, "LARGE", 1 << 40),
-    "reshape only where shapes change": patched(fast.slices, "SHAPE", lambda blob: object()),
+    "reshape only where shapes change": patched(fast.slices.WholeStep, "forward", Step.forward),
     "algorithm for single poses": patched(fast.kinematics, "FEW", 0),
 }
 

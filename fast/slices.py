@@ -196,6 +196,7 @@ class SlicedStep(Step):
             return
         for step in reversed(self._whole):
             step.backward()
+        self._back_samples = []
         if not self._whole and self.unstored:
             self._check_inputs()
         for blob in self._gradients:
