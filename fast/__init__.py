@@ -1,9 +1,8 @@
 """The fast engine: code that exists only for speed. Without this folder all results are the same up to rounding.
 
     engine        the table of fast layers, and other parts of this engine
-    executor      runs a net: sequences of layers slice by slice (slices, slice_blobs), other layers on the whole batch;
-                  plan selects them by the properties of the layer types in traits
-    shared_memory blobs of Split, Concat and Slice layers that are parts of one array
+    slices        the steps of a net: sequences of layers slice by slice, other layers on the whole batch; plan selects
+                  them by the properties of the layer types in traits
     tiles         blobs stored in the order in which matrix products write and pooling layers read
     per_channel   Scale; batch_norm uses it
     convolution, pooling, relu, inner_product, hdf5_data, augment, kinematics (and the hand model)
@@ -19,5 +18,5 @@
     parallel, aligned, blas
                   threads; memory at cache lines; configuration of OpenBLAS before NumPy is loaded
 
-netlib imports this folder by name in one place (netlib/engine/choice.py); nothing else imports it.
+netlib imports this folder by name in one place (netlib/engine.py); nothing else imports it.
 """

@@ -14,10 +14,14 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from fast import aligned, parallel
-from fast.executor import SlicedExecutor
+from fast.fast_layer import FastLayer
+from fast.fusing import fuse, release
+from fast.plan import plan
+from fast.slices import SlicedStep, WholeStep
+from layers.common.split import Split
 from netlib.blob import Array, Blob
 from netlib.building.layer_table import class_at, place_of
-from netlib.engine.plain import Connection, Engine, Executor
+from netlib.engine import Connection, Engine, Step
 from netlib.system.memory import blocks
 
 T = TypeVar("T")
@@ -59,9 +63,27 @@ class FastEngine(Engine):
         """Create a blob of a net, with aligned arrays."""
         return Blob((), dtype, aligned.zeros_for_blob)
 
-    def executor(self, connections: Sequence[Connection], outside: Iterable[Blob], name: str = "") -> Executor:
-        """Create an executor that runs layers in slices where this is faster."""
-        return SlicedExecutor(connections, outside, name)
+    def steps(self, connections: Sequence[Connection], outside: Iterable[Blob], old: Sequence[Step]) -> Sequence[Step]:
+        """The steps of a net: layers that run in slices together (plan.py), and other layers on the whole batch."""
+        for at in connections:
+            if isinstance(at.layer, FastLayer):
+                at.layer.needs_backward, at.layer.needs_bottom_diff = at.needs_backward, any(at.propagate_down)
+        fuse(connections)
+        stored = set(outside)
+        known = {step.run.key: step for step in old if isinstance(step, SlicedStep)}
+        whole = {step.at: step for step in old if isinstance(step, WholeStep)}
+        runs = plan(connections, lambda blob: blob in stored)
+        _share_splits(connections, [at for run in runs if run.sliced for at in run.connections])
+        return [
+            known.get(run.key) or SlicedStep(run) if run.sliced else whole.get(run.order[0]) or WholeStep(run.order[0])
+            for run in runs
+        ]
+
+    def steps_by_layer(self, connections: Sequence[Connection]) -> Sequence[Step]:
+        """A step for each layer, on the whole batch; no layer is computed with another."""
+        release(connections)
+        _share_splits(connections, connections)
+        return [WholeStep(at) for at in connections]
 
     def run(self, jobs: Sequence[Callable[[], None]]) -> None:
         """Run independent jobs on all threads and return when all are done."""
@@ -85,3 +107,19 @@ class FastEngine(Engine):
     def set_threads(self, count: int) -> None:
         """Set the number of threads of the pool in parallel.py."""
         parallel.set_threads(count)
+
+
+def _share_splits(connections: Sequence[Connection], apart: Iterable[Connection]) -> None:
+    """Let the tops of a Split share the memory of its bottom, as in Caffe, unless a later layer overwrites one of them,
+    or one of the layers ``apart`` or a user's layer uses it.
+    """
+    writers = {blob: number for number, at in enumerate(connections) for blob in at.top}
+    users = [*apart, *(at for at in connections if at.layer.type == "Python")]
+    own = {blob for at in users for blob in at.blobs}
+    for number, at in enumerate(connections):
+        for blob in at.top if type(at.layer) is Split else []:
+            if all(writers[one] <= number and one not in own for one in (at.bottom[0], blob)):
+                blob.share_data(at.bottom[0])
+            elif blob._owner is not None:
+                values, blob._owner = blob.data, None
+                blob.data[...] = values

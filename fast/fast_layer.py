@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import threading
 from collections.abc import Sequence
 from typing import Any
@@ -18,7 +17,7 @@ from netlib.layer import Layer
 class FastLayer(Layer):
     """A layer that computes the same as its plain class, but faster.
 
-    needs_backward     whether backward will be called; set by the executor before the first pass
+    needs_backward     whether backward will be called; set by the engine before the first pass
     needs_bottom_diff  whether the diff of any bottom will be needed
     after              layers in place on the top that forward computes, too (fusing.py)
     is_fused           whether an earlier layer computes forward, which then does nothing
@@ -80,12 +79,3 @@ class FastLayer(Layer):
     def reads_sparse(self) -> bool:
         """Whether a tiled bottom can be sparse."""
         return False
-
-
-def plain_copy(layer: Layer) -> Layer:
-    """A layer of the plain class with the options and parameters of ``layer``; a layer without fast class itself."""
-    if not isinstance(layer, FastLayer):
-        return layer
-    other = copy.copy(layer)
-    other.__class__ = next(cls for cls in type(layer).__mro__ if not issubclass(cls, FastLayer))  # type: ignore[assignment]
-    return other

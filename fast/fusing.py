@@ -20,7 +20,7 @@ from layers.activation.relu6 import ReLU6
 from layers.activation.scale import Scale
 from layers.normalization.batch_norm import BatchNorm
 from netlib.blob import Array
-from netlib.engine.plain import Connection
+from netlib.engine import Connection
 from netlib.layer import Layer
 from netlib.system.memory import blocks
 

@@ -6,6 +6,7 @@ from a top is valid until the next forward.
 
 from __future__ import annotations
 
+import os
 from concurrent.futures import Future
 from typing import Any
 
@@ -13,10 +14,8 @@ import numpy as np
 
 from fast.fast_layer import FastLayer
 from fast.parallel import Workers
-from fast.shared_memory import adopt
 from layers.data.hdf5_data import Cursor, HDF5Data
 from netlib.blob import Array, Blobs
-from netlib.system.one_thread import call_after_fork
 
 
 class FastHDF5Data(FastLayer, HDF5Data):
@@ -28,11 +27,6 @@ class FastHDF5Data(FastLayer, HDF5Data):
         self._reader = Workers(1, "hdf5_data")
         self._ahead: Future[Cursor] | None = None
         self._next: list[Array] = []
-        call_after_fork(self)
-
-    def after_fork(self) -> None:
-        """Discard the batch being read; the next forward reads it again."""
-        self._ahead = None
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         """Reshape the tops and allocate the next batch."""
@@ -43,12 +37,13 @@ class FastHDF5Data(FastLayer, HDF5Data):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         """Move the batch read ahead to the tops, and start reading the next one."""
+        if self._reader.process != os.getpid():
+            self._ahead = None  # a thread of the process that forked this one reads it
         ahead = self._ahead or self._reader.submit(self.read, self.cursor, self._next)
         self._ahead = None  # if it failed, the next forward tries again
         self.cursor = ahead.result()
         for i, blob in enumerate(top):
-            read, self._next[i] = self._next[i], blob.data
-            adopt(blob, read)
+            self._next[i], blob._data = blob.data, self._next[i]
         self._ahead = self._reader.submit(self.read, self.cursor, self._next)
 
     def restore(self, state: dict[str, Any]) -> None:

@@ -3,7 +3,7 @@
 NumPy releases the interpreter lock inside its loops and products, so Python threads run in parallel there.
 ``run`` executes jobs; a nested call from one of several jobs executes them in the same thread.
 
-Threads do not survive a fork, so a forked process starts new ones (``Workers``).
+Threads do not survive a fork, so a forked process starts new ones at its first job (``Workers``).
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from numpy.typing import DTypeLike, NDArray
 
 from fast import aligned
 from netlib.engine import available_cpus
-from netlib.system.one_thread import call_after_fork
 
 T = TypeVar("T")
 
@@ -30,15 +29,16 @@ class Workers:
 
     def __init__(self, count: int, name: str) -> None:
         self.count, self._name = count, name
-        self.after_fork()
-        call_after_fork(self)
+        self._start()
 
-    def after_fork(self) -> None:
-        """Start new threads. Jobs submitted before the fork are not run here: the caller must submit them again."""
+    def _start(self) -> None:
         self._executor = ThreadPoolExecutor(self.count, self._name) if self.count else None
+        self.process = os.getpid()
 
     def submit(self, job: Callable[..., T], *args: Any) -> Future[T]:
         """Call ``job(*args)`` on a thread; returns its future."""
+        if self.process != os.getpid():
+            self._start()
         assert self._executor is not None
         return self._executor.submit(job, *args)
 
@@ -95,7 +95,7 @@ def run(jobs: Sequence[Callable[[], None]], *, here: bool = False) -> None:
     def work() -> None:
         _here.inside = True
         try:
-            with np.errstate(all="ignore"):  # set per thread; as in Executor in netlib/engine/plain.py
+            with np.errstate(all="ignore"):  # set per thread; as in netlib/net.py
                 for job in queue:
                     if failed:
                         return

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from fast.fast_layer import FastLayer
 from fast.traits import traits_of
 from netlib.blob import Blob, Blobs
-from netlib.engine.plain import Connection
+from netlib.engine import Connection
 
 
 @dataclass
@@ -34,6 +34,11 @@ class Run:
     hidden: list[Blob]
     tiles: dict[Blob, int]
     sliced: bool
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """What makes two runs of one net equal."""
+        return *self.connections, *self.hidden, *self.tiles.items()
 
     def outside(self, blobs: str) -> list[Blob]:
         """The whole blobs that the run reads (``"bottom"``) or writes (``"top"``)."""
@@ -113,9 +118,9 @@ def _runs_for(row: list[Connection], users: Mapping[Blob, int], stored: Callable
 def _end_of_run(row: list[Connection], users: Mapping[Blob, int], stored: Callable[[Blob], bool]) -> int:
     """Number of layers at the start of the row that may run in slices.
 
-    A layer that overwrites a stored blob in place must not run twice (the executor may repeat a pass), unless the
-    second time changes nothing. The run therefore ends before such a layer, and later layers run on the whole batch. A
-    shorter run has fewer hidden blobs, only those that are unused after its end, so it may have to end even earlier.
+    A layer that overwrites a stored blob in place must not run twice (the net may compute hidden blobs again), unless
+    the second time changes nothing. The run therefore ends before such a layer, and later layers run on the whole
+    batch. A shorter run has fewer hidden blobs, only those that are unused after its end, so it may end even earlier.
     """
     uses = uses_of(row)
     place = {at: i for i, at in enumerate(row)}

@@ -7,7 +7,8 @@ therefore runs on one slice of the batch after the other, so that the blobs of a
 Each slice has copies of the layers, with the same parameter values and with small blobs:
 
 - a blob that only this run reads and writes is *hidden*: its values are in working memory of the thread, or in memory
-  of the slice if backward needs them again, and it is not stored for the whole batch;
+  of the slice if backward needs them again, and it is not stored for the whole batch. At a caller's first access
+  ``compute_unstored`` computes it from the inputs and the weights of the pass; the net then stores all blobs;
 - a copy of a blob for several readers is the blob itself if no layer overwrites it and there is no backward pass;
 - any other blob is a view of the whole one.
 
@@ -24,19 +25,22 @@ from __future__ import annotations
 
 import copy
 import threading
-from collections.abc import Callable
+from collections.abc import Iterable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from functools import partial
 
 import numpy as np
+from numpy.typing import DTypeLike
 
-from fast import parallel
+from fast import aligned, parallel
 from fast.fast_layer import FastLayer
+from fast.parallel import buffer_of
 from fast.plan import Run, Use, uses_of
-from fast.slice_blobs import Hidden, ParamOfLane, Window
+from fast.tiles import FastBlob
 from fast.traits import traits_of
 from netlib.blob import Array, Blob, Blobs
-from netlib.engine.checks import guarded, lacking
-from netlib.engine.plain import BackwardHook, Connection, Step
+from netlib.engine import SHAPE, Connection, LayerErrors, Step, shapes_of
+from netlib.errors import NetlibError
 from netlib.layer import Layer
 
 # Limit of a slice: the size of its largest blob, so that its blobs stay in the cache. Smaller slices need more calls,
@@ -49,17 +53,97 @@ LANES = 16
 LANE_BYTES = 64 << 20  # of the parameter gradients of all lanes
 MIN_LANES = 4
 RECENT = 4  # numbers of items whose division is kept, without a backward pass: a caller's batches vary
+SAMPLES = 256  # values of an input that show whether a caller has written it since forward
 
 Piece = list[Connection]  # the layers of a run, for one slice
 Lane = list[Piece]  # slices that share parameter gradients
 
 
+class Window(Blob):
+    """A view of some items of a whole blob."""
+
+    def __init__(self, whole: Blob, rows: slice, shape: tuple[int, ...]) -> None:
+        super().__init__(shape, whole.dtype)
+        self._whole, self._rows = whole, rows
+
+    @property
+    def data(self) -> Array:
+        """The values of these items."""
+        return self._whole.data[self._rows]
+
+    @property
+    def diff(self) -> Array:
+        """The gradients of these items."""
+        return self._whole.diff[self._rows]
+
+
+class Hidden(FastBlob):
+    """A blob of one slice. Its diff, and its data unless kept, are valid only until the thread's next slice."""
+
+    def __init__(
+        self, shape: tuple[int, ...], dtype: DTypeLike, buffers: threading.local, key: int, keep: bool
+    ) -> None:
+        super().__init__(shape, dtype)
+        self._buffers, self._key, self._keep = buffers, key, keep
+
+    @property
+    def data(self) -> Array:
+        """The values: memory of the slice if backward reads them again, else working memory of the thread."""
+        if self._keep:
+            if self._data is None:
+                self._data = aligned.zeros(self.storage_shape, self.dtype)
+            return self._data
+        return self._buffer("data")
+
+    @property
+    def diff(self) -> Array:
+        """The gradient, in working memory of the thread."""
+        return self._buffer("diff")
+
+    def _buffer(self, half: str) -> Array:
+        return buffer_of(self._buffers, f"{half}{self._key}", self.storage_shape, self.dtype)
+
+
+class ParamOfLane(Blob):
+    """A parameter of one lane, which shares the values of the original and has its own diff."""
+
+    def __init__(self, original: Blob) -> None:
+        super().__init__(original.shape, original.dtype)
+        self._original = original
+
+    @property
+    def data(self) -> Array:
+        """The values of the original parameter."""
+        return self._original.data
+
+
+class WholeStep(Step):
+    """One layer, run on the whole batch. Layers of this project are reshaped only after a shape has changed."""
+
+    def __init__(self, at: Connection) -> None:
+        super().__init__(at)
+        self._is_steady = at.layer.type != "Python"  # reshape of a Python layer may depend on more than shapes
+
+    def forward(self) -> None:
+        """Reshape the tops if necessary and compute them."""
+        at = self.at
+        with self.errors:
+            if at.ran_with != tuple(map(SHAPE, at.blobs)) or not self._is_steady:
+                at.layer.reshape(at.bottom, at.top)
+            at.layer.forward(at.bottom, at.top)
+        at.ran_with = tuple(map(SHAPE, at.blobs))
+
+
 class SlicedStep(Step):
-    """Several consecutive layers, run slice by slice."""
+    """Several consecutive layers, run slice by slice.
+
+    If some blobs have other numbers of items than the others, because a layer before them, such as a Filter, has
+    dropped items, the layers run on the whole batch from then on.
+    """
 
     def __init__(self, run: Run) -> None:
         super().__init__(run.connections[0])
-        self.run = run
+        self.run, self.connections, self.unstored = run, run.connections, run.hidden
         self._secret, self._users = set(run.hidden), uses_of(run.order)
         self._needs_backward = any(at.needs_backward for at in run.connections)
         self._kept = {b for at in run.order for b in _read_again(at)}
@@ -68,96 +152,136 @@ class SlicedStep(Step):
         self._shapes: list[tuple[int, ...]] = []
         self._lanes: list[Lane] = []
         self._recent: dict[tuple[tuple[int, ...], ...], list[Lane]] = {}
-        self.weights: list[tuple[Blob, Array]] = []  # parameters, their values in the last forward
-        self.weights_back: list[tuple[Blob, Array]] = []  # parameters, their values in the last backward
-        self._inputs, self._outputs = run.outside("bottom"), run.outside("top")
+        self._whole: list[WholeStep] = []  # if the layers run on the whole batch
+        read, self._outputs = run.outside("bottom"), run.outside("top")
+        self._inputs = [b for b in dict.fromkeys(read) if not self._users[b][0].writes]
         down = {b for at in run.connections for b, wanted in zip(at.bottom, at.propagate_down) if wanted}
-        self._whole = [*self._inputs, *self._outputs]
-        self._gradients = [b for b in self._inputs if b in down] + self._outputs  # whose diff is used
-        self._user = {b: at for at in reversed(run.connections) for b in [*at.bottom, *at.top]}
+        self._outside = [*read, *self._outputs]
+        self._gradients = [b for b in read if b in down] + self._outputs  # whose diff is used
+        self._user = {b: at for at in reversed(run.connections) for b in at.blobs}
+        self._errors = {b: LayerErrors(at.layer, at.bottom) for b, at in self._user.items()}
+        self._params = [p for at in run.connections for p in at.layer.blobs]
+        self._weights: list[Array] = []  # values of the parameters in the last forward
+        self._samples: list[Array] = []  # some values of the inputs in the last forward
+        self._back_samples: list[Array] = []  # some values of the tops' diffs in the last backward, if since then
 
     def pieces(self) -> list[Piece]:
         """The layers of every slice in execution order."""
         self._reshape()
-        return [piece for lane in self._lanes for piece in lane]
+        return [piece for lane in self._lanes for piece in lane] or [[step.at] for step in self._whole]
 
     def forward(self) -> None:
         """Run the layers forwards on all slices."""
         self._reshape()
-        self._copy_weights(self.weights)
+        self._copy_weights()
         for blob in self._outputs:
-            self._ensure(blob, "data")  # allocate here, not on several threads at once
+            with self._errors[blob]:
+                blob.data  # noqa: B018 - allocates here, not on several threads at once
         parallel.run([partial(self._forward, lane) for lane in self._lanes])
+        for step in self._whole:
+            step.forward()
+        for at in self.connections:
+            at.ran_with = shapes_of(at.blobs)
+        self._samples, self._back_samples = [_sample(blob.data) for blob in self._inputs], []
 
     def _forward(self, lane: Lane) -> None:
         for piece in lane:
             for at in piece:
-                guarded(at.layer, "forward", at.bottom, at.top)
+                with LayerErrors(at.layer, at.bottom):
+                    at.layer.forward(at.bottom, at.top)
 
-    def backward(self, on_done: BackwardHook | None = None) -> None:
+    def backward(self) -> None:
         """Run the layers backwards on all slices, and sum the gradients of the parameters."""
         if not self._needs_backward:
             return
-        self._copy_weights(self.weights_back)
+        for step in reversed(self._whole):
+            step.backward()
+        self._back_samples = []
+        if not self._whole and self.unstored:
+            self._check_inputs()
         for blob in self._gradients:
-            self._ensure(blob, "diff")
-        caller = threading.get_ident()
-        between = (lambda: threading.get_ident() == caller and on_done(None)) if on_done else lambda: None
-        parallel.run([partial(self._backward, lane, between) for lane in self._lanes])
+            with self._errors[blob]:
+                blob.diff  # noqa: B018
+        parallel.run([partial(self._backward, lane) for lane in self._lanes])
         for i, at in enumerate(self.run.order):
             for j, param in enumerate(at.layer.blobs):
                 for lane in self._lanes:
                     param.diff[...] += lane[0][i].layer.blobs[j].diff
+        self._back_samples = [_sample(blob.diff) for blob in self._outputs]
 
-    def _backward(self, lane: Lane, between: Callable[[], object]) -> None:
+    def _backward(self, lane: Lane) -> None:
         for at in lane[0]:
             for param in at.layer.blobs:
                 param.diff[...] = 0
         for piece in lane:
             for at in reversed(piece):
                 if at.needs_backward:
-                    guarded(at.layer, "backward", at.top, at.propagate_down, at.bottom)
-                    between()
+                    with LayerErrors(at.layer, at.bottom):
+                        at.layer.backward(at.top, at.propagate_down, at.bottom)
 
-    def _ensure(self, blob: Blob, half: str) -> None:
-        """Allocate ``data`` or ``diff`` of a blob. Raises OutOfMemoryError."""
-        try:
-            getattr(blob, half)
-        except MemoryError as error:
-            raise lacking(self._user[blob].layer, half, error) from error
+    def compute_unstored(self) -> None:
+        """Compute the hidden blobs of the last pass, and what the layers need for backward, on the whole batch.
 
-    def _copy_weights(self, copies: list[tuple[Blob, Array]]) -> None:
-        """Copy the current parameters to ``copies``, whose memory is used again."""
-        params = [p for at in self.run.connections for p in at.layer.blobs]
-        if [(p, p.shape) for p in params] != [(p, values.shape) for p, values in copies]:
-            copies[:] = [(p, np.empty_like(p.data)) for p in params]
-        for param, values in copies:
+        Values that a caller can access are not changed: tops, diffs of inputs, gradients.
+        """
+        if self._whole:
+            return
+        if not all(at.has_run() for at in self.connections):
+            for at in self.connections:  # there is no pass, or a reshape has discarded its values
+                at.ran_with = None
+            return
+        self._check_inputs()
+        for at in self.connections:
+            at.ran_with = None  # the layers themselves have not run, nor been reshaped
+        steps = [WholeStep(at) for at in self.connections]
+        weights = [_holding(param, values, np.empty_like(values)) for param, values in zip(self._params, self._weights)]
+        with _all(weights):
+            with _all([_holding(blob, data=blob.data.copy()) for blob in self._outputs]):  # layers in place read them
+                for step in steps:
+                    step.forward()
+            if self._back_samples:
+                with _all([_holding(blob, diff=np.empty_like(blob.diff)) for blob in self._inputs]):
+                    for step in reversed(steps):
+                        step.backward()
+
+    def _check_inputs(self) -> None:
+        """Raise NetlibError if a caller has written an input since forward, or the diff of a top since backward."""
+        written = [b for b, values in zip(self._inputs, self._samples) if not _equal(b.data, values)]
+        written += [b for b, values in zip(self._outputs, self._back_samples) if not _equal(b.diff, values)]
+        if written:
+            at = self._user[written[0]]
+            names = dict(zip(at.blobs, [*at.layer.spec.bottom, *at.layer.spec.top]))
+            raise NetlibError(f"blob {names[written[0]]!r} was written after the pass, of which not all blobs are "
+                              "stored: run forward again, or read one of them before writing, such as "
+                              f"{self.connections[0].layer.spec.top[0]!r}")
+
+    def _copy_weights(self) -> None:
+        """Copy the current parameters, into the memory of the last copies."""
+        if [p.shape for p in self._params] != [values.shape for values in self._weights]:
+            self._weights = [np.empty_like(p.data) for p in self._params]
+        for param, values in zip(self._params, self._weights):
             values[...] = param.data
 
     def _is_cut(self) -> bool:
         """Whether the batch is divided into slices for the current shapes, now or recently."""
-        shapes = [b.shape for b in self._whole]
+        shapes = [b.shape for b in self._outside]
         if shapes != self._shapes and (lanes := self._recent.pop(tuple(shapes), None)):
             self._recent[tuple(shapes)] = lanes  # as the last one
             self._lanes, self._shapes = lanes, shapes
         return bool(self._lanes) and shapes == self._shapes
 
-    def is_even(self) -> bool:
-        """Reshape the blobs if inputs have new shapes. Returns whether all blobs have the same number of items."""
-        if self._is_cut():
-            return True
-        self._shape_blobs()
-        return len({b.shape[:1] for at in self.run.connections for b in [*at.bottom, *at.top]}) == 1
-
-    def _shape_blobs(self) -> None:
-        for at in self.run.connections:
-            guarded(at.layer, "reshape", at.bottom, at.top)
-
     def _reshape(self) -> None:
         """Divide the batch into slices unless this was done for the current shapes."""
-        if self._is_cut():
+        if self._whole or self._is_cut():
             return
-        self._shape_blobs()
+        for at in self.connections:
+            with LayerErrors(at.layer, at.bottom):
+                at.layer.reshape(at.bottom, at.top)
+        if len({b.shape[:1] for at in self.connections for b in at.blobs}) > 1:
+            for blob in self.run.hidden:
+                blob.on_access = None
+            self._whole, self._lanes, self.unstored = [WholeStep(at) for at in self.connections], [], []
+            return
         items = self.at.bottom[0].shape[0]
         each = max(items, 1)
         largest = max(b.count * b.dtype.itemsize // each for at in self.run.connections for b in at.top)
@@ -172,7 +296,7 @@ class SlicedStep(Step):
             else:
                 params = [at.layer.blobs for at in lanes[i % count][0]]
             lanes[i % count].append(self._piece(rows, params))
-        self._lanes, self._shapes = lanes, [b.shape for b in self._whole]
+        self._lanes, self._shapes = lanes, [b.shape for b in self._outside]
         if not self._needs_backward:
             self._recent = dict([*self._recent.items()][1 - RECENT :])
             self._recent[tuple(self._shapes)] = lanes
@@ -191,7 +315,8 @@ class SlicedStep(Step):
         for at, own_params in zip(self.run.order, params):
             bottom, top = Blobs(map(on_slice, at.bottom)), Blobs(map(on_slice, at.top))
             layer = _with_params(at.layer, own_params)
-            guarded(layer, "reshape", bottom, top)
+            with LayerErrors(layer, bottom):
+                layer.reshape(bottom, top)
             piece.append(Connection(layer, bottom, top, at.propagate_down, at.needs_backward))
         return piece
 
@@ -269,3 +394,35 @@ def _read_again(at: Connection) -> list[Blob]:
         return []
     traits = traits_of(at.layer)
     return [*(at.bottom if traits.reads_bottom else []), *(at.top if traits.reads_top else [])]
+
+
+def _sample(values: Array) -> Array:
+    """Some of the values of an array."""
+    return values.reshape(-1)[:: max(1, values.size // SAMPLES)].copy()
+
+
+def _equal(values: Array, sample: Array) -> bool:
+    return np.array_equal(_sample(values), sample, equal_nan=True)
+
+
+@contextmanager
+def _all(contexts: Iterable[AbstractContextManager[None]]) -> Iterator[None]:
+    """Enter all of the context managers."""
+    with ExitStack() as stack:
+        for context in contexts:
+            stack.enter_context(context)
+        yield
+
+
+@contextmanager
+def _holding(blob: Blob, data: Array | None = None, diff: Array | None = None) -> Iterator[None]:
+    """Temporarily replace data and diff of a blob. Blobs that share its memory are not affected."""
+    before = blob._owner, blob._data, blob._diff_owner, blob._diff
+    if data is not None:
+        blob._owner, blob._data = None, data
+    if diff is not None:
+        blob._diff_owner, blob._diff = None, diff
+    try:
+        yield
+    finally:
+        blob._owner, blob._data, blob._diff_owner, blob._diff = before

@@ -11,7 +11,8 @@ In the order in which a frame passes them: frames, body, datasets, fit, estimate
 synthetic renders single frames, sequences renders recordings, and scoring compares results with labels.
 """
 
-import importlib
+import importlib.util
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 __version__ = "0.1.0"  # of the package: setup.cfg and 'handpose --version' read it here
@@ -37,6 +38,12 @@ if TYPE_CHECKING:
     from handpose.output.tracks.json_file import read_track as read_track
     from handpose.tracking.tracker import Tracker as Tracker
     from handpose.tracking.tracker import load_tracker as load_tracker
+
+_FOUND = [spec.origin for name in ("layers", "fast") if (spec := importlib.util.find_spec(name)) and spec.origin]
+if not all(Path(origin).is_relative_to(Path(__file__).parents[1]) for origin in _FOUND):  # a script has its own
+    from netlib.files import own_modules
+
+    own_modules.guard("handpose")
 
 # Each name is imported when it is first used: one who reads the parameters of a camera loads NumPy only.
 _MODULES = {

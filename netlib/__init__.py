@@ -10,11 +10,15 @@ solver.step(10)
 import os
 from typing import TYPE_CHECKING
 
-from netlib import engine
+from netlib.files.paths import ROOT, execute
 
-BLAS_NOTE = engine.prepare()  # must run before NumPy is imported
+# A line for the log. BLAS is configured before NumPy is imported; it affects the rounding of both engines.
+BLAS_NOTE: str = (
+    execute(ROOT / "fast" / "blas.py").configure() if (ROOT / "fast").is_dir() else "BLAS: as NumPy sets it up"
+)
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(1 << 28))  # OpenCV reads this once, when it is imported
 
+from netlib import engine  # noqa: E402
 from netlib.blob import Blob, Blobs  # noqa: E402
 from netlib.building import python_layer  # noqa: E402
 from netlib.errors import (  # noqa: E402

@@ -27,14 +27,12 @@ class Blob:
     shape          shape of both arrays
     data           values
     diff           dL/d(data)
-    on_look        called before an access to data or diff; it computes values that an engine has not stored
-    on_look_data   called before an access to data
+    on_access      called at each access to data or diff while a net does not store the blob
 
     Engines have no subclass for the blobs of a net: scripts of pycaffe compare ``type(blob)`` with this class.
     """
 
-    on_look: Callable[[], None] | None = None
-    on_look_data: Callable[[], None] | None = None
+    on_access: Callable[[], None] | None = None
 
     def __init__(
         self, shape: Iterable[int] = (), dtype: DTypeLike = np.float32, zeros: Zeros = memory.zeros
@@ -69,10 +67,8 @@ class Blob:
     @property
     def data(self) -> Array:
         """The values: at each access another array of this memory, whose own shape and flags may be changed."""
-        while self.on_look is not None:  # stores a hidden blob; then on_look may copy it
-            self.on_look()
-        if self.on_look_data is not None:
-            self.on_look_data()
+        if self.on_access is not None:
+            self.on_access()
         if self._owner is not None:
             return self._owner.data.reshape(self._shape)
         if self._data is None:
@@ -82,8 +78,8 @@ class Blob:
     @property
     def diff(self) -> Array:
         """Gradient of the loss with respect to the values; an array as for ``data``."""
-        while self.on_look is not None:
-            self.on_look()
+        if self.on_access is not None:
+            self.on_access()
         if self._diff_owner is not None:
             return self._diff_owner.diff.reshape(self._shape)
         if self._diff is None:

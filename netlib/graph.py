@@ -13,15 +13,14 @@ import numpy as np
 
 from netlib.blob import Blob, Blobs
 from netlib.building import create
-from netlib.engine.checks import guarded
-from netlib.engine.plain import Connection, Engine
+from netlib.building.params import Parameters
+from netlib.building.splits import insert_splits
+from netlib.engine import Connection, Engine, LayerErrors
 from netlib.errors import LayerError, did_you_mean
 from netlib.layer import Layer, check_backward
-from netlib.params import Parameters
 from netlib.proto import schema
 from netlib.proto.messages import LayerParameter, NetParameter
 from netlib.proto.net_parameter import distinct
-from netlib.splits import insert_splits
 
 log = logging.getLogger("netlib")
 AUTOMATIC = "(automatic)"  # Caffe's name for the unnamed top of a loss layer
@@ -92,8 +91,9 @@ class Graph:
         top = self._tops(layer)
         layer.blobs.bytes_before = self._parameters.bytes
         self.layer_hook.before_setup(layer)
-        guarded(layer, "setup", bottom, top)
-        guarded(layer, "reshape", bottom, top)
+        with LayerErrors(layer, bottom):
+            layer.setup(bottom, top)
+            layer.reshape(bottom, top)
         for note in getattr(layer, "notes", ()):
             log.info("%s: %s", name, note)
         self._connect(layer, bottom, top)

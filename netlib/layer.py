@@ -59,7 +59,6 @@ class Layer:
     keeps_signs: ClassVar[bool] = False  # where a gradient flows, a value is positive after the layer iff it was before
     loss_weight: ClassVar[float] = 0.0  # default loss weight of the first top
     is_input: ClassVar[bool] = False  # the caller writes the tops
-    stored: ClassVar[tuple[str, ...]] = ()  # attributes of bottom[0]'s shape that forward stores for backward
     moving: ClassVar[bool] = False  # forward updates the parameters, which are moving averages
 
     def __init__(self, spec: LayerParameter, phase: Phase | None = None, rng: np.random.Generator | None = None,
@@ -92,14 +91,6 @@ class Layer:
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         """Write the diffs of the bottoms and add to the diffs of the parameters."""
         check_backward(self, propagate_down)
-
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        """Set what forward stores for backward to its value before the first forward in Caffe, mostly zeros.
-
-        Called before a backward without a forward. The base class sets the attributes named in ``stored``.
-        """
-        for name in self.stored:
-            setattr(self, name, np.zeros(bottom[0].shape, self.dtype))
 
     def allow_force_backward(self, bottom_index: int) -> bool:
         """Whether force_backward applies to this bottom; False for labels."""
@@ -153,11 +144,6 @@ def check_backward(layer: Layer, propagate_down: Sequence[bool]) -> None:
     advice = f"rename its method {near[0]!r}" if near else "define it, or set propagate_down: false for each bottom"
     raise layer.fail(f"class {cls.__module__}.{cls.__qualname__} defines no backward, so nothing before this layer "
                      f"would be trained, and none of its own parameters; {advice}")
-
-
-def forward_aside(layer: Layer, bottom: Blobs, top: Blobs) -> None:
-    """Run forward without changing the tops, for a ``clear`` whose values depend on the bottoms only."""
-    layer.forward(bottom, Blobs(Blob(y.shape, layer.dtype) for y in top))
 
 
 def warn(layer: Layer, message: str, at: Place | None = None) -> None:

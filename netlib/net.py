@@ -6,7 +6,9 @@ The interface is pycaffe's: ``net.blobs``, ``net.params``, ``net.forward()``, ``
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import threading
+import weakref
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,7 +19,7 @@ from numpy.typing import DTypeLike, NDArray
 from netlib import engine as engines
 from netlib.blob import Blob
 from netlib.building import python_layer
-from netlib.engine.plain import BackwardHook, Connection
+from netlib.engine import LayerErrors, Step, check_memory
 from netlib.errors import LayerError, NetlibError, did_you_mean
 from netlib.files import Content
 from netlib.graph import Graph, LayerHook
@@ -49,7 +51,7 @@ class Net:
     """A net of layers.
 
     ``Net(model, phase)`` or ``Net(model, weights, phase)``; ``model`` is a file or a parsed NetParameter. ``engine``
-    is "plain" or "fast" (netlib/engine/choice.py). ``python_layers=False`` rejects nets with layers of type Python.
+    is "plain" or "fast" (netlib/engine.py). ``python_layers=False`` rejects nets with layers of type Python.
     ``layer_hook`` is called with each layer before and after its setup.
 
     blobs           name -> Blob, in the order of creation
@@ -60,7 +62,7 @@ class Net:
     connections     the layers in order, each with the blobs that it reads and writes
     losses          (blob, loss weight, name) of every loss
     learnable       list of Param, each shared parameter once
-    executor        runs the layers
+    steps           what a pass runs, in order (netlib/engine.py)
 
     Raises NetlibError (PrototxtError, LayerError, WeightsError) if a file is invalid.
     """
@@ -108,8 +110,13 @@ class Net:
         self.layers = list(self.layer_dict.values())
         self._in_place = {x for at in self.connections for x in at.bottom for y in at.top if x is y}
         self._seeded: dict[int, NDArray[Any]] = {}  # number of a loss -> the diff array that holds its weight
-        outside = [self.blobs[name] for name in [*self.inputs, *self.outputs]] + [blob for blob, _, _ in self.losses]
-        self.executor = self.engine.executor(self.connections, outside, self.name)
+        self._outside = [self.blobs[name] for name in [*self.inputs, *self.outputs]]
+        self._outside += [blob for blob, _, _ in self.losses]
+        self.one_thread = OneThread(self.name)
+        self._fits = False  # whether the check for memory has passed
+        self._by_layer = False  # whether there is a step for each layer, so that a part can run
+        self.steps: Sequence[Step] = []
+        self._make_steps()
         self._seed_losses()
         if weights is not None:
             _, missing = self.copy_from(weights)
@@ -127,29 +134,29 @@ class Net:
         net. ``blobs`` names more blobs to return.
         """
         part = self._part(start, end)
-        with self.executor.one_thread:  # inputs are shared: a second thread would overwrite them
-            if part == (0, None):
-                self.executor.forget_last_pass()
+        with self.one_thread:  # inputs are shared: a second thread would overwrite them
             self._set_inputs({name: _numbers(array, f"input {name!r}") for name, array in inputs.items()})
-            self.executor.forward(*part)
+            self._forward_steps(*part)
         names = self.outputs if end is None else self.layer_dict[end].spec.top
         return {name: self._blob(name).data for name in [*names, *(blobs or [])]}
 
-    def run_forward(self, after: Callable[[Connection], object] | None = None) -> float:
-        """Run all layers and return the loss: the sum of loss_weight x top over all losses.
+    def run_forward(self, first: int = 0, last: int | None = None) -> float:
+        """Run the layers numbered ``first`` up to but not including ``last``, by default all, and return their loss."""
+        self._forward_steps(first, last)
+        return self.loss(slice(first, last))
 
-        ``after``, if given, is called with the connection of each layer after it ran.
-        """
-        if after is None:
-            self.executor.forward()
-        else:
-            for number, at in enumerate(self.connections):
-                self.executor.forward(number, number + 1)
-                after(at)
-        return self.loss()
+    def _forward_steps(self, first: int, last: int | None) -> None:
+        with self.one_thread, np.errstate(all="ignore"):  # the solver reports values that are not finite
+            if (first, last) != (0, None):
+                self._run_by_layer()
+            elif not self._fits:
+                check_memory(self.steps)
+                self._fits = True
+            for step in self.steps[first:last]:
+                step.forward()
 
     def loss(self, layers: slice = slice(None)) -> float:
-        """The loss of the last forward pass, or the part of it from some layers."""
+        """The loss of the last forward pass, or the part of it from some layers: the sum of loss_weight x top."""
         tops = {blob for at in self.connections[layers] for blob in at.top}
         losses = [(blob, weight) for blob, weight, _ in self.losses if blob in tops]
         return float(sum(weight * float(blob.data.sum(dtype=np.float64)) for blob, weight in losses))
@@ -163,7 +170,7 @@ class Net:
         blobs whose diffs to return.
         """
         part = self._part(end, start)
-        with self.executor.one_thread:
+        with self.one_thread:
             self._seed_losses()
             for name, array in tops.items():
                 diff, given = self._blob(name).diff, _numbers(array, f"output {name!r}")
@@ -173,22 +180,49 @@ class Net:
                     raise LayerError(
                         f"output {name!r} has shape {diff.shape}, got an array of shape {given.shape}"
                     ) from None
-            self.executor.backward(*part)
+            self._backward_steps(*part)
         names = self.inputs if end is None else self.layer_dict[end].spec.bottom
         return {name: self._blob(name).diff for name in [*names, *(diffs or [])]}
 
-    def run_backward(
-        self, on_done: BackwardHook | None = None, after: Callable[[Connection], object] | None = None
-    ) -> None:
-        """Run all layers backwards, adding to the diffs of the parameters. ``after`` as in ``run_forward``."""
-        with self.executor.one_thread:
+    def run_backward(self, first: int = 0, last: int | None = None) -> None:
+        """Run the layers numbered ``first`` up to but not including ``last`` backwards, by default all, from the last
+        to the first, adding to the diffs of the parameters.
+        """
+        with self.one_thread:
             self._seed_losses()
-            if after is None:
-                self.executor.backward(on_done=on_done)
-                return
-            for number, at in reversed(list(enumerate(self.connections))):
-                self.executor.backward(number, number + 1, on_done)
-                after(at)
+            self._backward_steps(first, last)
+
+    def _backward_steps(self, first: int, last: int | None) -> None:
+        with self.one_thread, np.errstate(all="ignore"):
+            if not all(at.has_run() for at in self.connections[first:last]):
+                self._run_missing(first, last)
+            if (first, last) != (0, None):
+                self._run_by_layer()
+            for step in reversed(self.steps[first:last]):
+                step.backward()
+
+    def _run_missing(self, first: int, last: int | None) -> None:
+        """Run forwards, once, the layers whose backward will run and that have not run with the current shapes. Blobs
+        that another layer has read keep their data.
+
+        Raises NetlibError if such a layer reads data or draws random numbers: this would change the next pass.
+        """
+        self.reshape()
+        self._run_by_layer()
+        missing = [step for step in self.steps[first:last] if not step.connections[0].has_run()]
+        layers = [step.connections[0].layer for step in missing]
+        before = snapshot.as_plain({layer.name: layer.state() for layer in layers})
+        read = {blob for at in self.connections if at.has_run() for blob in at.bottom}
+        kept = [(blob, blob.data.copy()) for step in missing for blob in step.connections[0].top if blob in read]
+        for layer, step in zip(layers, missing):
+            if not layer.spec.bottom and not layer.is_input:
+                raise layer.fail("backward was called before forward, which reads data: run forward first")
+            step.forward()
+            if snapshot.as_plain(layer.state()) != before[layer.name]:
+                self.restore_layer_states(before)
+                raise layer.fail("backward was called before forward, which draws random numbers: run forward first")
+        for blob, data in kept:
+            blob.data[...] = data
 
     def _seed_losses(self) -> None:
         """Set the diff of each loss to its weight: the loss is the sum of loss_weight x top, so dL/dtop = loss_weight.
@@ -237,8 +271,50 @@ class Net:
 
     def reshape(self) -> None:
         """Reshape all blobs after an input blob was reshaped."""
-        self.executor.reshape()
-        self._seed_losses()
+        with self.one_thread:
+            self._fits = False
+            for at in self.connections:
+                with LayerErrors(at.layer, at.bottom):
+                    at.layer.reshape(at.bottom, at.top)
+                if not at.has_run():
+                    at.ran_with = None
+            self._make_steps()
+            self._seed_losses()
+
+    # ------------------------------------------------------------------------------------------ steps
+
+    def _make_steps(self) -> None:
+        """Make the steps for the current shapes, unless there is one for each layer already."""
+        if self._by_layer:
+            return
+        old, self.steps = self.steps, self.engine.steps(self.connections, self._outside, self.steps)
+        for blob in [blob for step in old for blob in step.unstored]:
+            blob.on_access = None
+        for at in [at for step in self.steps if step not in old for at in step.connections]:
+            at.ran_with = None
+        self._watch(self.steps)
+
+    def _watch(self, steps: Sequence[Step]) -> None:
+        """Let the first access to an unstored blob store all blobs."""
+        for step in steps:
+            for blob in step.unstored:
+                blob.on_access = partial(_store, weakref.ref(self))
+
+    def _run_by_layer(self) -> None:
+        """From now on run a step for each layer, which stores all blobs, with the values of the last pass."""
+        if self._by_layer:
+            return
+        old, by_layer = self.steps, self.engine.steps_by_layer(self.connections)
+        for blob in [blob for step in old for blob in step.unstored]:
+            blob.on_access = None
+        try:
+            with np.errstate(all="ignore"):
+                for step in old:
+                    step.compute_unstored()
+        except BaseException:
+            self._watch(old)
+            raise
+        self.steps, self._by_layer = by_layer, True
 
     def clear_param_diffs(self) -> None:
         """Set the gradients of all parameters to zero."""
@@ -290,6 +366,41 @@ class Net:
         for name, state in states.items():
             if name in self.layer_dict:
                 self.layer_dict[name].restore(state)
+
+
+class OneThread:
+    """Context manager for one thread at a time, which may enter again; another gets a NetlibError, because two threads
+    that run one net would mix up their batches. ``name`` is that of the net.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._lock = threading.RLock()
+        self.depth = 0  # how often its thread has entered
+
+    def __enter__(self) -> None:
+        if not self._lock.acquire(blocking=False):
+            raise NetlibError(
+                f"net {self._name!r} is in use by another thread; use a separate net in each thread "
+                "(share_params gives them the same weights), or serialize the calls"
+            )
+        self.depth += 1
+
+    def __exit__(self, *exception: object) -> None:
+        self.depth -= 1
+        self._lock.release()
+
+
+def _store(net: weakref.ref[Net]) -> None:
+    """Store all blobs of a net before the first access to one that it did not store. Raises NetlibError."""
+    owner = net()
+    if owner is None:
+        raise NetlibError("this blob was not stored and its net is gone; read it, or copy it, before")
+    with owner.one_thread:
+        if owner.one_thread.depth > 1:
+            raise NetlibError(f"net {owner.name!r}: a blob that is not stored is read during a pass; read it once "
+                              "before, so that the net stores all blobs")
+        owner._run_by_layer()
 
 
 def _numbers(array: Any, what: str) -> NDArray[Any]:

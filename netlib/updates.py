@@ -29,8 +29,8 @@ import numpy as np
 import scipy
 
 from netlib.blob import Array
+from netlib.building.params import Param
 from netlib.errors import DivergenceError
-from netlib.params import Param
 from netlib.proto.messages import ParamSpec, SolverParameter
 from netlib.system import memory
 

@@ -65,7 +65,7 @@ def test_a_solver_trains(bare: Path) -> None:
 # Tests that query or use the default engine. The others do not depend on it, or run on the plain engine in the
 # whole suite as well; a contract of `make lint` ensures that nothing imports fast/ by name.
 WHERE_IT_COUNTS = (
-    "test_nets.py", "netlib/engine/test_engine.py", "netlib/caffe/test_pycaffe.py",
+    "test_nets.py", "netlib/test_engine.py", "netlib/caffe/test_pycaffe.py",
     "tools/test_time.py", "tools/test_tools.py::test_main", "tools/test_tools.py::test_engine",
     "tools/test_predict.py::test_a_hand_with_the_packaged_weights",
 )

@@ -25,7 +25,7 @@ import tools
 tools.begin(__name__)
 
 from tools.common import training
-from tools.common.arguments import add_engine, count, natural, parser_of, seconds, workers
+from tools.common.arguments import add_engine, count, natural, parser_of, workers
 from tools.common.console import guarded
 from tools.common.ranks import only_first_prints, world
 
@@ -48,8 +48,6 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--log", metavar="FILE", help="log file, in addition to stderr; a resumed training appends")
     parser.add_argument("--ranks-divide-batch", action="store_true",
                         help="split the net's batch among the processes instead of running it on each")
-    parser.add_argument("--patience", type=seconds, metavar="S",
-                        help="timeout of a process in a step (default: 20 steps, at least 10 s)")
     with only_first_prints():
         args = parser.parse_args(argv)
         if args.snapshot and args.weights:
@@ -60,7 +58,7 @@ def main(argv: list[str] | None = None) -> int:
 def run(args: argparse.Namespace) -> int:
     """Train the net."""
     with only_first_prints():
-        ranks = world(args.ranks_divide_batch, args.patience)
+        ranks = world(args.ranks_divide_batch)
     return training.train(
         args.solver,
         snapshot=args.snapshot,

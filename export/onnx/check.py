@@ -23,7 +23,7 @@ import numpy as np
 from export.onnx.graph import package
 from handpose.estimate.nets import Unfilled
 from netlib.blob import Array
-from netlib.engine.plain import Connection
+from netlib.engine import Connection
 from netlib.net import Net
 
 TOLERANCE = 1e-5
@@ -117,9 +117,9 @@ def _of_layers(
                 blob.data[...] = inputs[name]
             continue
         with _rounding_errors(at, rng):
-            exact.executor.forward(number, number + 1)
+            exact.run_forward(number, number + 1)
             rounded = {name: blob.data.copy() for name, blob in tops.items()}
-        exact.executor.forward(number, number + 1)
+        exact.run_forward(number, number + 1)
         for name, blob in tops.items():
             if name in found and writers[name] is at:
                 yield name, compared(found[name], rounded[name], blob.data)

@@ -47,9 +47,6 @@ class Elementwise(Layer):
         for part in blocks(x.size, BLOCK):
             y[part] = self._value(x[part])
 
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.x = bottom[0].data.copy()
-
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
             read = top[0].data if self.from_y else self.x if bottom[0] is top[0] else bottom[0].data

@@ -62,9 +62,6 @@ class PReLU(Layer):
         slope = self.slope.data.reshape(self.wide)
         np.add(positive(self.x), slope * negative(self.x), out=top[0].data)
 
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.x = np.zeros(bottom[0].shape, self.dtype) if bottom[0] is top[0] else bottom[0].data
-
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         dy, slope = top[0].diff, self.slope.data.reshape(self.wide)
         self.slope.diff[...] += (dy * negative(self.x)).sum(axis=self.others)

@@ -81,9 +81,6 @@ class Scale(Layer):
         if self.param.bias_term:
             top[0].data[...] += self._wide(self.bias.data)
 
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.x = np.zeros(bottom[0].shape, self.dtype) if bottom[0] is top[0] else bottom[0].data
-
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         dy = top[0].diff
         gain = self.gain.data if self.learned else bottom[1].data

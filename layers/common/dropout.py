@@ -59,9 +59,6 @@ class Dropout(Layer):
             self.factor = (drawn >= least) * self.in_training
         top[0].data[...] = bottom[0].data * self.factor
 
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.factor = self.dtype.type(0) if self.active else self.in_test
-
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
             bottom[0].diff[...] = top[0].diff * self.factor

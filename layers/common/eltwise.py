@@ -38,7 +38,6 @@ class Eltwise(Layer):
     """Product, weighted sum or maximum of blobs."""
 
     param_type = EltwiseParameter
-    stored = ("winner",)
     bottoms = (2, None)
     tops = (1, 1)
     in_place = False

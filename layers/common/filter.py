@@ -51,9 +51,6 @@ class Filter(Layer):
             y.reshape(len(self.passed), *x.shape[1:])
             y.data[...] = x.data[self.passed]
 
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.passed = np.zeros(0, int)
-
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[-1]:
             raise self.fail(f"the selector {self.spec.bottom[-1]!r} has no gradient; set propagate_down: false")

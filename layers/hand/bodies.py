@@ -11,7 +11,7 @@ from numpy.typing import DTypeLike
 from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import Skeleton
 from netlib import engine
-from netlib.engine.plain import Engine
+from netlib.engine import Engine
 
 
 def kinematics_of(skeleton: Skeleton, dtype: DTypeLike = np.float64) -> Kinematics:

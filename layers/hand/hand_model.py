@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import Skeleton, load_for
 from netlib.blob import Array, Blobs
-from netlib.layer import Layer, forward_aside
+from netlib.layer import Layer
 from netlib.proto.schema import numbered
 
 
@@ -60,9 +60,6 @@ class HandModel(Layer):
     def _body(self, bottom: Blobs) -> tuple[Array, ...]:
         """Arguments of the kinematics: inputs (N, D) and, if they differ from the skeleton's, bone lengths (N, K)."""
         return (bottom[0].data.reshape(-1, len(self.skeleton.dof_names)),)
-
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        forward_aside(self, bottom, top)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:

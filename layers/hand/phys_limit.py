@@ -20,7 +20,7 @@ import numpy as np
 
 from layers.hand.skeleton import load_for
 from netlib.blob import Blobs
-from netlib.layer import Layer, forward_aside
+from netlib.layer import Layer
 from netlib.proto.schema import numbered
 
 
@@ -65,9 +65,6 @@ class PhysLimit(Layer):
         v = np.abs(self.beyond)
         total = v.sum() if self.param.norm == "L1" else np.vdot(v, v)
         top[0].data[...] = total / len(x)
-
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        forward_aside(self, bottom, top)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:

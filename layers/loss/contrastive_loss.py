@@ -75,9 +75,6 @@ class ContrastiveLoss(Layer):
         self.pull = np.where(similar, 1, -push * (deficit > 0))
         top[0].data[...] = np.where(similar, squared, cost).sum() / (2 * len(a))
 
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.difference, self.pull = np.zeros(self.shape, self.dtype), np.zeros(self.shape[0], self.dtype)
-
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[2]:
             raise self.fail("has no gradient for its labels; set propagate_down: false for them")

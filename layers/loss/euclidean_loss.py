@@ -13,8 +13,6 @@ dL, the diff of the top, is the loss weight. Kept for backward: ``difference`` =
 
 from __future__ import annotations
 
-import numpy as np
-
 from layers.loss.labels import items_and_values
 from netlib.blob import Blobs
 from netlib.layer import Layer
@@ -36,9 +34,6 @@ class EuclideanLoss(Layer):
         a, b = (x.data.reshape(self.items, self.values) for x in bottom)
         self.difference = a - b
         top[0].data[...] = (self.difference**2).sum() / (2 * self.items)
-
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.difference = np.zeros((self.items, self.values), self.dtype)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         for x, down, sign in zip(bottom, propagate_down, (1, -1)):

@@ -50,9 +50,6 @@ class HingeLoss(LabelLoss):
         cost = self.margins if self.param.norm == "L1" else self.margins**2
         top[0].data[...] = cost.sum() / len(x)
 
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.margins = self.sign = np.zeros(self.shape, self.dtype)
-
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[1]:
             raise self.fail("has no gradient for its labels; set propagate_down: false for them")

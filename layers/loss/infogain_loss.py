@@ -27,7 +27,6 @@ from layers.loss import labels as labels_of
 from layers.loss.labels import LabelLoss
 from netlib.blob import Array, Blobs
 from netlib.files.paths import find
-from netlib.layer import forward_aside
 from netlib.proto.binaryproto import read_blob
 from netlib.proto.messages import LossParameter
 from netlib.proto.schema import numbered
@@ -85,10 +84,6 @@ class InfogainLoss(LabelLoss):
         top[0].data[...] = total / self.divisor
         if len(top) > 1:
             top[1].data[...] = np.moveaxis(self.p, -1, self.axis)
-
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        forward_aside(self, bottom, top)
-        self.p = np.zeros_like(self.p)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if any(propagate_down[1:]):

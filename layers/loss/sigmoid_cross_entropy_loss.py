@@ -23,7 +23,6 @@ from layers.activation.elementwise import positive, sigmoid
 from layers.loss import labels as labels_of
 from layers.loss.labels import LabelLoss, items_and_values
 from netlib.blob import Blobs
-from netlib.layer import forward_aside
 from netlib.proto.messages import LossParameter
 
 
@@ -46,9 +45,6 @@ class SigmoidCrossEntropyLoss(LabelLoss):
         cost = positive(x) - target * x + np.log1p(np.exp(-np.abs(x)))
         self.divisor = labels_of.divisor(self.normalization, self.counts, len(x))
         top[0].data[...] = (cost if self.counts.all() else cost[self.counts]).sum() / self.divisor
-
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        forward_aside(self, bottom, top)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[1]:

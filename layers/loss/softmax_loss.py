@@ -35,7 +35,6 @@ class SoftmaxWithLoss(LabelLoss):
     param_name = "softmax_param"
     other_blocks: ClassVar[dict[str, type]] = {"loss_param": LossParameter}
     tops = (1, 2)
-    stored = ("p",)
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         self.loss_param: LossParameter = self.read_block("loss_param", LossParameter)

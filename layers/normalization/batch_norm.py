@@ -55,7 +55,6 @@ class BatchNorm(Layer):
     rejected_blocks: ClassVar[dict[str, str]] = {
         "bn_param": 'bn_param belongs to the type BN; expected batch_norm_param, or type: "BN"'
     }
-    stored = ("s", "y")
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         given = self.param.use_global_stats

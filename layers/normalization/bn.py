@@ -63,7 +63,6 @@ class BN(Layer):
     bottoms = (1, 1)
     tops = (1, 3)
     moving = True
-    stored = ("s", "z")
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         p = self.param

@@ -42,7 +42,6 @@ class LRN(Layer):
     param_type = LRNParameter
     bottoms = tops = (1, 1)
     in_place = False
-    stored = ("s",)
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         p = self.param

@@ -59,9 +59,6 @@ class MVN(Layer):
             self.y = y = y / self.s
         top[0].data[...] = y
 
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.y = self.s = np.zeros(top[0].shape, self.dtype)
-
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if not propagate_down[0]:
             return

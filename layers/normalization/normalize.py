@@ -65,9 +65,6 @@ class Normalize(Layer):
         self.u = x / self.s
         np.multiply(self.u, self.scale.data.reshape(self.wide), out=top[0].data)
 
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.u = self.s = np.zeros(bottom[0].shape, self.dtype)
-
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         dy = top[0].diff
         self.scale.diff[...] += (self.u * dy).sum(axis=self.others)

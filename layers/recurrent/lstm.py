@@ -47,13 +47,6 @@ class LSTM(Recurrent):
         top[0].data[...] = y.swapaxes(1, 2)
         self._keep_states((h, c), top)
 
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        T, N, D = top[0].shape
-        self.r, self.c = np.zeros((T, D, N), self.dtype), np.zeros((T + 1, D, N), self.dtype)
-        self.gate = np.zeros((T, 4, D, N), self.dtype)  # of zeros: g is 0, the other gates are 1/2
-        self.gate[:, :3] = 0.5
-        self.gate[:, 1] *= bottom[1].data[:, None]
-
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         w_h, cont = self.w_h.data.T, self._cont(bottom)
         of_c, of_x = slopes(self.c[:-1], self.c[1:], self.gate)

@@ -25,7 +25,7 @@ from __future__ import annotations
 import numpy as np
 
 from netlib.blob import Array, Blobs
-from netlib.layer import Layer, forward_aside
+from netlib.layer import Layer
 
 
 class LSTMUnit(Layer):
@@ -52,9 +52,6 @@ class LSTMUnit(Layer):
         c_before, x, cont = (blob.data[0] for blob in bottom)
         self.gate = x.reshape(len(x), 4, -1).swapaxes(0, 1).copy()
         top[0].data[0], top[1].data[0] = step(c_before, self.gate, cont[:, None])
-
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        forward_aside(self, bottom, top)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[2]:

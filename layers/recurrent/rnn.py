@@ -50,10 +50,6 @@ class RNN(Recurrent):
         top[0].data[...] = self.o.swapaxes(1, 2)
         self._keep_states([h.copy()], top)
 
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        T, N, D = top[0].shape
-        self.r = self.h = self.o = np.zeros((T, D, N), self.dtype)
-
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         cont, w_h = self._cont(bottom), self.w_h.data.T
         da = top[0].diff.swapaxes(1, 2) * (1 - self.o**2)

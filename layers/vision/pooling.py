@@ -12,7 +12,7 @@ the last window, even if it is the only one, may extend beyond the edge; with pa
 that starts beyond the image is dropped. MAX selects the first of equal values and never padding. The area of AVE
 includes padding but nothing beyond it. An empty window (stride > kernel) gives -FLT_MAX or NaN. No gradient of masks.
 
-Kept for backward: ``winners``, index of each output of MAX in its window, row-major; empty: all at (0, 0) of the map.
+Kept for backward: ``winners``, index of each output of MAX in its window, row-major.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Pooling(SlidingWindow):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x, y = bottom[0].data, top[0].data
-        self.winners: Array = np.empty(y.shape, int)
+        self.winners = np.empty(y.shape, int)
         for n in range(len(x)):
             windows = self.windows(self.padded(x[n], y.shape, -np.inf if self.is_max else 0), y.shape)
             if self.is_max:
@@ -75,9 +75,6 @@ class Pooling(SlidingWindow):
                 with np.errstate(invalid="ignore"):  # an empty window is 0 / 0
                     y[n] = windows.sum(axis=0) / self.area(x.shape, y.shape)
 
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.winners = np.zeros(0, int)
-
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if not propagate_down[0]:
             return
@@ -87,7 +84,7 @@ class Pooling(SlidingWindow):
         for n in range(len(dx)):
             padded = self.padded(np.zeros_like(dx[n]), dy.shape, 0)
             if self.is_max:
-                i, j = np.divmod(self.winners[n], self.kernel[1]) if self.winners.size else (ph - h * sh, pw - w * sw)
+                i, j = np.divmod(self.winners[n], self.kernel[1])
                 np.add.at(padded, (c, h * sh + i, w * sw + j), dy[n])
             else:
                 with np.errstate(invalid="ignore", divide="ignore"):

@@ -70,9 +70,6 @@ class ROIPooling(Layer):
                     y[r, :, i, j] = flat.max(axis=1)
                     self.winners[r, :, i, j] = (top_row + h) * x.shape[3] + left + w
 
-    def clear(self, bottom: Blobs, top: Blobs) -> None:
-        self.winners, self.items = np.full(top[0].shape, -1), np.zeros(len(top[0].data), int)
-
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         for blob, down in zip(bottom, propagate_down):
             if down:

@@ -35,7 +35,7 @@ def create(
 ) -> Layer:
     """Create the layer that ``spec`` describes. Raises PrototxtError or LayerError.
 
-    ``implementation`` maps the class to an equivalent one of the engine (netlib/engine/choice.py).
+    ``implementation`` maps the class to an equivalent one of the engine (netlib/engine.py).
     """
     types = layer_types()
     where = schema.position_of(spec, "type")

@@ -13,7 +13,7 @@ from netlib.training import glog
 
 _log = logging.getLogger("netlib")
 _LEVELS = (logging.INFO, logging.WARNING, logging.ERROR, logging.CRITICAL)  # glog's levels 0 to 3
-_ADVICE = "run several solvers as processes of mpiexec, with the callback DataParallel: docs/distributed.md"
+_ADVICE = "run several solvers as processes of mpiexec, with ranks=MPIRanks(...): docs/distributed.md"
 
 
 class Timer:

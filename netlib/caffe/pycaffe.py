@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from netlib import net as core
 from netlib.blob import Array, Blob, BlobVec
-from netlib.engine.plain import BackwardHook, Connection, Executor
+from netlib.engine import Connection, Step
 from netlib.errors import LayerError
 from netlib.graph import AUTOMATIC
 from netlib.proto import messages, schema
@@ -23,7 +23,6 @@ from netlib.snapshots import weights as weights_of
 from netlib.snapshots.snapshot import write_weights
 from netlib.solver import Solver as CoreSolver
 from netlib.training import solver_parameter
-from netlib.training.callbacks import Functions
 from netlib.updates import learning_rate
 
 log = logging.getLogger("netlib")
@@ -141,18 +140,17 @@ class Net(core.Net):
 
     def _add_hook(self, when: str, hook: Hook) -> None:
         if not self._hooks:
-            self.executor = _HookedExecutor(self.executor, self._hooks)
+            self._run_by_layer()
+            self.steps = [_HookedStep(step, number, self._hooks) for number, step in enumerate(self.steps)]
         self._hooks.setdefault(when, []).append(hook)
 
     def _forward(self, start: int, end: int) -> float:
         """Run the layers numbered ``start`` to ``end``, inclusive, and return their loss."""
-        self.executor.forward(start, end + 1)
-        return self.loss(slice(start, end + 1))
+        return self.run_forward(start, end + 1)
 
     def _backward(self, start: int, end: int) -> None:
         """Run the layers numbered ``start`` down to ``end``, inclusive, backwards."""
-        self._seed_losses()
-        self.executor.backward(end, start + 1)
+        self.run_backward(end, start + 1)
 
     def forward_all(self, blobs: Iterable[str] | None = None, **inputs: Any) -> dict[str, Array]:
         """Run any number of items, batch by batch; returns outputs and ``blobs`` for all of them.
@@ -229,39 +227,26 @@ def _cut(found: Mapping[str, list[Array]], given: Mapping[str, Array]) -> dict[s
     return {name: np.asarray(items[:count]) for name, items in found.items()}
 
 
-class _HookedExecutor(Executor):
-    """Runs layer by layer and calls hooks before and after each."""
+class _HookedStep(Step):
+    """Runs the step of a layer and calls hooks before and after it."""
 
-    def __init__(self, inner: Executor, hooks: Mapping[str, list[Hook]]) -> None:
-        self._inner, self._hooks = inner, hooks
+    def __init__(self, step: Step, number: int, hooks: Mapping[str, list[Hook]]) -> None:
+        super().__init__(step.connections[0])
+        self._step, self._number, self._hooks = step, number, hooks
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._inner, name)
-
-    def reshape(self) -> bool:
-        return self._inner.reshape()
-
-    def forget_last_pass(self) -> None:
-        self._inner.forget_last_pass()
-
-    def hidden(self) -> list[Blob]:
-        return self._inner.hidden()
-
-    def _call(self, when: str, number: int) -> None:
+    def _call(self, when: str) -> None:
         for hook in self._hooks.get(when, []):
-            hook(number)
+            hook(self._number)
 
-    def forward(self, first: int = 0, last: int | None = None) -> None:
-        for number in range(first, len(self._inner.connections) if last is None else last):
-            self._call("before_forward", number)
-            self._inner.forward(number, number + 1)
-            self._call("after_forward", number)
+    def forward(self) -> None:
+        self._call("before_forward")
+        self._step.forward()
+        self._call("after_forward")
 
-    def backward(self, first: int = 0, last: int | None = None, on_done: BackwardHook | None = None) -> None:
-        for number in reversed(range(first, len(self._inner.connections) if last is None else last)):
-            self._call("before_backward", number)
-            self._inner.backward(number, number + 1, on_done)
-            self._call("after_backward", number)
+    def backward(self) -> None:
+        self._call("before_backward")
+        self._step.backward()
+        self._call("after_backward")
 
 
 # ---------------------------------------------------------------------------------------------- solvers
@@ -319,10 +304,6 @@ class Solver(CoreSolver):
     def lr(self) -> float:
         """The learning rate of the next update."""
         return learning_rate(self._param, self.iter)
-
-    def add_callback(self, on_start: Callable[[], Any], on_gradients_ready: Callable[[], Any]) -> None:
-        """Call the first function before each iteration, the second when its gradients are ready."""
-        self.callbacks.append(Functions(on_start, on_gradients_ready))
 
     def share_weights(self, net: core.Net) -> None:
         """Make a net share this solver's weights."""

@@ -1,84 +1,75 @@
-"""Ranks over MPI (mpi4py): averaging gradients, agreement, and joint termination.
+"""Ranks over MPI (mpi4py): means of gradients, agreement on losses, requests and errors.
 
     mpiexec -n 4 python -m mpi4py tools/train.py SOLVER
 
-**Means** of the gradients are computed in the order of the ranks (allreduce.py). On several machines this starts while
-layers still run backwards.
+**Means** are summed in the order of the ranks, so that trainings give bitwise equal results. Arrays are packed into one
+flat buffer of N shards. In the first round every rank sends shard r to rank r, which sums them from first rank to last
+and divides by N; in the second it sends the mean to all. Each rank sends and receives 2 (N - 1) / N times the bytes of
+the arrays, which is optimal (Thakur, Rabenseifner and Gropp 2005, Sec. 4).
 
-**Agreement**: every rank then sends rank 0 five numbers (loss, request, failure flag, checksum, whether averages are in
-progress), and rank 0 sends the table to all. A signal that reaches the ranks in different steps therefore stops all of
-them after the same step, and an error of one rank is raised on all.
-
-**Timeouts**: if a rank stops responding, the others end too. No call blocks: a waiting rank polls its requests, the
-clock, heartbeats of rank 0 (``alive``), and roll calls, in which rank 0 finds out which rank does not respond.
+**Agreement**: after each step every rank sends four numbers (loss, request, failure flag, checksum) to all. A signal
+that reaches the ranks in different steps therefore stops all of them after the same step, and an error of one rank is
+raised on all. If a rank ends in another way, ``-m mpi4py`` and the launcher end the others.
 """
 
 from __future__ import annotations
 
-import faulthandler
+import contextlib
 import json
-import os
-import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from netlib.blob import Array
-from netlib.distributed.allreduce import Averaging, Gradients, Means, Requests
-from netlib.distributed.ranks import Ranks
-from netlib.engine.plain import BackwardHook
+from netlib.distributed import ranks
+from netlib.distributed.ranks import Ranks, Request
+from netlib.distributed.shard import RankOfLayers, Shard
 from netlib.errors import DataError, DivergenceError, NetlibError, WeightsError, reason_of
-from netlib.training.callbacks import Request
+from netlib.net import Net
+from netlib.system import memory
 
 REQUESTS: tuple[Request | None, ...] = (None, "snapshot", "stop")
 STOP = REQUESTS.index("stop")
 ERRORS: dict[str, type[NetlibError]] = {
     cls.__name__: cls for cls in (NetlibError, DataError, DivergenceError, WeightsError)
 }
-LOSS, ASKED, FAILED, CHECKSUM, UNDER_WAY = range(5)  # columns of the table
-NO_CHECKSUM = -1.0
-TO_ROOT, TO_ALL, ALIVE, HERE = range(1, 5)  # message tags
-ROLL_CALL = -1.0  # sent instead of a number of seconds
-START_S = 120.0  # timeout before the first step
-MIN_S, STEPS = 10.0, 20.0  # later timeout: MIN_S, or STEPS times the longest step so far, if that is more
-ALIVE_EVERY_S = 1.0
-ABORT_S = 3
+LOSS, ASKED, FAILED, CHECKSUM = range(4)  # columns of the table
+COMPARED_EVERY = 100  # iterations between comparisons of the parameters
 SPIN, NAP_S = 2000, 1e-4  # polls without a pause, then the pause between polls, as ranks may share cores
 
 
 class MPIRanks(Ranks):
-    """The ranks of a communicator of mpi4py.
-
-    divide    split the prototxt's batch among the ranks instead of using it on each
-    patience  timeout in s for a rank in a step; by default derived from the duration of the steps
+    """The ranks of a communicator of mpi4py. ``divide`` splits the prototxt's batch among them instead of using it on
+    each.
     """
 
-    def __init__(self, comm: Any, divide: bool = False, patience: float | None = None) -> None:
+    def __init__(self, comm: Any, divide: bool = False) -> None:
         from mpi4py import MPI
 
         self._mpi, self._comm = MPI, comm.Dup()
-        self.rank, self.count, self.divide = comm.Get_rank(), comm.Get_size(), divide
+        self.rank, self.count = comm.Get_rank(), comm.Get_size()
+        self.shard = Shard(self.rank, self.count, divide)
+        self.layer_hook = RankOfLayers(self.shard)
         on_this_machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
         self.on_machine = on_this_machine.Get_size()
         on_this_machine.Free()
-        self.patience = patience
-        self._longest: float | None = None  # duration of the longest step so far
-        self._since: float | None = None  # time of the last agreement; None if other work followed
-        self._asked = 0
+        self._asked: Request | None = None
         self._agreed: NetlibError | None = None  # an error that all ranks raise
-        self._last_heartbeat = 0.0
-        self._heartbeats: list[Any] = []
-        self._means = Means(comm.Dup(), self._wait)
-        self._gradients: Gradients | None = None
-        self._under_way: Averaging | None = None
+        self._buffers: dict[Any, tuple[Array, Array]] = {}
+        ranks.latest = self
 
     # ------------------------------------------------------------------------------------------ agreement
 
+    def of_root(self, number: int) -> int:
+        """Exchange all numbers and return that of rank 0."""
+        self._exchange()
+        return int(self._exchange_values(number)[0])
+
     def introduce(self, facts: Mapping[str, Any]) -> None:
         """Compare the facts of all ranks."""
-        self._exchange(0.0, None, None)
+        self._exchange()
         everyone: list[dict[str, Any]] = self._exchange_values(dict(facts))
         for rank, other in enumerate(everyone):
             for name, value in everyone[0].items():
@@ -88,85 +79,79 @@ class MPIRanks(Ranks):
                         f"rank {rank} has another {name} than rank 0: {theirs}, not {own}; expected the same on all"
                     )
 
-    def of_root(self, number: int) -> int:
-        """Exchange all numbers and return that of rank 0."""
-        self._exchange(0.0, None, None)
-        return int(self._exchange_values(number)[0])
-
-    def agree(self, loss: float, request: Request | None, checksum: int | None) -> float:
-        """Exchange the five numbers once."""
-        table = self._exchange(loss, request, checksum)
-        now = time.monotonic()
-        if self._since is not None:
-            self._longest = max(self._longest or 0.0, now - self._since)
-        self._since = now
-        self._asked = max(int(table[0, ASKED]), STOP * int(table[:, ASKED].max() == STOP))
+    def agree(
+        self, loss: float, request: Request | None, net: Net | None = None, iteration: int | None = None
+    ) -> float:
+        """Exchange the four numbers once, then average."""
+        trained = [param for param in net.learnable if param.spec.lr_mult] if net and iteration is not None else []
+        is_compared = iteration is not None and iteration % COMPARED_EVERY == 0
+        table = self._exchange(loss, request, ranks.checksum(trained) if is_compared else 0)
+        self._asked = "stop" if STOP in table[:, ASKED] else REQUESTS[int(table[0, ASKED])]
         different = np.flatnonzero(table[:, CHECKSUM] != table[0, CHECKSUM])
         if len(different):
-            self._settle(table)
             raise self._record(
                 f"the parameters of rank {different[0]} differ from those of rank 0: faulty memory, a different "
                 "processor, or a callback that changed them; the last snapshot is untouched"
             )
+        self.average([param.blob.diff for param in trained])
+        self.average(ranks.moving(net) if net else [])
         return float(table[:, LOSS].mean())
-
-    def fail(self, error: Exception) -> Exception:
-        """Report the failure instead of the message that the others wait for."""
-        if error is not self._agreed:
-            try:
-                self._exchange(0.0, None, None, failed=error)
-            except NetlibError as agreed:
-                return agreed
-        return error
-
-    def _record(self, message: str, kind: type[NetlibError] = NetlibError) -> NetlibError:
-        """Remember and return an error that every rank raises."""
-        self._agreed = kind(message)
-        return self._agreed
 
     def asked(self, own: Request | None) -> Request | None:
         """The request that the last exchange agreed on."""
-        return REQUESTS[self._asked]
-
-    def from_root(self, own: Request | None) -> Request | None:
-        """Exchange the five numbers and return the request of rank 0."""
-        self._since = None  # the work of rank 0 before this does not count as a step
-        return REQUESTS[int(self._exchange(0.0, own, None)[0, ASKED])]
+        return self._asked
 
     def gather(self, value: Mapping[str, Any]) -> list[dict[str, Any]]:
         """Exchange all values; rank 0 keeps those of the others."""
-        self._exchange(0.0, None, None)
+        self._exchange()
         everyone: list[dict[str, Any]] = self._exchange_values(dict(value))
         return everyone[1:] if self.rank == 0 else []
 
-    def alive(self, seconds: float = 0.0) -> None:
-        """Send a heartbeat to the other ranks, at most once every ALIVE_EVERY_S."""
-        now = time.monotonic()
-        if self.rank == 0 and (seconds or now - self._last_heartbeat > ALIVE_EVERY_S):
-            self._last_heartbeat = now
-            self._heartbeats = [request for request in self._heartbeats if not request.Test()]  # keeps buffers alive
-            self._heartbeats += [self._comm.Isend(np.array([seconds]), r, ALIVE) for r in range(1, self.count)]
+    def at_root(self, work: Callable[[], object], request: Callable[[], Request | None] = lambda: None) -> None:
+        """Work at rank 0 while the others wait."""
+        with self.together():
+            if self.rank == 0:
+                work()
+            self._asked = REQUESTS[int(self._exchange(request=request())[0, ASKED])]
+
+    @contextlib.contextmanager
+    def together(self) -> Iterator[None]:
+        """Context manager: a NetlibError raised in it on one rank is raised on all."""
+        try:
+            yield
+        except NetlibError as error:
+            agreed = self.fail(error)
+            if agreed is error:
+                raise
+            raise agreed from error
+
+    def fail(self, error: Exception) -> Exception:
+        """Raise the error on the other ranks, in what they exchange next, unless all ranks raise it already."""
+        if error is self._agreed:
+            return error
+        try:
+            self._exchange(failed=error)
+        except NetlibError as agreed:
+            return agreed
+        return error
+
+    def _record(self, message: str, kind: type[NetlibError] = NetlibError) -> NetlibError:
+        """An error that all ranks raise."""
+        self._agreed = kind(message)
+        return self._agreed
 
     def _exchange(
-        self, loss: float, request: Request | None, checksum: int | None, failed: Exception | None = None
+        self, loss: float = 0.0, request: Request | None = None, checksum: int = 0, failed: Exception | None = None
     ) -> Array:
-        """Exchange the five numbers of all ranks; returns (N, 5). If a rank failed, raises its error on every rank."""
-        own = np.array([loss, REQUESTS.index(request), failed is not None,
-                        NO_CHECKSUM if checksum is None else checksum, self._under_way is not None])
+        """Exchange the four numbers of all ranks; returns (N, 4). If a rank failed, raises its error on every rank."""
+        own = np.array([loss, REQUESTS.index(request), failed is not None, checksum])
         table = np.zeros((self.count, len(own)))
-        table[self.rank] = own
-        if self.rank == 0:
-            waiting = [self._comm.Irecv(table[r], r, TO_ROOT) for r in range(1, self.count)]
-            self._wait(waiting)
-            self._wait([self._comm.Isend(table, r, TO_ALL) for r in range(1, self.count)])
-        else:
-            self._wait([self._comm.Isend(own, 0, TO_ROOT), self._comm.Irecv(table, 0, TO_ALL)])
+        self._wait(self._comm.Iallgather(own, table))
         if table[:, FAILED].any():
             first = int(table[:, FAILED].argmax())
             everyone = self._exchange_values([type(failed).__name__, _text_of(failed)])
             kind, text = everyone[first]
             where = "" if all(other == everyone[0] for other in everyone) else f"rank {first}: "
-            self._settle(table)
             raise self._record(where + text, ERRORS.get(kind, NetlibError))
         return table
 
@@ -174,110 +159,47 @@ class MPIRanks(Ranks):
         """Exchange values of all ranks as JSON."""
         text = json.dumps(own).encode()
         sizes = np.zeros(self.count, dtype=np.int64)
-        self._wait([self._comm.Iallgather(np.array([len(text)], dtype=np.int64), sizes)])
+        self._wait(self._comm.Iallgather(np.array([len(text)], dtype=np.int64), sizes))
         texts = np.zeros(int(sizes.sum()), dtype=np.uint8)
         places = np.concatenate([[0], np.cumsum(sizes)[:-1]])
         mine = np.frombuffer(text, dtype=np.uint8)
-        self._wait([self._comm.Iallgatherv(mine, [texts, sizes, places, self._mpi.BYTE])])
+        self._wait(self._comm.Iallgatherv(mine, [texts, sizes, places, self._mpi.BYTE]))
         return [json.loads(texts[at : at + n].tobytes()) for at, n in zip(places, sizes)]
 
     # ------------------------------------------------------------------------------------------ means
 
     def average(self, arrays: Sequence[Array]) -> None:
-        """Replace arrays by their means, summed in the order of the ranks."""
-        self._means.average(arrays)
+        """Replace arrays of one dtype by their means, summed in the order of the ranks."""
+        if not arrays:
+            return
+        ends = np.cumsum([array.size for array in arrays])
+        flat, pieces = self._buffers_of(int(ends[-1]), arrays[0].dtype)
+        places = [part.reshape(array.shape) for part, array in zip(np.split(flat.reshape(-1), ends), arrays)]
+        for place, array in zip(places, arrays):
+            place[...] = array
+        self._wait(self._comm.Ialltoall(flat, pieces))
+        mean = pieces[0]
+        for other in pieces[1:]:
+            mean += other
+        mean /= self.count
+        self._wait(self._comm.Iallgather(mean, flat))
+        for place, array in zip(places, arrays):
+            array[...] = place
 
-    def begin_steps(self, gradients: Gradients) -> None:
-        """Allocate the buffers; the time since the last step does not count as a step."""
-        self._gradients, self._since = gradients, None
-        for blobs in gradients.parts:
-            self._means.buffers([blob.diff for blob in blobs])
+    def _buffers_of(self, size: int, dtype: np.dtype[Any]) -> tuple[Array, Array]:
+        """Buffers for ``size`` values, padded to N shards, and for a shard of every rank. Raises OutOfMemoryError."""
+        if (size, dtype) not in self._buffers:
+            flat, pieces = memory.zeros((2, self.count, -(-size // self.count)), dtype)
+            self._buffers[size, dtype] = flat, pieces
+        return self._buffers[size, dtype]
 
-    def begin_gradients(self) -> BackwardHook | None:
-        """Return the hook that averages gradients while earlier layers run backwards, if ranks are on several machines.
-
-        On one machine the processors would move the bytes, and they are busy with the layers.
-        """
-        if self.on_machine == self.count:
-            return None
-        gradients = self._of_steps
-        under_way = self._under_way = Averaging(self._means, gradients.parts)
-        return lambda layer: under_way.poll(None if layer is None else gradients.complete(layer))
-
-    def finish_gradients(self) -> None:
-        """Average the gradients in the order of the ranks, or finish doing so."""
-        (self._under_way or Averaging(self._means, self._of_steps.parts)).finish()
-        self._under_way = None
-
-    @property
-    def _of_steps(self) -> Gradients:
-        assert self._gradients is not None, "begin_steps comes first"
-        return self._gradients
-
-    def _settle(self, table: Array) -> None:
-        """Finish averages that some ranks began before all of them received an error, as they cannot be cancelled."""
-        if table[:, UNDER_WAY].any():
-            self.finish_gradients()
-
-    # ------------------------------------------------------------------------------------------ waiting
-
-    def _wait(self, requests: Requests, seconds: float | None = None) -> bool:
-        """Wait for requests, at most ``seconds``; end all ranks on a timeout. Returns whether all are complete."""
-        try:
-            return self._poll(requests) if seconds is None else self._poll_for(requests, seconds)
-        except self._mpi.Exception as error:  # some MPI libraries detect that a rank is gone
-            self._give_up("another rank", f"({reason_of(error)})")
-            raise
-
-    def _poll_for(self, requests: Requests, seconds: float) -> bool:
-        until = time.monotonic() + seconds
-        while not (done := bool(self._mpi.Request.Testall(requests))) and time.monotonic() < until:
-            pass
-        return done
-
-    def _poll(self, requests: Requests) -> bool:
-        begun, polls, limit = time.monotonic(), 0, self._limit
-        while not self._mpi.Request.Testall(requests):
+    def _wait(self, request: Any) -> None:
+        """Wait for an MPI request, with pauses: the layers of rank 0 may need the processor."""
+        polls = 0
+        while not request.Test():
             polls += 1
-            if polls < SPIN:
-                continue
-            time.sleep(NAP_S)
-            if self.rank and self._comm.Iprobe(0, ALIVE):
-                seconds = np.zeros(1)
-                self._comm.Recv(seconds, 0, ALIVE)
-                if seconds[0] == ROLL_CALL:
-                    self._comm.Isend(seconds, 0, HERE).Wait()
-                else:
-                    begun, limit = time.monotonic(), max(self._limit, seconds[0])
-            waited = time.monotonic() - begun
-            if self.rank == 0 and waited > limit:
-                self._give_up(self._silent(limit / 10), f"for {waited:.0f} s")
-            if self.rank and waited > limit * (1.25 + 0.05 * min(self.rank, 10)):  # rank 0 reports first
-                self._give_up("rank 0", f"for {waited:.0f} s")
-        return True
-
-    def _silent(self, seconds: float) -> str:
-        """Ranks that do not answer a roll call of rank 0."""
-        self.alive(ROLL_CALL)
-        until = time.monotonic() + min(seconds, 1.0)
-        silent = list(range(1, self.count))
-        while silent and time.monotonic() < until:
-            time.sleep(NAP_S)
-            silent = [rank for rank in silent if not self._comm.Iprobe(rank, HERE)]
-        return f"rank{'s' * (len(silent) > 1)} {', '.join(map(str, silent))}" if silent else "another rank"
-
-    @property
-    def _limit(self) -> float:
-        if self._longest is None:
-            return max(START_S, self.patience or 0.0)
-        return max(MIN_S, STEPS * self._longest) if self.patience is None else self.patience
-
-    def _give_up(self, who: str, why: str) -> None:
-        message = f"no response from {who} {why}; all ranks end, the last snapshot is untouched"
-        print(message, file=sys.stderr, flush=True)
-        with open(os.devnull, "w") as nowhere:  # Abort may hang on a broken network; this then ends the process
-            faulthandler.dump_traceback_later(ABORT_S, exit=True, file=nowhere)
-            self._comm.Abort(1)
+            if polls > SPIN:
+                time.sleep(NAP_S)
 
 
 def _text_of(error: Exception | None) -> str:

@@ -1,8 +1,10 @@
 """Ranks: several processes that train one net together, each on its own rows ("data parallel").
 
+    solver = netlib.get_solver("solver.prototxt", ranks=MPIRanks(MPI.COMM_WORLD))
+
 Every rank holds the whole net and runs the prototxt's batch, so N ranks make the batch N times as large: row k of the
-data goes to rank k mod N, gradients are averaged over the ranks, and every rank makes the same update. Rank 0 alone
-tests, logs and writes snapshots.
+data goes to rank k mod N, gradients are averaged over the ranks, and every rank makes the same update. All ranks call
+the same methods of their solvers; rank 0 alone tests, logs and writes snapshots.
 
 ``Ranks`` defines the interface and is a single process, rank 0 of 1; ``mpi.MPIRanks`` implements several.
 """
@@ -10,88 +12,129 @@ tests, logs and writes snapshots.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+import functools
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, Literal, Protocol
+
+import numpy as np
 
 from netlib.blob import Array
-from netlib.distributed.allreduce import Gradients
-from netlib.distributed.shard import Shard
-from netlib.engine.plain import BackwardHook
-from netlib.errors import NetlibError
-from netlib.training.callbacks import Request
+from netlib.building.params import Param
+from netlib.distributed.shard import EVERY_ROW, Shard
+from netlib.engine import Engine
+from netlib.graph import LayerHook
+from netlib.net import Net
+from netlib.proto import schema
+from netlib.proto.messages import SolverParameter
+
+Request = Literal["stop", "snapshot"]  # to a solver
 
 
 class Ranks:
-    """A single process."""
+    """A single process.
 
-    rank, count, divide = 0, 1, False
-    on_machine = 1  # number of ranks on this machine
+    rank, count  the number of this process, and of all
+    on_machine   number of ranks on this machine
+    shard        the rows of the data that this rank reads
+    layer_hook   called with each layer of the training net before and after its setup
+    """
 
-    @property
-    def shard(self) -> Shard:
-        """The shard of the data that this rank reads."""
-        return Shard(self.rank, self.count, self.divide)
-
-    def introduce(self, facts: Mapping[str, Any]) -> None:
-        """Raise NetlibError on every rank unless the facts about the training are equal on all ranks."""
+    rank, count, on_machine = 0, 1, 1
+    shard: Shard = EVERY_ROW
+    layer_hook: LayerHook | None = None
 
     def of_root(self, number: int) -> int:
         """Return the number of rank 0."""
         return number
 
-    @contextlib.contextmanager
-    def together(self) -> Iterator[None]:
-        """Context manager: a NetlibError raised in it on one rank is raised on all."""
-        try:
-            yield
-        except NetlibError as error:
-            agreed = self.fail(error)
-            if agreed is error:
-                raise
-            raise agreed from error
+    def introduce(self, facts: Mapping[str, Any]) -> None:
+        """Raise NetlibError on every rank unless the facts about the training are equal on all ranks."""
 
-    def agree(self, loss: float, request: Request | None, checksum: int | None) -> float:
-        """Agree after the gradients of a step are computed; returns the mean loss over the ranks.
+    def agree(
+        self, loss: float, request: Request | None, net: Net | None = None, iteration: int | None = None
+    ) -> float:
+        """Agree after a pass; returns the mean loss over the ranks. Averages the moving averages of the net and, if an
+        iteration is given, its gradients.
 
-        request   a request to this solver: "stop", "snapshot" or None
-        checksum  of the parameters, or None if they are not compared in this step
+        request    a request to this solver: "stop", "snapshot" or None
+        iteration  the number of the iteration; in some, checksums of the trained parameters are compared
 
         If a rank failed, raises its error on every rank. Raises NetlibError if checksums differ.
         """
         return loss
 
-    def fail(self, error: Exception) -> Exception:
-        """Report to the other ranks that this one failed. Returns the exception to raise."""
-        return error
-
     def asked(self, own: Request | None) -> Request | None:
-        """Request that counts after the last ``agree``: "stop" from any rank, or "snapshot" from rank 0."""
-        return own
-
-    def from_root(self, own: Request | None) -> Request | None:
-        """Request to rank 0, which the others wait for."""
+        """The request that counts after ``agree`` or ``at_root``: "stop" from any rank, or "snapshot" from rank 0."""
         return own
 
     def average(self, arrays: Sequence[Array]) -> None:
         """Replace arrays by their means over the ranks."""
 
-    def begin_steps(self, gradients: Gradients) -> None:
-        """Prepare for steps with these gradients. Raises OutOfMemoryError."""
-
-    def begin_gradients(self) -> BackwardHook | None:
-        """Called before the backward pass that completes the gradients; returns a hook for it, or None."""
-        return None
-
-    def finish_gradients(self) -> None:
-        """Called when all gradients are complete; afterwards they are means over the ranks."""
-
     def gather(self, value: Mapping[str, Any]) -> list[dict[str, Any]]:
         """Return, at rank 0, the JSON values of the other ranks in order; elsewhere an empty list."""
         return []
 
-    def alive(self, seconds: float = 0.0) -> None:
-        """Called by rank 0 while it works alone; the others extend their timeout, to ``seconds`` if that is longer."""
+    def at_root(self, work: Callable[[], object], request: Callable[[], Request | None] = lambda: None) -> None:
+        """Do work that rank 0 does for all, such as writing files. Raises on all ranks what the work raises.
+
+        Afterwards, the request of rank 0 counts.
+        """
+        work()
+
+    @contextlib.contextmanager
+    def together(self) -> Iterator[None]:
+        """Context manager: a NetlibError raised in it on one rank is raised on all."""
+        yield
+
+    def fail(self, error: Exception) -> Exception:
+        """Report to the other ranks that this one failed. Returns the exception to raise."""
+        return error
 
 
 ALONE = Ranks()
-latest = ALONE  # of the last DataParallel of this process, for layers that read caffe.solver_rank
+latest = ALONE  # the last of several ranks in this process, for layers that read caffe.solver_rank
+
+
+class Trained(Protocol):
+    """The attributes of a solver of which ``facts_of`` makes facts."""
+
+    param: SolverParameter
+    net: Net
+    engine: Engine
+    iter: int
+
+
+def facts_of(solver: Trained) -> dict[str, Any]:
+    """Return the values, by name, that must be equal on all ranks before their first step."""
+    reading = {layer.name: layer.reads() for layer in solver.net.layers if hasattr(layer, "reads")}
+    return {
+        "solver prototxt": zlib.crc32(repr(solver.param).encode()),
+        "net prototxt": zlib.crc32(str(schema.to_tree(solver.net.param)).encode()),
+        **{f"data in layer {name!r}": reads for name, reads in reading.items() if reads},
+        "engine": solver.engine.name,
+        "iteration": solver.iter,
+        "parameters": checksum(solver.net.learnable),
+    }
+
+
+def moving(net: Net) -> list[Array]:
+    """The parameters that forward updates: moving averages."""
+    return [blob.data for layer in net.layers if layer.moving for blob in layer.blobs]
+
+
+def checksum(params: Sequence[Param]) -> int:
+    """Checksum of the values of parameters."""
+    return functools.reduce(lambda crc, param: zlib.crc32(param.blob.data.data, crc), params, 0)
+
+
+def mean_outputs(net: Net, ranks: Ranks) -> Mapping[str, Array]:
+    """Outputs of the net; at rank 0, their means over the ranks."""
+    own = {name: net.blobs[name].data for name in net.outputs}
+    others = ranks.gather({name: y.tolist() for name, y in own.items()}) if ranks.count > 1 else []
+    means: dict[str, Array] = {}
+    for name, y in own.items():
+        everyone = [y, *(np.asarray(other[name]) for other in others)]
+        alike = all(other.shape == y.shape for other in everyone)  # false after layers that drop rows, such as Filter
+        means[name] = np.mean(everyone, axis=0) if others and alike else y
+    return means

@@ -1,30 +1,33 @@
 """This project's packages ``layers`` and ``fast``, also where a script has modules of these names.
 
-Scripts written for Caffe often import their own ``layers``. ``own_module`` returns ours whatever else is imported under
-its name. After ``yield_names`` (netlib.install_as_caffe) ours are no longer in sys.modules, and an import of these
-names finds the script's own module first. It finds ours if there is no other, so that ours need no other name.
+Scripts written for Caffe often have their own ``layers``. ``own_module`` returns ours whatever else is imported under
+its name; where a script has its own, ours are in sys.modules only while one of our modules is imported (``in_place``),
+also a module of handpose (``guard``). After ``yield_names`` (netlib.install_as_caffe) this holds for every script, and
+an import of these names finds the script's own module first, even if this project's folder comes first in sys.path. It
+finds ours if there is no other, so that ours need no other name.
 """
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import importlib
 import importlib.abc
 import importlib.machinery
 import sys
+import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
 
 from netlib.files.paths import BASE, ROOT, load_module, own
-from netlib.system.one_thread import lock
 
 NAMES = ("layers", "fast")
 # Folders of a clone that netlib does not import.
 OTHERS = ("tools", "export", "exercises", "experiments", "models")
 _known: dict[str, ModuleType] = {}  # results of own_module
 _aside: dict[str, ModuleType] = {}  # our modules that are not in sys.modules, by name
-_lock = lock()
+_lock = threading.RLock()
 _depth = [0]  # of in_place
 
 
@@ -50,6 +53,18 @@ def yield_names() -> None:
             _aside.update(_take(top))
 
 
+def guard(package: str) -> None:
+    """From now on, import the modules of a package of this project with our ``NAMES`` in place."""
+    sys.meta_path.insert(0, _Guard(package))
+
+
+@functools.lru_cache(maxsize=16)
+def _has_theirs(top: str, inside: tuple[str, ...]) -> bool:
+    """Whether one of these folders has a module ``top``."""
+    found = importlib.machinery.PathFinder.find_spec(top, inside)
+    return found is not None and _has_code(found)
+
+
 def folders() -> list[str]:
     """The folders of sys.path without this project's."""
     return [folder for folder in dict.fromkeys(sys.path) if Path(folder).resolve() not in (ROOT, BASE)]
@@ -67,8 +82,9 @@ def in_place() -> Iterator[None]:
             yield
         finally:
             _depth[0] -= 1
-            for top in displaced:
-                _aside.update(_take(top))
+            for top in NAMES:
+                if top in displaced or (not _depth[0] and _has_theirs(top, tuple(folders()))):
+                    _aside.update(_take(top))
             sys.modules.update(theirs)
 
 
@@ -82,6 +98,34 @@ def is_ours(module: ModuleType | None) -> bool:
     if module is None:
         return False
     return str(own(module.__name__)) in list(getattr(module, "__path__", []))
+
+
+class _Guard(importlib.abc.MetaPathFinder):
+    """Import hook for the modules of one of our packages."""
+
+    def __init__(self, package: str) -> None:
+        self._package = package
+
+    def find_spec(
+        self, name: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        """Spec of a module of the package, which ``_InPlace`` imports."""
+        if name.partition(".")[0] != self._package:
+            return None
+        spec = importlib.machinery.PathFinder.find_spec(name, path)
+        if spec is not None and isinstance(spec.loader, importlib.machinery.SourceFileLoader):
+            spec.loader = _InPlace(spec.loader.name, spec.loader.path)
+        return spec
+
+
+class _InPlace(importlib.machinery.SourceFileLoader):
+    """Executes a module with our packages in sys.modules."""
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Execute the module."""
+        own_module("layers")
+        with in_place():
+            super().exec_module(module)
 
 
 class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):

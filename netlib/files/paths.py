@@ -6,12 +6,12 @@ import contextlib
 import importlib.util
 import os
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
 from netlib.errors import DataError, reason_of
-from netlib.system.one_thread import lock
 
 BASE = Path(__file__).resolve().parents[2]  # parent of netlib/ and layers/: a clone, or site-packages
 SHARE = BASE / "netlib" / "share"  # in an installed package, the parent of a clone's other folders (setup.py)
@@ -19,7 +19,7 @@ ROOT = SHARE if SHARE.is_dir() else BASE  # parent of fast/, prototxt/, models/ 
 OWN_FOLDERS = ("prototxt", "models")  # these are installed too
 IS_CLONE = (ROOT / "setup.cfg").exists()
 PROGRAMS = ("handpose", "netlib")  # commands of an installed package; their first argument names a tool
-_loading = lock()
+_loading = threading.RLock()
 
 
 def command(name: str) -> str:
@@ -104,3 +104,12 @@ def load_module(name: str, path: Path) -> ModuleType:
                 del sys.modules[name]
                 raise
         return sys.modules[name]
+
+
+def execute(path: Path) -> ModuleType:
+    """Execute the file of a module without an entry in sys.modules."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module

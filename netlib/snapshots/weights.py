@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Protocol
 
 from netlib.blob import Array, Blob, Blobs
+from netlib.building.params import Param
 from netlib.errors import LayerError, WeightsError
 from netlib.files import Content
 from netlib.files.paths import find
 from netlib.layer import TRAIN, Layer
-from netlib.params import Param
 from netlib.proto import schema
 from netlib.proto.messages import LayerParameter
 from netlib.proto.schema import Phase

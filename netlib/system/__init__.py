@@ -1,1 +1,1 @@
-"""Interfaces to the operating system and to Python: memory limits, thread safety, module aliases."""
+"""Interfaces to the operating system and to Python: memory limits, module aliases."""

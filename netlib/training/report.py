@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any, Protocol
 
 import numpy as np
 
 from netlib.blob import Array
-from netlib.engine.plain import Connection
 from netlib.net import Net
 
 log = logging.getLogger("netlib")
+
+
+class Trained(Protocol):
+    """The attributes of a solver that ``warn_of_no_progress`` uses."""
+
+    net: Net
+    on_step: list[Callable[[], object]]
+    on_gradients_ready: list[Callable[[], object]]
 
 
 def copied(source: object, ignored: Iterable[str], missing: Iterable[str]) -> None:
@@ -59,24 +66,57 @@ def lack_of_loss(net: Net) -> Iterator[str]:
     yield f"net {net.name!r} has no loss: no output has a loss_weight, so no weight changes; {advice}"
 
 
-def debug_forward(at: Connection) -> None:
-    """Log the mean absolute values of a layer's tops and parameters, as Caffe's debug_info does."""
-    for name, blob in zip(at.layer.spec.top, at.top):
-        log.info("    [Forward] Layer %s, top blob %s data: %.6g", at.layer.name, name, _mean(blob.data))
-    for i, blob in enumerate(at.layer.blobs):
-        given = at.layer.spec.param[i].name if i < len(at.layer.spec.param) else ""
-        log.info("    [Forward] Layer %s, param blob %s data: %.6g", at.layer.name, given or i, _mean(blob.data))
+def warn_of_no_progress(solver: Trained, iterations: int = 3) -> None:
+    """Let a solver warn once of a training that changes no weight: its net has no loss, or the gradients of its first
+    iterations are all 0. Those of one batch can be, as of a hinge loss without violations.
+    """
+    left = [iterations]
+
+    def warn_of_no_loss() -> None:
+        for message in lack_of_loss(solver.net):
+            log.warning("%s", message)
+        if not solver.net.losses:
+            left[0] = 0
+        solver.on_step.remove(warn_of_no_loss)
+
+    def warn_of_zeros() -> None:
+        learned = [param for param in solver.net.learnable if param.spec.lr_mult]
+        if not left[0] or not learned or any(param.blob.diff.any() for param in learned):
+            solver.on_gradients_ready.remove(warn_of_zeros)
+            return
+        left[0] -= 1
+        if not left[0]:
+            log.warning("the gradients of all parameters were exactly 0 in the first %d iterations, so no weight "
+                        "changes: check that a loss depends on them (propagate_down, layers of constant output such "
+                        "as a ReLU of negative values)", iterations)
+
+    solver.on_step.append(warn_of_no_loss)
+    solver.on_gradients_ready.append(warn_of_zeros)
 
 
-def debug_backward(at: Connection) -> None:
-    """Log the mean absolute values of the gradients that a layer computed."""
-    if not at.needs_backward:
-        return
-    for name, blob, down in zip(at.layer.spec.bottom, at.bottom, at.propagate_down):
-        if down:
-            log.info("    [Backward] Layer %s, bottom blob %s diff: %.6g", at.layer.name, name, _mean(blob.diff))
-    for i, blob in enumerate(at.layer.blobs):
-        log.info("    [Backward] Layer %s, param blob %d diff: %.6g", at.layer.name, i, _mean(blob.diff))
+def debug_forward(net: Net) -> float:
+    """Run the layers one by one and log the mean absolute values of their tops and parameters, as Caffe's debug_info
+    does. Returns the loss.
+    """
+    for number, at in enumerate(net.connections):
+        net.run_forward(number, number + 1)
+        for name, blob in zip(at.layer.spec.top, at.top):
+            log.info("    [Forward] Layer %s, top blob %s data: %.6g", at.layer.name, name, _mean(blob.data))
+        for i, blob in enumerate(at.layer.blobs):
+            given = at.layer.spec.param[i].name if i < len(at.layer.spec.param) else ""
+            log.info("    [Forward] Layer %s, param blob %s data: %.6g", at.layer.name, given or i, _mean(blob.data))
+    return net.loss()
+
+
+def debug_backward(net: Net) -> None:
+    """Run the layers backwards one by one and log the mean absolute values of the gradients that they compute."""
+    for number, at in reversed(list(enumerate(net.connections))):
+        net.run_backward(number, number + 1)
+        for name, blob, down in zip(at.layer.spec.bottom, at.bottom, at.propagate_down):
+            if at.needs_backward and down:
+                log.info("    [Backward] Layer %s, bottom blob %s diff: %.6g", at.layer.name, name, _mean(blob.diff))
+        for i, blob in enumerate(at.layer.blobs if at.needs_backward else []):
+            log.info("    [Backward] Layer %s, param blob %d diff: %.6g", at.layer.name, i, _mean(blob.diff))
 
 
 def debug_params(net: Net) -> None:

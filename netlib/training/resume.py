@@ -6,6 +6,7 @@ generators and data positions of all layers and the losses being averaged. State
 
 from __future__ import annotations
 
+import contextlib
 import logging
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -15,7 +16,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from netlib.blob import Array
-from netlib.errors import WeightsError, reason_of
+from netlib.distributed.ranks import Ranks, Request, moving
+from netlib.errors import DataError, WeightsError, reason_of
 from netlib.net import Net
 from netlib.proto.messages import SolverParameter
 from netlib.snapshots import snapshot
@@ -42,14 +44,8 @@ class Solver(Protocol):
     iter: int
     history: list[list[Array]]
     smoothed: deque[float]
-
-    @property
-    def rank(self) -> int:
-        """The number of this process among those that train together."""
-
-    @property
-    def rank_count(self) -> int:
-        """The number of processes that train together."""
+    ranks: Ranks
+    requested: Request | None
 
 
 def state_of(solver: Solver, learned_net: Path, others: Sequence[Mapping[str, Any]] = ()) -> SolverState:
@@ -78,7 +74,7 @@ def _course(solver: Solver) -> dict[str, Any]:
     """Values of the options in ``COURSE``, with the batch size and the number of ranks."""
     first = next((at.top[0].shape for at in solver.net.connections if at.top), ())
     batch = first[0] if first else 0
-    return {name: getattr(solver.param, name) for name in COURSE} | {"batch": batch, "ranks": solver.rank_count}
+    return {name: getattr(solver.param, name) for name in COURSE} | {"batch": batch, "ranks": solver.ranks.count}
 
 
 def restore_state(solver: Solver, path: str | Path) -> None:
@@ -130,17 +126,12 @@ def _states_of_rank(solver: Solver, state: SolverState) -> list[dict[str, Any]]:
     """
     nets: list[dict[str, Any]] = list(state.extra.get("layers", []))
     others = state.extra.get("ranks", [])
-    if solver.rank and nets:
-        if len(others) == solver.rank_count - 1:
-            nets[0] = others[solver.rank - 1]
+    if solver.ranks.rank and nets:
+        if len(others) == solver.ranks.count - 1:
+            nets[0] = others[solver.ranks.rank - 1]
         else:
             nets[0] = {name: {k: v for k, v in own.items() if k != "rng"} for name, own in nets[0].items()}
     return nets
-
-
-def moving(net: Net) -> list[Array]:
-    """The parameters that forward updates: moving averages."""
-    return [blob.data for layer in net.layers if layer.moving for blob in layer.blobs]
 
 
 def undo_of(nets: Sequence[Net]) -> Callable[[], None]:
@@ -155,6 +146,20 @@ def undo_of(nets: Sequence[Net]) -> Callable[[], None]:
             array[...] = values
 
     return undo
+
+
+@contextlib.contextmanager
+def undone_without_data(nets: Sequence[Net]) -> Iterator[Callable[[], None]]:
+    """Context manager: if data end, undo the part of an iteration that was made, so that a resume repeats it.
+
+    Yields the function that does so.
+    """
+    undo = undo_of(nets)
+    try:
+        yield undo
+    except DataError:
+        undo()
+        raise
 
 
 def _restore_layers(solver: Solver, path: str | Path, states: list[dict[str, Any]]) -> None:

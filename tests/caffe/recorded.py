@@ -16,7 +16,6 @@ import numpy as np
 import netlib
 from netlib.proto import prototxt
 from netlib.snapshots import snapshot
-from netlib.training.callbacks import Callback
 from tests.caffe.reduce import slices
 
 FOLDER = Path(__file__).resolve().parent
@@ -170,16 +169,17 @@ def trajectory(case: str) -> Trajectory:
         return Trajectory(weights, file["loss_last_subbatch"][number], *printed)
 
 
-class Follow(Callback):
+class Follow:
     """Compare the weights and the loss of a solver with Caffe's after every update."""
 
     def __init__(self, solver: netlib.Solver, theirs: Trajectory) -> None:
-        self.theirs = theirs
+        self.solver, self.theirs = solver, theirs
         self.updates = self.compared = 0
         self.worst = self.worst_loss = 0.0
-        solver.callbacks.append(self)
+        solver.on_update.append(self.compare)
 
-    def on_update(self, solver: netlib.Solver) -> None:
+    def compare(self) -> None:
+        solver = self.solver
         self.updates += 1
         loss = solver.net.loss()  # of the last batch: before the update
         self.worst_loss = max(self.worst_loss, abs(loss / float(self.theirs.losses[solver.iter - 1]) - 1))

@@ -15,7 +15,6 @@ import pytest
 import netlib
 from netlib.errors import DataError
 from netlib.snapshots import binary_format, snapshot
-from netlib.training.callbacks import Functions
 from netlib.updates import learning_rate
 from tests.caffe.recorded import FOLDER, check_same_log, log_lines, said, same_print, solver_text, texts, words
 from tests.support.running import run_tool
@@ -81,7 +80,7 @@ def test_the_log_of_signals(solvers: Path, tmp_path: Path, caplog: pytest.LogCap
     def signals() -> None:
         solver.requested = {177: "snapshot", 304: "stop"}.get(solver.iter)
 
-    solver.callbacks.append(Functions(on_update=signals))
+    solver.on_update.append(signals)
     caplog.set_level("INFO", "netlib")
     assert not solver.solve()
     mine, theirs = said(caplog.messages), said(log_lines("sigint.log"))[:-1]

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 import netlib
-from netlib.training.callbacks import Functions
 from tests.caffe.recorded import check_same_log, layer_cases, log_lines, said, solver_text
 
 pytestmark = pytest.mark.both_engines
@@ -60,7 +59,7 @@ def test_the_papers_network_follows_caffe_for_50_iterations(
             layer, index = label.split("/")
             norms.append(abs(float(np.linalg.norm(solver.net.params[layer][int(index)].data)) / norm - 1))
 
-    solver.callbacks.append(Functions(on_update=compare))
+    solver.on_update.append(compare)
     caplog.set_level("INFO", "netlib")
     iterations = 3 if engine_in_use == "plain" else 50
     assert solver.step(iterations) if iterations < 50 else solver.solve()

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import netlib
 from fast.convolution import FastConvolution
-from fast.slice_blobs import Hidden
-from fast.slices import SlicedStep
+from fast.slices import Hidden, SlicedStep
 from netlib.proto import prototxt
 
 TRAIN_TEST = Path(__file__).resolve().parents[2] / "prototxt" / "nyu_train_test.prototxt"
@@ -44,10 +43,10 @@ def paper_network() -> netlib.Net:
 def test_the_plan_of_the_papers_network() -> None:
     """The convolutional layers run together, 32 images at a time; the blobs between them are hidden and tiled."""
     net = paper_network()
-    [sliced] = [step for step in net.executor.steps if isinstance(step, SlicedStep)]
+    [sliced] = [step for step in net.steps if isinstance(step, SlicedStep)]
     pieces = sliced.pieces()
     blobs = {at.layer.name: at.top[0] for at in pieces[0] if not at.layer.name.startswith("ReLU")}  # in place
-    whole = [step.at.layer for step in net.executor.steps if step is not sliced]
+    whole = [step.at.layer for step in net.steps if step is not sliced]
 
     assert [(at.layer.name, type(at.layer).__name__) for at in pieces[0]] == LAYERS_OF_A_SLICE
     assert [(layer.name, type(layer).__name__) for layer in whole] == WHOLE_LAYERS

@@ -67,23 +67,6 @@ def test_the_gradient_agrees_with_differences(name: str) -> None:
 
 
 @every_type
-def test_backward_works_before_forward(name: str) -> None:
-    """Before the first forward, backward writes all gradients; a forward gives the usual ones again."""
-    options, make_bottoms, more = CASES[name]
-    bottoms, tops = make_bottoms(2), more.get("tops", 1)
-    layer = gradcheck.make_layer(f'type: "{name}" {options}', bottoms, tops, engine="plain")
-    bottom = Blobs([Blob(np.shape(x), np.float64) for x in bottoms])
-    top = Blobs([Blob((), np.float64) for _ in range(tops)])
-    layer.reshape(bottom, top)
-    layer.clear(bottom, top)
-    with np.errstate(all="ignore"):  # normalizations divide by zero, as in Caffe
-        layer.backward(top, more.get("wanted", [True] * len(bottoms)), bottom)
-    for param in layer.blobs:
-        param.diff[...] = 0
-    gradcheck.check(layer, bottoms, **CASES[name][2])
-
-
-@every_type
 def test_another_batch_size_works(name: str) -> None:
     """After a larger and a smaller batch, the shapes and gradients of the same layer are correct."""
     layer, _ = made(name)

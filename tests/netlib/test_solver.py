@@ -14,7 +14,6 @@ import pytest
 import netlib
 from netlib.snapshots import binary_format, snapshot
 from netlib.snapshots.solver_state import SolverState
-from netlib.training.callbacks import Functions
 from netlib.training.resume import COURSE
 from tests.netlib.conftest import ONE_WEIGHT, MakeSolver
 from tests.support.bad_input import bad_inputs
@@ -120,7 +119,7 @@ def test_the_loss_is_the_mean_over_iter_size_and_average_loss(solver_of: MakeSol
     assert list(solver.smoothed) == [0.5, 0.5]
     solver = solver_of(ONE_WEIGHT % "", "average_loss: 2")
     losses = []
-    solver.callbacks.append(Functions(on_update=lambda: losses.append(solver.net.loss())))
+    solver.on_update.append(lambda: losses.append(solver.net.loss()))
     solver.step(5)
     assert solver.loss == pytest.approx(np.mean(losses[-2:]))
 
@@ -444,7 +443,7 @@ def test_a_request_is_met_after_the_iteration(solver_of: MakeSolver, work: Path,
         if solver.iter == 3:
             solver.requested = request_
 
-    solver.callbacks.append(Functions(on_update=ask))
+    solver.on_update.append(ask)
     assert solver.solve() == (request_ == "snapshot")
     assert solver.iter == (3 if request_ == "stop" else 6)
     assert [path.name for path in work.glob("*.solverstate")] == ["snap_iter_3.solverstate"]

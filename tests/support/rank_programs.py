@@ -3,7 +3,6 @@
 mpiexec -n N python -m mpi4py tests/support/rank_programs.py NAME
 """
 
-import functools
 import json
 import os
 import signal
@@ -16,12 +15,9 @@ import netlib  # noqa: I001  before NumPy
 import numpy as np
 from mpi4py import MPI
 
-from netlib.distributed import consistency, mpi
-from netlib.distributed.data_parallel import DataParallel
-from netlib.proto import prototxt
+from netlib.distributed import mpi
+from netlib.distributed.ranks import checksum as checksum_of
 from netlib.errors import DataError, NetlibError
-from netlib.training.callbacks import Functions
-from netlib.distributed.allreduce import Gradients
 from netlib.distributed.mpi import MPIRanks
 
 
@@ -53,60 +49,27 @@ def sums(ranks):
     ranks.average([])
 
 
-def three_layers():
-    """Return a net with six parameters, and its gradients in three parts."""
-    text = 'layer { name: "in" type: "Input" top: "x0" input_param { shape { dim: 2 dim: 9 } } }' + "".join(
-        f'layer {{ name: "fc{i}" type: "InnerProduct" bottom: "x{i}" top: "x{i + 1}" '
-        "inner_product_param { num_output: 9 } }"
-        for i in range(3)
-    )
-    net = netlib.Net(prototxt.parse(text, "net.prototxt"), netlib.TRAIN)
-    return net, Gradients(net.layers, net.learnable, min_bytes=100)
-
-
-def overlapped(ranks):
-    """Means do not depend on when a rank learns that parts are complete, nor on how often it checks."""
-    ranks.on_machine = 1  # else no averages are made before the end
-    net, gradients = three_layers()
-    ranks.begin_steps(gradients)
-    diffs = [param.blob.diff for param in net.learnable]
-    for knows in (lambda i: True, lambda i: False, lambda i: i % ranks.count != ranks.rank):
-        everyone = [
-            np.random.default_rng(r).standard_normal((len(diffs), 81)).astype(np.float32) for r in range(ranks.count)
-        ]
-        passed = ranks.begin_gradients()
-        for i in (2, 1, 0):
-            for k in (2 * i, 2 * i + 1):
-                diffs[k].flat = everyone[ranks.rank][k]
-            for layer in (None, net.layers[1 + i] if knows(i) else None, None):
-                passed(layer)
-        assert ranks.agree(0.0, None, None) == 0.0
-        ranks.finish_gradients()
-        mean = functools.reduce(np.add, everyone) / np.float32(ranks.count)
-        for k, diff in enumerate(diffs):
-            assert diff.tobytes() == mean[k, : diff.size].tobytes()
-
-
 def agreement(ranks):
     """Every rank receives the decisions of the others."""
     N, rank = ranks.count, ranks.rank
     assert ranks.of_root(2**62 + rank) == 2**62
     ranks.introduce({"data": [1, 2], "net": "x"})
-    assert ranks.agree(float(rank), "snapshot" if rank == 1 else None, 7) == (N - 1) / 2
+    assert ranks.agree(float(rank), "snapshot" if rank == 1 else None) == (N - 1) / 2
     assert ranks.asked(None) is None  # only rank 0 is asked for a snapshot
-    ranks.agree(0.0, "snapshot" if rank == 0 else None, None)
+    ranks.agree(0.0, "snapshot" if rank == 0 else None)
     assert ranks.asked(None) == "snapshot"
-    ranks.agree(0.0, "stop" if rank == N - 1 else "snapshot", None)
+    ranks.agree(0.0, "stop" if rank == N - 1 else "snapshot")
     assert ranks.asked(None) == "stop"
-    assert ranks.from_root("snapshot" if rank == 0 else "stop") == "snapshot"
+    done = []
+    ranks.at_root(lambda: done.append(rank), lambda: "snapshot" if rank == 0 else "stop")
+    assert done == [0] * (rank == 0) and ranks.asked(None) == "snapshot"
     others = ranks.gather({"rank": rank, "text": "ü" * rank})
     assert others == ([{"rank": r, "text": "ü" * r} for r in range(1, N)] if rank == 0 else [])
-    ranks.alive(1.0)
 
 
 def errors(ranks):
     """An error of one rank is raised on all, with its type; afterwards all continue together."""
-    mean = lambda: ranks.agree(1.0, None, None)  # noqa: E731
+    mean = lambda: ranks.agree(1.0, None)  # noqa: E731
 
     def failing(error):
         with ranks.together():
@@ -119,54 +82,30 @@ def errors(ranks):
     assert lacking if ranks.rank == 1 else caught(NetlibError, mean) == "rank 1: MemoryError: MemoryError"
     said = caught(NetlibError, ranks.introduce, {"net": "a" if ranks.rank < 3 else "b"})
     assert said == 'rank 3 has another net than rank 0: "b", not "a"; expected the same on all'
-    said = caught(NetlibError, ranks.agree, 1.0, None, int(ranks.rank == 2))
-    assert said.startswith("the parameters of rank 2 differ from those of rank 0")
     assert mean() == 1.0
-    net, gradients = three_layers()
-    ranks.begin_steps(gradients)
-    ranks.on_machine = 1
-    if ranks.rank != 2:  # the others have started to average
-        ranks.begin_gradients()(net.layers[2])
-    assert caught(DataError, *(of_one if ranks.rank == 2 else (mean,))) == "rank 2: no rows"
-    assert mean() == 1.0
-    overlapped(ranks)
 
 
-def cut_off(ranks):
-    """Rank 1 stops responding, and MPI cannot end the others, because it cannot reach rank 1 either."""
-
-    class CutOff:
-        def __getattr__(self, name):
-            return getattr(comm, name)
-
-        def Abort(self, status):
-            while True:
-                signal.pause()
-
-    comm, ranks._comm = ranks._comm, CutOff()
-    mpi.ABORT_S = 1
-    mpi.START_S = ranks.patience = 0.1  # the larger one applies before the first step
-    while ranks.rank == 1:
-        signal.pause()
-    ranks.agree(0.0, None, None)
-
-
-def stopped(ranks):
-    """Rank 1 is stopped after 40 iterations, and the other one waits for it in vain."""
-    solver = netlib.get_solver("solver.prototxt", callbacks=[DataParallel(ranks)])
-    solver.step(40)
-    ranks._comm.Barrier()
+def killed(ranks):
+    """Rank 1 ends in a step; -m mpi4py and the launcher end the others."""
+    solver = netlib.get_solver("solver.prototxt", ranks=ranks)
+    solver.step(2)
     if ranks.rank == 1:
-        os.kill(os.getpid(), signal.SIGSTOP)
-    ranks.patience = 0.1
+        os.kill(os.getpid(), signal.SIGKILL)
+    solver.step(1)
+
+
+def failed(ranks):
+    """Rank 1 raises an error of Python, of which the others do not hear; -m mpi4py ends them."""
+    solver = netlib.get_solver("solver.prototxt", ranks=ranks)
+    if ranks.rank == 1:
+        solver.on_start.append(lambda: 1 / 0)
     solver.step(1)
 
 
 def two_solvers(ranks):
     """Two solvers take turns on the same ranks; an error of one rank is raised on all, and both solvers continue."""
-    ranks.on_machine = 1
     files = "exact.prototxt", "small_solver.prototxt"
-    one, other = (netlib.get_solver(file, callbacks=[DataParallel(ranks)]) for file in files)
+    one, other = (netlib.get_solver(file, ranks=ranks) for file in files)
     one.step(1)
     other.step(1)
     run = one.net.run_forward
@@ -181,14 +120,14 @@ def two_solvers(ranks):
     one.net.run_forward = run
     for solver in (one, other):
         solver.step(2)
-        ranks.introduce({"parameters": consistency.traits_of(solver)["parameters"]})
+        ranks.introduce({"parameters": checksum_of(solver.net.learnable)})
     assert (one.iter, other.iter) == (3, 3)
 
 
 def losses(ranks):
     """Train every solver file losses*.prototxt for 8 iterations; write its losses to a .json file of the same name."""
     for path in sorted(Path().glob("losses*.prototxt")):
-        got = train(netlib.get_solver(path, callbacks=[DataParallel(ranks)]), 8)
+        got = train(netlib.get_solver(path, ranks=ranks), 8)
         if ranks.rank == 0:
             path.with_suffix(".json").write_text(json.dumps(got))
 
@@ -203,33 +142,30 @@ def train(solver, iterations):
 
 
 def resume(ranks):
-    """Repeated and resumed runs are equal, bit for bit, whether averages are made at the end, as on one machine,
-    or during the pass; all ranks have the same bits.
-    """
+    """Repeated and resumed runs are equal, bit for bit; all ranks have the same bits."""
     bits = []
-    for begin, beside in ((None, ranks.count), (None, 1), ("snapshots/exact_iter_3.solverstate", 1)):
-        ranks.on_machine = beside
-        solver = netlib.get_solver("exact.prototxt", callbacks=[DataParallel(ranks)])
+    for begin in (None, None, "snapshots/exact_iter_3.solverstate"):
+        solver = netlib.get_solver("exact.prototxt", ranks=ranks)
         solver.solve(begin)
         assert solver.iter == 6
         arrays = [p.blob.data for p in solver.net.learnable] + [h for hs in solver.history for h in hs]
         bits.append((b"".join(a.tobytes() for a in arrays), list(solver.smoothed)))
-        ranks.introduce({"parameters": consistency.traits_of(solver)["parameters"]})
+        ranks.introduce({"parameters": checksum_of(solver.net.learnable)})
     assert bits[0] == bits[1], "not the same again"
     assert bits[0] == bits[2], "a resume is not exact"
 
 
 def checksum(ranks):
     """A weight that changes on one rank only is detected."""
-    consistency.COMPARED_EVERY = 4
-    solver = netlib.get_solver("exact.prototxt", callbacks=[DataParallel(ranks)])
+    mpi.COMPARED_EVERY = 4
+    solver = netlib.get_solver("exact.prototxt", ranks=ranks)
 
     def change():
         if solver.iter == 5 and ranks.rank == 1:
             weights = solver.net.learnable[0].blob.data.view(np.uint32).reshape(-1)
             weights[3] ^= 1  # the last bit
 
-    solver.callbacks.append(Functions(on_start=change))
+    solver.on_start.append(change)
     said = caught(NetlibError, solver.step, 12)
     assert solver.iter == 8 and said.startswith("the parameters of rank 1 differ from those of rank 0")
 

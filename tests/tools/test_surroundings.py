@@ -107,6 +107,6 @@ class TestInstalled:
 
     def test_the_engine(self, site: Path, tmp_path: Path) -> None:
         """netlib finds fast/ in netlib/share."""
-        code = "import netlib, sys; print(*sys.modules['fast'].__path__)"
+        code = "import netlib.engine, sys; netlib.engine.get('fast'); print(*sys.modules['fast'].__path__)"
         done = run_python("-c", code, cwd=tmp_path, PYTHONPATH=str(site))
         assert done.out == f"{site / 'netlib' / 'share' / 'fast'}\n"

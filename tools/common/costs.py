@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from netlib.engine.plain import Connection
+from netlib.engine import Connection
 from netlib.net import Net
 from netlib.snapshots import snapshot
 from netlib.training import report
@@ -23,7 +23,7 @@ def time_layers(net: Net, iterations: int) -> tuple[dict[str, float], dict[str, 
     threads = net.engine.threads()
     net.engine.set_threads(1)
     for _ in range(iterations):
-        for step in net.executor.steps:
+        for step in net.steps:
             for piece in step.pieces():
                 for at in piece:
                     begin = time.perf_counter()
@@ -31,7 +31,7 @@ def time_layers(net: Net, iterations: int) -> tuple[dict[str, float], dict[str, 
                     forward[at.layer.name] += (time.perf_counter() - begin) / iterations
                 if len(piece) > 1:  # the memory of a shard is reused by the next one: run it backwards now
                     _time_backward(net, piece, backward, iterations)
-        for step in reversed(net.executor.steps):
+        for step in reversed(net.steps):
             for piece in step.pieces():
                 if len(piece) == 1:
                     _time_backward(net, piece, backward, iterations)
@@ -58,14 +58,14 @@ def warn_of_another_net(weights: str, net: Net) -> None:
 
 def memory_of(net: Net) -> list[tuple[str, int]]:
     """Bytes that are stored (parameters, whole blobs, blobs of shards), then bytes that are not."""
-    hidden = set(net.executor.hidden())
+    hidden = {blob for step in net.steps for blob in step.unstored}
     rows = [("parameters and their diffs", sum(2 * p.blob.data.nbytes for p in net.learnable))]
     for name, blob in net.blobs.items():
         if blob not in hidden:
             stored = sum(array.nbytes for array in (blob._data, blob._diff) if array is not None)
             rows.append((f"blob {name} {'x'.join(map(str, blob.shape))}", stored))
     kept: dict[int, int] = {}
-    for step in net.executor.steps:
+    for step in net.steps:
         for piece in step.pieces():
             if len(piece) == 1:
                 continue

@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from netlib import engine
 from netlib.distributed.ranks import ALONE, Ranks
 from netlib.errors import NetlibError
-from netlib.training.callbacks import Callback
 
 OPEN_MPI = ("OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK")
 LAUNCHERS = (  # environment variables with the number of processes and the number of this one
@@ -21,11 +20,10 @@ LAUNCHERS = (  # environment variables with the number of processes and the numb
 )
 
 
-def world(divide: bool = False, patience: float | None = None) -> Ranks:
+def world(divide: bool = False) -> Ranks:
     """Return the ranks of this training; ``ALONE`` for a single process. Raises NetlibError.
 
-    divide    split the prototxt's batch among the ranks instead of using it on each
-    patience  timeout in s for a rank; by default derived from the duration of the steps
+    ``divide`` splits the prototxt's batch among the ranks instead of using it on each.
     """
     started, _ = _started()
     if started == 1 and "mpi4py" not in sys.modules:
@@ -51,16 +49,7 @@ def world(divide: bool = False, patience: float | None = None) -> Ranks:
         return ALONE
     from netlib.distributed.mpi import MPIRanks
 
-    return MPIRanks(MPI.COMM_WORLD, divide, patience)
-
-
-def callbacks_of(ranks: Ranks) -> list[Callback]:
-    """The callbacks of a solver that these ranks train together; none for a single process."""
-    if ranks.count == 1:
-        return []
-    from netlib.distributed.data_parallel import DataParallel
-
-    return [DataParallel(ranks)]
+    return MPIRanks(MPI.COMM_WORLD, divide)
 
 
 @contextlib.contextmanager

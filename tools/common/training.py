@@ -20,12 +20,11 @@ from netlib import files
 from netlib.distributed.ranks import ALONE, Ranks
 from netlib.proto import prototxt
 from netlib.solver import Solver
-from netlib.training import callbacks, solver_parameter
-from netlib.training.callbacks import Callback
-from tools.common.caffe_log import BarHandler, LogFile, log_to
+from netlib.training import solver_parameter
+from tools.common.caffe_log import BarHandler, log_to
 from tools.common.console import DONE, duration
 from tools.common.progress import ProgressBar
-from tools.common.ranks import callbacks_of, ended_together, threads_of
+from tools.common.ranks import ended_together, threads_of
 
 log = logging.getLogger("netlib")
 
@@ -58,21 +57,10 @@ def train(
         changes: dict[str, Any] = {} if max_iter is None else {"max_iter": max_iter}
         with files.noted() as read:
             solver = new_solver(solver_file, snapshot, weights, seed, engine, ranks, **changes)
-        if console.file:
-            solver.callbacks.append(_LogBegun(console.file, [snapshot, *read]))
+        if file := console.file:  # replaced when the snapshots can be written and no other training does
+            solver.on_step.append(lambda: file.begin([snapshot, *read]))
         status = solve(solver, console, snapshot)
     return DONE if ranks.rank else status
-
-
-class _LogBegun(Callback):
-    """Begins the log file with the first iteration, when the snapshots can be written and no other training does."""
-
-    def __init__(self, file: LogFile, inputs: Sequence[str | Path | None]) -> None:
-        self._file, self._inputs = file, inputs
-
-    def on_step(self, solver: callbacks.Solver) -> None:
-        """Replace or continue the log. Raises NetlibError."""
-        self._file.begin(self._inputs)
 
 
 @contextlib.contextmanager
@@ -108,7 +96,7 @@ def new_solver(
     tree = prototxt.parse_file(solver_file)
     param = solver_parameter.parameter_of(tree, **changes)  # errors come before a long text
     log.info("Initializing solver from parameters: \n%s", tree)
-    solver = Solver(param, str(solver_file), seed, engine, callbacks=callbacks_of(ranks))
+    solver = Solver(param, str(solver_file), seed, engine, ranks=ranks)
     _describe(solver)
     if snapshot is None:
         _warn_of_zeros(solver)
@@ -125,7 +113,7 @@ def solve(
     """Train to the end, or until a signal; returns the exit status: 0, or 128 + signal. Raises NetlibError."""
     with requests_by_signal(solver, on_sigint, on_sighup) as stopped, _time_left(solver, console):
         finished = solver.solve(snapshot)
-    if stopped or solver.rank_count == 1:
+    if stopped or solver.ranks.count == 1:
         return DONE if finished or not stopped else 128 + stopped[0]
     return DONE if finished else 128 + signal.SIGTERM  # another rank received the signal
 
@@ -142,7 +130,7 @@ def _describe(solver: Solver) -> None:
             )
     for name in net.outputs:
         log.info("This network produces output %s", name)
-    if (ranks := solver.rank_count) > 1:
+    if (ranks := solver.ranks.count) > 1:
         batch = next(blob.shape[0] for at in net.connections for blob in at.top)
         log.info("%d ranks × %d = %d per step; base_lr is not scaled", ranks, batch, ranks * batch)
     count = sum(p.blob.count for p in net.learnable)
@@ -180,7 +168,7 @@ def requests_by_signal(
     handlers = {signal.SIGINT: effects[on_sigint], signal.SIGTERM: stop}
     if hasattr(signal, "SIGHUP"):
         handlers[signal.SIGHUP] = effects[on_sighup]
-        if solver.rank_count > 1:  # mpiexec forwards SIGUSR1, but ends at SIGHUP
+        if solver.ranks.count > 1:  # mpiexec forwards SIGUSR1, but ends at SIGHUP
             handlers[signal.SIGUSR1] = effects[on_sighup]
     before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
@@ -193,30 +181,31 @@ def requests_by_signal(
 @contextlib.contextmanager
 def _time_left(solver: Solver, console: BarHandler) -> Iterator[None]:
     """Context manager that reports the remaining time."""
-    if solver.rank:
+    if solver.ranks.rank:
         yield
         return
     with contextlib.ExitStack() as bars:
-        solver.callbacks.append(shown := _TimeLeft(console, bars))
+        shown = _TimeLeft(solver, console, bars)
+        solver.on_update.append(shown.update)
         try:
             yield
         finally:
-            solver.callbacks.remove(shown)
+            solver.on_update.remove(shown.update)
             console.bar = None
 
 
-class _TimeLeft(Callback):
+class _TimeLeft:
     """A progress bar on a terminal, below the log; elsewhere a log line per minute."""
 
     LINE_EVERY = 60.0  # seconds
 
-    def __init__(self, console: BarHandler, bars: contextlib.ExitStack) -> None:
-        self.console, self.bars = console, bars
+    def __init__(self, solver: Solver, console: BarHandler, bars: contextlib.ExitStack) -> None:
+        self.solver, self.console, self.bars = solver, console, bars
         self.bar: ProgressBar | None = None
 
-    def on_update(self, solver: callbacks.Solver) -> None:
+    def update(self) -> None:
         """Show the progress."""
-        now = time.perf_counter()
+        solver, now = self.solver, time.perf_counter()
         if self.bar is None:  # the first iteration is known only now
             self.begun, self.last_line = (solver.iter, now), now
             bar = ProgressBar(solver.param.max_iter, "iter", done=solver.iter - 1)

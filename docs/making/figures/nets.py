@@ -10,7 +10,7 @@ import netlib
 from docs.making.figures.drawing import DEPTH, FIRST, PALE_DATA, SECOND, SIGNS, new_figure
 from handpose.estimate.packaged import PAPER_HAND, checked_weights, read_card
 from handpose.synthetic.generator import Generator
-from netlib.engine.plain import Connection
+from netlib.engine import Connection
 from netlib.files.paths import ROOT
 
 SHIFT, GAP, ROOM = 5, 30, 20  # from map to map, from blob to blob, at least for a blob; a pixel of a map is 1

@@ -22,6 +22,8 @@ pytestmark = pytest.mark.both_engines
 
 SQUARE = """
 import netlib
+import numpy as np
+from numpy.linalg import inv as inverse
 
 class Square(netlib.Layer):
     def setup(self, bottom, top):
@@ -40,6 +42,14 @@ class Square(netlib.Layer):
 class Broken(Square):
     def forward(self, bottom, top):
         1 / 0
+
+class Singular(Square):
+    def backward(self, top, propagate_down, bottom):
+        inverse(np.zeros((2, 2)))
+
+class TooFew(Square):
+    def reshape(self, bottom):
+        pass
 
 class Counting(Square):
     def __init__(self, layer_param):
@@ -151,12 +161,17 @@ class Steeper(TanH):
     assert np.allclose(net.forward(x=np.array([0, 1, -2]))["y"], 2 * np.tanh([0, 1, -2]))
 
 
-def test_a_python_layer_that_fails(squares: None) -> None:
-    """The error names the layer, the exception, and the file and line that raised it."""
-    net = net_with(python("Broken"))
-    message = r"layer 'own': forward failed: ZeroDivisionError: division by zero \(squares.py:20\)$"
-    with pytest.raises(netlib.LayerError, match=message):
+@pytest.mark.parametrize(("name", "message"), [
+    ("Broken", r"forward failed: ZeroDivisionError: division by zero \(squares.py:22\)"),
+    ("Singular", r"backward failed: LinAlgError: Singular matrix \(squares.py:26\)"),  # raised in a file of NumPy's
+    ("TooFew", r".* failed: TypeError: .*reshape\(\) takes 2 positional arguments but 3 were given.*"),
+])
+def test_a_python_layer_that_fails(squares: None, name: str, message: str) -> None:
+    """The error names the layer, its method, the exception, and the innermost line of the user's own file."""
+    with pytest.raises(netlib.LayerError, match=rf"layer 'own': {message}$"):
+        net = net_with(python(name))
         net.forward(x=np.ones(3))
+        net.backward(y=np.ones(3))
 
 
 BESIDE = "it must lie in the working directory or on PYTHONPATH"

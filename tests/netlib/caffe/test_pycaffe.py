@@ -15,9 +15,8 @@ import pytest
 import netlib
 from netlib import caffe
 from netlib.caffe import _caffe, process, pycaffe
-from netlib.distributed import consistency, ranks
-from netlib.distributed.data_parallel import DataParallel
-from netlib.distributed.ranks import Ranks
+from netlib.distributed import ranks
+from netlib.distributed.ranks import Ranks, facts_of
 from netlib.errors import NetlibError, PrototxtError, warn_once
 from tests.support.bad_input import bad_inputs
 
@@ -407,11 +406,11 @@ def test_options_that_cannot_change_so(given: tuple[str, object], rejected) -> N
 
 def test_solvers_of_one_file_say_the_same_options() -> None:
     """Solvers of one file have equal traits, which ranks compare; a changed option makes them differ."""
-    one, two = (consistency.traits_of(pycaffe.SGDSolver("solver.prototxt")) for _ in range(2))
+    one, two = (facts_of(pycaffe.SGDSolver("solver.prototxt")) for _ in range(2))
     assert one["solver prototxt"] == two["solver prototxt"]
     one_more = pycaffe.SGDSolver("solver.prototxt")
     one_more.param.base_lr = 0.25
-    assert consistency.traits_of(one_more)["solver prototxt"] != one["solver prototxt"]
+    assert facts_of(one_more)["solver prototxt"] != one["solver prototxt"]
 
 
 def test_callbacks() -> None:
@@ -464,14 +463,13 @@ def test_one_solver_in_one_process() -> None:
             call()
 
 
-def test_one_solver_of_several_processes(work: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_solver_of_several_processes(monkeypatch: pytest.MonkeyPatch) -> None:
     """The count and rank are those of the ranks that train together; setting other values raises an error."""
 
     class OneOfThree(Ranks):
         rank, count = 1, 3
 
-    monkeypatch.setattr(ranks, "latest", ranks.ALONE)
-    pycaffe.get_solver("solver.prototxt", callbacks=[DataParallel(OneOfThree())])
+    monkeypatch.setattr(ranks, "latest", OneOfThree())
     assert (process.solver_count(), process.solver_rank()) == (3, 1)
     process.set_solver_count(3)
     with pytest.raises(NotImplementedError, match=r"docs/distributed\.md"):

@@ -46,11 +46,12 @@ def test_a_batch_that_cannot_be_divided(write_rows):
 
 def test_alone():
     """A single rank changes nothing, and its errors are raised unchanged."""
-    y = np.ones(3)
+    y, done = np.ones(3), []
     ALONE.average([y])
     ALONE.introduce({"data": 1})
-    assert y.tolist() == [1, 1, 1] and ALONE.shard == Shard() and ALONE.of_root(5) == 5
-    assert ALONE.agree(2.5, "stop", 7) == 2.5 and ALONE.asked("stop") == ALONE.from_root("stop") == "stop"
+    ALONE.at_root(lambda: done.append(1))
+    assert done == [1] and y.tolist() == [1, 1, 1] and ALONE.shard == Shard() and ALONE.of_root(5) == 5
+    assert ALONE.agree(2.5, "stop") == 2.5 and ALONE.asked("stop") == "stop"
     assert ALONE.gather({"a": 1}) == []
     error = NetlibError("no")
     with pytest.raises(NetlibError) as raised, ALONE.together():

@@ -98,3 +98,45 @@ def test_a_python_layer_finds_the_scripts_own_module(run) -> None:
     )
     files = {"layers/__init__.py": "", "layers/ten.py": layer, "net.prototxt": net}
     assert run(code, files, "-m", "netlib.caffe") == ["[10. 10.] True 1"]
+
+
+TRIPLE = """import netlib
+class Triple(netlib.Layer):
+    def reshape(self, bottom, top): top[0].reshape(*bottom[0].shape)
+    def forward(self, bottom, top): top[0].data[...] = 3 * bottom[0].data
+    def backward(self, top, propagate_down, bottom): bottom[0].diff[...] = 3 * top[0].diff
+"""
+TRAINING = f"""
+import handpose, netlib
+from handpose.estimate.estimator import HandEstimator
+assert len(netlib.Net({str(ROOT / "prototxt" / "nyu_deploy.prototxt")!r}, netlib.TEST).forward()) == 1
+solver = netlib.get_solver("solver.prototxt")
+assert solver.step(2)
+import layers
+print(type(solver.net.layer_dict["triple"]).__name__)
+print(layers.Triple.__module__, "ours" if hasattr(layers, "LAYER_TYPES") else "theirs")
+"""
+SOLVED = {
+    "layers.py": TRIPLE,
+    "solver.prototxt": 'net: "net.prototxt" base_lr: 0.1 lr_policy: "fixed"',
+    "net.prototxt": """layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 dim: 3 } } }
+        layer { name: "f" type: "InnerProduct" bottom: "x" top: "f" inner_product_param { num_output: 2 } }
+        layer { name: "triple" type: "Python" bottom: "f" top: "p" python_param { module: "layers" layer: "Triple" } }
+        layer { name: "loss" type: "EuclideanLoss" bottom: "p" bottom: "p" top: "loss" }""",
+}
+
+
+@pytest.mark.parametrize("before", ["", "import layers as first\n"])
+def test_handpose_beside_a_scripts_own_layers(run, before: str) -> None:
+    """Whenever the script imports its own, handpose and netlib use ours and the script its own; a net trains."""
+    code = before + TRAINING + ("print(layers is first)\n" if before else "")
+    assert run(code, SOLVED) == ["Triple", "layers theirs", *["True"][: len(before)]]
+
+
+def test_importing_netlib_changes_nothing_else(run) -> None:
+    code = (
+        "import sys, numpy, scipy, cv2, h5py\nhooks, path = list(sys.meta_path), list(sys.path)\nimport netlib\n"
+        "names = {name.partition('.')[0] for name in sys.modules}\n"
+        "print(names & {'layers', 'fast', 'caffe', 'tools'}, sys.meta_path == hooks, sys.path == path)"
+    )
+    assert run(code, {}) == ["set() True True"]

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import gc
-import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 from unittest import mock
 
@@ -16,8 +15,6 @@ from hypothesis import strategies as st
 
 import netlib
 from fast import slices
-from fast.executor import SlicedExecutor
-from fast.last_pass import LastPass
 from fast.slices import SlicedStep
 from netlib.errors import NetlibError
 from netlib.proto import prototxt
@@ -78,9 +75,8 @@ def batch(count: int, seed: int = 0, flat: bool = True) -> Arrays:
 
 def hidden(net: netlib.Net) -> list[str]:
     """Names of the blobs that are not stored for the whole batch."""
-    assert isinstance(net.executor, SlicedExecutor)
-    secret = {id(blob) for blob in net.executor.hidden()}
-    return [name for name, blob in net.blobs.items() if id(blob) in secret]
+    secret = {blob for step in net.steps for blob in step.unstored}
+    return [name for name, blob in net.blobs.items() if blob in secret]
 
 
 def layer_by_layer(net: netlib.Net) -> netlib.Net:
@@ -129,7 +125,7 @@ def assert_equal(got: Arrays, want: Arrays) -> None:
 
 def is_sliced(net: netlib.Net) -> bool:
     """Whether any part of the net runs in slices."""
-    return any(isinstance(step, SlicedStep) for step in net.executor.steps)
+    return any(isinstance(step, SlicedStep) for step in net.steps)
 
 
 # ---------------------------------------------------------------------------------------------- the paper's network
@@ -197,22 +193,6 @@ def test_a_second_pass_gives_the_same_as_the_first(net_of: MakeNet) -> None:
     assert_equal(everything(net, batch(20)), first)
 
 
-def test_who_follows_a_backward_pass_hears_of_it_often(
-    net_of: MakeNet, monkeypatch: pytest.MonkeyPatch, keep_threads: None
-) -> None:
-    """The callback of backward is called between the layers of slices too, always on the thread that runs the net."""
-    monkeypatch.setattr(slices, "MAX_SLICE", 2)
-    netlib.set_threads(2)
-    net = net_of(PAPER)
-    feed(net, batch(37))
-    heard: list[tuple[str | None, int]] = []
-    net.run_backward(lambda layer: heard.append((layer and layer.name, threading.get_ident())))
-    assert {thread for _, thread in heard} == {threading.get_ident()}
-    names = [name for name, _ in heard]
-    assert [name for name in names if name] == ["loss", "label", "fc", "c1", "depth"]
-    assert names.index("c1") > names.index("fc") + 5  # slices
-
-
 # ---------------------------------------------------------------------------------------------- looking at blobs
 
 
@@ -271,17 +251,24 @@ def test_all_hidden_blobs_are_true_one_after_the_other(net_of: MakeNet, expected
         check_blob(net, name, "data", expected)
 
 
-def test_looking_at_all_shapes_costs_two_passes(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Accessing all blobs costs two passes: the first access stores one blob, the second all others."""
+def test_a_look_costs_one_pass_and_all_blobs_are_stored_from_then_on(
+    net_of: MakeNet, monkeypatch: pytest.MonkeyPatch
+) -> None:
     net = net_of(PAPER)
     everything(net, batch(3))
     assert hidden(net) == HIDDEN
-    passes = []
-    repeat = LastPass.repeat
-    monkeypatch.setattr(LastPass, "repeat", lambda self, *steps: (passes.append(steps), repeat(self, *steps)))
+    repeated = []
+    compute = SlicedStep.compute_unstored
+    monkeypatch.setattr(SlicedStep, "compute_unstored", lambda self: (repeated.append(self), compute(self)))
     assert [blob.data.shape for blob in net.blobs.values()] == [blob.shape for blob in net.blobs.values()]
-    assert len(passes) <= 3  # one run, then the two parts that remain of it
+    assert len(repeated) == 1
     assert hidden(net) == []
+
+
+def test_shapes_are_no_look(net_of: MakeNet) -> None:
+    net = net_of(PAPER)
+    assert [(blob.shape, blob.count) for blob in net.blobs.values()]
+    assert hidden(net) == HIDDEN
 
 
 @pytest.mark.parametrize("how", ["a look", "a part"])
@@ -305,64 +292,41 @@ def test_a_reshape_that_changes_nothing_loses_nothing(net_of: MakeNet, expected:
     check_blob(net, "p1", "diff", expected)
 
 
-TWO_IMAGES = """
-    layer { name: "c" type: "Convolution" bottom: "one" top: "c"
-            convolution_param { num_output: 3 kernel_size: 2 weight_filler { type: "xavier" } } }
-    layer { name: "p" type: "Pooling" bottom: "c" top: "p" pooling_param { kernel_size: 3 stride: 3 } }
-    layer { name: "d" type: "Convolution" bottom: "p" top: "d"
-            convolution_param { num_output: 3 kernel_size: 2 weight_filler { type: "xavier" } } }
-    layer { name: "e" type: "Convolution" bottom: "two" top: "e"
-            convolution_param { num_output: 3 kernel_size: 2 weight_filler { type: "xavier" } } }
-    layer { name: "f" type: "Convolution" bottom: "e" top: "f"
-            convolution_param { num_output: 3 kernel_size: 2 weight_filler { type: "xavier" } } }
-"""
-INVALID = (3, 2, 4, 4)  # the last convolution of the first image does not fit
-RESHAPED = {
-    "the other input": [("two", (3, 2, 7, 9))],
-    "a size that the pooling rounds to the same": [("one", (3, 2, 9, 9))],
-    "there and back": [("one", (3, 2, 5, 5)), ("one", (3, 2, 10, 10))],
-    "an error, and back": [("one", INVALID), ("one", (3, 2, 10, 10))],
-    "both": [("one", (3, 2, 9, 9)), ("two", (1, 2, 7, 9))],
-}
-
-
-@pytest.mark.parametrize("reshaped", RESHAPED.values(), ids=RESHAPED)
-@pytest.mark.parametrize("use", ["look", "forward of a part", "backward", "write, then backward"])
-def test_a_reshape_leaves_the_values_of_other_shapes(use: str, reshaped: list[tuple[str, tuple[int, ...]]]) -> None:
-    """Blobs whose shape a reshape does not change have their values of the last pass, hidden or not."""
-    found = []
-    for engine in ("plain", "fast"):
-        text = inputs(one=(3, 2, 10, 10), two=(3, 2, 6, 6)) + TWO_IMAGES + "force_backward: true"
-        net = netlib.Net(prototxt.parse(text), netlib.TRAIN, dtype=np.float64, seed=1, engine=engine)
-        rng = np.random.default_rng(2)
-        net.forward(one=rng.normal(size=(3, 2, 10, 10)), two=rng.normal(size=(3, 2, 6, 6)))
-        assert engine == "plain" or ("e" in hidden(net) and "p" in hidden(net))
-        for name, shape in reshaped:
-            net.blobs[name].reshape(*shape)
-            with pytest.raises(NetlibError) if shape == INVALID else contextlib.nullcontext():
-                net.reshape()
-        if use == "forward of a part":
-            net.forward(start="d")
-        elif use != "look":
-            for name in ("one", "two") if use.startswith("write") else ():
-                net.blobs[name].data[...] = 1
-            net.backward(d=np.ones_like(net.blobs["d"].data), f=np.ones_like(net.blobs["f"].data))
-        found.append({name: blob.data.copy() for name, blob in net.blobs.items()})
-        found[-1] |= {f"slopes of {name}": params[0].diff.copy() for name, params in net.params.items()}
-    for name, values in found[0].items():
-        np.testing.assert_allclose(found[1][name], values, atol=1e-9, err_msg=name)
+CONVOLUTION = """
+    layer { name: "%s" type: "Convolution" bottom: "%s" top: "%s"
+            convolution_param { num_output: 3 kernel_size: 2 weight_filler { type: "xavier" } } }"""
+POOLING = 'layer { name: "p" type: "Pooling" bottom: "c" top: "p" pooling_param { kernel_size: 3 stride: 3 } }'
+FROM = {"c": "one", "d": "p", "e": "two", "f": "e"}
+TWO_IMAGES = "".join(CONVOLUTION % (top, FROM[top], top) for top in "c") + POOLING
+TWO_IMAGES += "".join(CONVOLUTION % (top, FROM[top], top) for top in "def")
 
 
 def test_another_number_of_items_keeps_the_plan(net_of: MakeNet) -> None:
     """The plan depends only on the shape of an item. The results are those of a net that has run no other batch."""
     net, other = net_of(PAPER), net_of(PAPER)
     everything(net, batch(5))
-    steps = net.executor.steps
+    steps = net.steps
     found = everything(net, batch(10))
-    assert net.executor.steps is steps
+    assert net.steps == steps
     assert_equal(found, everything(other, batch(10)))
     for name in HIDDEN:
         assert np.array_equal(net.blobs[name].data, other.blobs[name].data), name
+
+
+def test_a_reshape_of_another_input_discards_what_is_not_stored(net_of: MakeNet, rng: np.random.Generator) -> None:
+    """backward then runs the layers forwards again, those of unchanged shapes, too."""
+    text = inputs(one=(3, 2, 10, 10), two=(3, 2, 6, 6)) + "force_backward: true" + TWO_IMAGES
+    fast, plain = (net_of(text, engine=name, dtype=np.float64) for name in ("fast", "plain"))
+    one, two = rng.normal(size=(3, 2, 10, 10)), rng.normal(size=(3, 2, 6, 6))
+    for net in (fast, plain):
+        net.forward(one=one, two=two)
+        assert net is plain or set(hidden(net)) >= {"p", "e"}
+        net.blobs["two"].reshape(3, 2, 7, 9)
+        net.reshape()
+        net.blobs["two"].data[...] = 1
+        net.backward(d=np.ones((3, 3, 2, 2)), f=np.ones((3, 3, 5, 7)))
+    for name, params in plain.params.items():
+        np.testing.assert_allclose(fast.params[name][0].diff, params[0].diff, atol=1e-9, err_msg=name)
 
 
 @pytest.mark.parametrize("has_loss", [False, True])
@@ -374,7 +338,7 @@ def test_recent_numbers_of_items_need_no_new_slices(net_of: MakeNet, has_loss: b
     for items in (5, 10, 5, 2, 3, 4, 5):
         given = {name: array for name, array in batch(items).items() if name in net.inputs}
         feed(net, given)
-        sliced = next(step for step in net.executor.steps if isinstance(step, SlicedStep))
+        sliced = next(step for step in net.steps if isinstance(step, SlicedStep))
         layer = sliced.pieces()[0][0].layer
         assert (layers.get(items) is layer) == (items in layers and not has_loss)
         layers[items] = layer
@@ -396,7 +360,7 @@ def test_a_hidden_blob_does_not_outlive_its_net(net_of: MakeNet) -> None:
     left = blobs()
     gc.collect()
     assert left["fc"].data.shape == (2, 10)
-    with pytest.raises(netlib.NetlibError, match="computed in slices and its net is gone"):
+    with pytest.raises(netlib.NetlibError, match="was not stored and its net is gone"):
         left["c1"].data  # noqa: B018
 
 
@@ -550,16 +514,6 @@ def test_a_top_that_was_reshaped_by_hand(net_of: MakeNet) -> None:
     assert net.forward()["y"].shape == (4, 3)
 
 
-def test_a_hidden_diff_is_by_the_weights_of_backward(net_of: MakeNet) -> None:
-    """A hidden diff is computed with the weights of backward, even if they were changed after forward."""
-    sliced, plain = net_of(PAPER), layer_by_layer(net_of(PAPER))
-    for net in (sliced, plain):
-        feed(net, batch(3, flat=False))
-        net.params["c2"][0].data[...] *= 10
-        net.backward()
-    assert difference(sliced.blobs["p1"].diff, plain.blobs["p1"].diff) <= 2e-5
-
-
 def test_a_blob_that_was_written_is_used(net_of: MakeNet) -> None:
     """Values that a caller writes to a hidden blob are read by the layers after it."""
     net = net_of(PAPER)
@@ -601,7 +555,7 @@ def test_relu_after_max_pooling_is_relu_before_it(net_of: MakeNet) -> None:
         net.params["c"][0].data[...] = np.array([[1, 0], [0, 1], [-1, -1]])[:, :, None, None]
     x = {"x": rng.integers(-2, 2, (3, 2, 6, 6))}  # many equal values, and windows without positive values
     dy = {"d": rng.normal(size=(3, 2, 3, 3))}
-    step = next(step for step in sliced.executor.steps if isinstance(step, SlicedStep))
+    step = next(step for step in sliced.steps if isinstance(step, SlicedStep))
     assert [at.layer.name for at in step.run.order] == ["c", "p", "r", "d"]
     assert_close(everything(sliced, x, dy), everything(plain, x, dy), 1e-6)
 
@@ -749,21 +703,86 @@ def check_stack(text: str, items: int) -> None:
 
 
 def test_a_look_repeats_only_what_ran_in_slices(net_of: MakeNet, rng: np.random.Generator) -> None:
-    """A layer that ran whole keeps its output when a hidden blob is read after its input was written.
-
-    The unused input hides from the first plan that both others now have the same number of items.
-    """
+    """A layer that ran whole keeps its output when a hidden blob is read after its input was written."""
     net = net_of(
-        inputs(unused=(5, 1, 8, 8), x=(3, 1, 8, 8), z=(2, 1, 8, 8))
+        inputs(x=(3, 1, 8, 8), z=(2, 1, 8, 8))
         + """layer { name: "c" type: "Convolution" bottom: "x" top: "c"
                 convolution_param { num_output: 2 kernel_size: 3 weight_filler { type: "xavier" } } }
             layer { name: "p" type: "Pooling" bottom: "c" top: "p" pooling_param { kernel_size: 2 stride: 2 } }
-            layer { name: "r" type: "ReLU" bottom: "z" top: "r" }
-            layer { name: "d" type: "Convolution" bottom: "p" top: "d"
-                convolution_param { num_output: 2 kernel_size: 3 weight_filler { type: "xavier" } } }"""
+            layer { name: "r" type: "ReLU" bottom: "z" top: "r" }"""
     )
-    net.forward(x=rng.normal(size=(2, 1, 8, 8)), z=rng.normal(size=(2, 1, 8, 8)))
+    net.forward(x=rng.normal(size=(3, 1, 8, 8)), z=rng.normal(size=(2, 1, 8, 8)))
+    assert hidden(net) == ["c"]
     before = net.blobs["r"].data.copy()
     net.blobs["z"].data[...] = rng.normal(size=(2, 1, 8, 8))
     assert np.isfinite(net.blobs["c"].data).all()
     np.testing.assert_array_equal(net.blobs["r"].data, before)
+
+
+@pytest.mark.parametrize("use", ["read", "backward"])
+def test_an_input_written_after_forward(net_of: MakeNet, use: str) -> None:
+    """What is not stored cannot be computed from new values: an error says so, until the net stores all blobs."""
+    net = net_of(PAPER)
+    feed(net, batch(3))
+    net.blobs["depth"].data[...] = 0.25
+    with pytest.raises(NetlibError, match=r"blob 'depth' was written after the pass.* such as 'c1'"):
+        net.blobs["c2"].data if use == "read" else net.backward()
+    net.forward()
+    assert net.blobs["c1"].data.any()
+    net.blobs["depth"].data[...] = 1
+    net.backward()
+
+
+def test_a_hidden_blob_cannot_be_read_during_a_pass(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> None:
+    net = net_of(PAPER)
+    layer = net.layer_dict["fc"]
+    forward = layer.forward
+
+    def looking(bottom: netlib.Blobs, top: netlib.Blobs) -> None:
+        net.blobs["c1"].data  # noqa: B018
+        forward(bottom, top)
+
+    monkeypatch.setattr(layer, "forward", looking)
+    with pytest.raises(NetlibError, match="a blob that is not stored is read during a pass"):
+        feed(net, batch(3))
+    assert net.blobs["c1"].data.any()
+    net.forward()
+
+
+SPLIT = """
+    layer { name: "a" type: "Power" bottom: "x" top: "a" power_param { shift: 1 } }
+    layer { name: "split" type: "Split" bottom: "a" top: "b" top: "c" }
+    %s
+    layer { name: "d" type: "Eltwise" bottom: "b" bottom: "c" top: "d" }
+"""
+
+
+@pytest.mark.parametrize("overwritten", ["", "b"])
+def test_tops_of_a_split_share_memory_unless_a_layer_overwrites_it(net_of: MakeNet, overwritten: str) -> None:
+    over = f'layer {{ name: "over" type: "Exp" bottom: "{overwritten}" top: "{overwritten}" }}' if overwritten else ""
+    text, x = inputs(x=(1, 4)) + SPLIT % over, np.arange(4.0).reshape(1, 4)
+    fast, plain = net_of(text, engine="fast"), net_of(text, engine="plain")
+    for factor in (1, 2):
+        np.testing.assert_array_equal(fast.forward(x=factor * x)["d"], plain.forward(x=factor * x)["d"])
+    a, b, c = (fast.blobs[name].data for name in "abc")
+    assert np.shares_memory(a, b) == (not overwritten)
+    assert np.shares_memory(a, c)
+    fast.forward(start="d")  # of a part, each blob has its own
+    assert not np.shares_memory(fast.blobs["b"].data, fast.blobs["c"].data)
+    np.testing.assert_array_equal(fast.blobs["c"].data, plain.blobs["c"].data)
+
+
+def test_after_a_step_of_a_solver_all_blobs_have_its_values(tmp_path: Path) -> None:
+    """Also those that were not stored, with dropout, and although the weights have been updated since."""
+    text = PAPER.replace('layer { name: "fc" type', 'layer { name: "drop" type: "Dropout" bottom: "c3" top: "c3" } '
+                         'layer { name: "fc" type')
+    (tmp_path / "solver.prototxt").write_text(f'net_param {{ {text} }} base_lr: 0.1 lr_policy: "fixed" random_seed: 2')
+    fast, plain = (netlib.get_solver(tmp_path / "solver.prototxt", engine=name) for name in ("fast", "plain"))
+    for solver in (fast, plain):
+        for name, array in batch(2, flat=False).items():
+            solver.net.blobs[name].data[...] = array
+        solver.step(1)
+    assert hidden(fast.net) == HIDDEN
+    for name, blob in plain.net.blobs.items():
+        assert difference(fast.net.blobs[name].data, blob.data) <= 2e-5, name
+        assert np.linalg.norm(fast.net.blobs[name].diff - blob.diff) <= 1e-2 * np.linalg.norm(blob.diff), name

@@ -13,11 +13,10 @@ import netlib
 from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import load
 from netlib import engine
-from netlib.engine import choice
-from netlib.engine.plain import Engine, Executor
+from netlib.engine import Engine, Step
 from tests.support.running import run_python
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[2]
 MakeNet = Callable[..., netlib.Net]
 needs_fast = pytest.mark.skipif(not engine.has_fast(), reason="the folder fast/ is not there")
 
@@ -40,7 +39,7 @@ def test_plain_is_always_there(net_of: MakeNet) -> None:
     net = net_of(NET, engine="plain")
     assert net.engine.name == "plain"
     assert type(net.engine) is Engine
-    assert type(net.executor) is Executor
+    assert [(type(step), step.connections) for step in net.steps] == [(Step, [at]) for at in net.connections]
 
 
 @needs_fast
@@ -65,16 +64,15 @@ def test_an_unknown_engine(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_without_its_folder_fast_is_refused_by_name_only(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without the folder fast/ the default is the plain engine; asking for ``fast`` raises an error."""
-    monkeypatch.setattr("netlib.engine.choice.has_fast", lambda: False)
+    monkeypatch.setattr("netlib.engine.has_fast", lambda: False)
     monkeypatch.delenv("NETLIB_ENGINE", raising=False)
-    choice._engine.cache_clear()
+    engine._engine.cache_clear()
     try:
         assert net_of(NET).engine.name == "plain"
-        assert engine.prepare() == "BLAS: as NumPy sets it up"
         with pytest.raises(netlib.NetlibError, match="the engine 'fast' needs the folder fast/"):
             net_of(NET, engine="fast")
     finally:
-        choice._engine.cache_clear()
+        engine._engine.cache_clear()
 
 
 @needs_fast
@@ -207,11 +205,10 @@ def test_for_each(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
         engine.for_each([1, 0], lambda divisor: done.append(1 // divisor))
 
 
-def test_a_process_of_the_plain_engine_loads_no_fast_classes() -> None:
-    """With NETLIB_ENGINE=plain only fast.blas is imported from fast/, to configure BLAS."""
+def test_a_process_of_the_plain_engine_imports_nothing_of_fast() -> None:
     code = (
         "import sys, netlib; net = netlib.Net('prototxt/nyu_deploy.prototxt', netlib.TEST); net.forward(); "
         "print(net.engine.name, netlib.threads(), [m for m in sys.modules if m.split('.')[0] == 'fast'])"
     )
     out = run_python("-c", code, NETLIB_ENGINE="plain").out
-    assert out == f"plain 1 {['fast', 'fast.blas'] if engine.has_fast() else []}\n"
+    assert out == "plain 1 []\n"

@@ -1,0 +1,252 @@
+"""Engines: how a net is computed. An engine makes the list of steps that the net's loop runs (net.py).
+
+    plain   a step for each layer of layers/, on the whole batch, in the order of the file; this file
+    fast    the same results, up to rounding, faster: some steps run several layers in slices of the batch; folder fast/
+
+``netlib.Net(..., engine="plain")`` selects it for one net, NETLIB_ENGINE for a process; the default is ``fast`` if the
+folder fast/ exists.
+"""
+
+from __future__ import annotations
+
+import functools
+import operator
+import os
+import sysconfig
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import TypeVar
+
+from numpy.typing import DTypeLike
+
+from netlib.blob import Array, Blob, Blobs
+from netlib.building import python_layer
+from netlib.errors import NetlibError, did_you_mean
+from netlib.files.own_modules import own_module
+from netlib.files.paths import ROOT
+from netlib.layer import Layer
+from netlib.system import memory
+from netlib.system.memory import OutOfMemoryError
+
+T = TypeVar("T")
+NAMES = ("fast", "plain")
+ADVICE = "; use a smaller batch or layer"
+LIBRARIES = ("<", *(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")))  # not the user's files
+
+
+@dataclass(eq=False)  # each is its own key
+class Connection:
+    """A layer of a net with its bottom and top blobs.
+
+    propagate_down, needs_backward  the gradients that backward computes
+    blobs                           all of its blobs
+    ran_with                        shapes of the blobs when forward ran, or None
+    has_run_back                    whether backward has run before
+    """
+
+    layer: Layer
+    bottom: Blobs
+    top: Blobs
+    propagate_down: list[bool]
+    needs_backward: bool = False
+    ran_with: tuple[tuple[int, ...], ...] | None = None
+    has_run_back: bool = False
+
+    def __post_init__(self) -> None:
+        self.blobs = [*self.bottom, *self.top]
+
+    def has_run(self) -> bool:
+        """Whether forward has run with the current shapes, so that backward can run."""
+        return self.ran_with == shapes_of(self.blobs)
+
+
+SHAPE = operator.attrgetter("shape")
+
+
+def shapes_of(blobs: Iterable[Blob]) -> tuple[tuple[int, ...], ...]:
+    """The shapes of blobs."""
+    return tuple(map(SHAPE, blobs))
+
+
+class Step:
+    """One layer, run on the whole batch.
+
+    connections  the layers that the step runs
+    unstored     the blobs between these layers that the step does not store
+    """
+
+    unstored: Sequence[Blob] = ()
+
+    def __init__(self, at: Connection) -> None:
+        self.at, self.connections = at, [at]
+        self.errors = LayerErrors(at.layer, at.bottom)
+
+    def forward(self) -> None:
+        """Reshape the tops and compute them."""
+        at = self.at
+        with self.errors:
+            at.layer.reshape(at.bottom, at.top)
+            at.layer.forward(at.bottom, at.top)
+        at.ran_with = tuple(map(SHAPE, at.blobs))
+
+    def backward(self) -> None:
+        """Compute the diffs, if needed. The first time, report what a Python layer leaves unwritten."""
+        at = self.at
+        if not at.needs_backward:
+            return
+        is_new = at.layer.type == "Python" and not at.has_run_back
+        with self.errors, python_layer.all_written(at) if is_new else nullcontext():
+            at.layer.backward(at.top, at.propagate_down, at.bottom)
+        at.has_run_back = True
+
+    def pieces(self) -> list[list[Connection]]:
+        """The layers in execution order, for a timer: one list per slice of the batch; here there is one."""
+        return [[self.at]]
+
+    def compute_unstored(self) -> None:
+        """Compute the unstored blobs of the last pass. Here there are none."""
+
+
+class Engine:
+    """The interface of an engine, and the plain engine. The fast one (fast/engine.py) overrides its methods."""
+
+    name = "plain"
+
+    def steps(self, connections: Sequence[Connection], outside: Iterable[Blob], old: Sequence[Step]) -> Sequence[Step]:
+        """The steps of a net, forwards; those of ``old`` that still fit are used again.
+
+        ``outside`` are the blobs that a caller reads or writes: inputs, outputs, losses. They are always stored.
+        """
+        return old or self.steps_by_layer(connections)
+
+    def steps_by_layer(self, connections: Sequence[Connection]) -> Sequence[Step]:
+        """The steps of a net of which parts are run, or all blobs read: one for each layer; all blobs are stored."""
+        return [Step(at) for at in connections]
+
+    def implementation(self, cls: type[T]) -> type[T]:
+        """The class that this engine uses in place of ``cls``, with the same results."""
+        return cls
+
+    def blob(self, dtype: DTypeLike) -> Blob:
+        """Create a blob of a net."""
+        return Blob((), dtype)
+
+    def run(self, jobs: Sequence[Callable[[], None]]) -> None:
+        """Run independent jobs and return when all are done."""
+        for job in jobs:
+            job()
+
+    def copy(self, source: Array, target: Array) -> None:
+        """Copy the values of one array into another."""
+        target[...] = source
+
+    def threads(self) -> int:
+        """Number of threads in use."""
+        return 1
+
+    def set_threads(self, count: int) -> None:
+        """Set the number of threads. Has no effect in this engine."""
+        if count < 1:
+            raise ValueError(f"the number of threads must be at least 1, got {count}")
+
+
+# ---------------------------------------------------------------------------------------------- choice
+
+
+def available_cpus() -> int:
+    """Number of processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@functools.cache
+def has_fast() -> bool:
+    """Whether the fast engine is available."""
+    return (ROOT / "fast" / "engine.py").is_file()
+
+
+def get(name: str | None = None, default: str | None = None) -> Engine:
+    """Return an engine by name; by default that of NETLIB_ENGINE, else ``default``, else "fast" if available.
+
+    Raises NetlibError.
+    """
+    return _engine(name or os.environ.get("NETLIB_ENGINE") or default or ("fast" if has_fast() else "plain"))
+
+
+def for_each(items: Iterable[T], job: Callable[[T], None]) -> None:
+    """Call ``job`` with every item, in any order, on the threads of the default engine; the plain engine has one."""
+    get().run([functools.partial(job, item) for item in items])
+
+
+@functools.cache
+def _engine(name: str) -> Engine:
+    if name == "plain":
+        return Engine()
+    if name != "fast":
+        raise NetlibError(f"unknown engine {name!r}{did_you_mean(name, NAMES)}; known: {', '.join(NAMES)}")
+    if not has_fast():
+        raise NetlibError("the engine 'fast' needs the folder fast/, which is missing; use the engine 'plain'")
+    own_module("layers")  # from which fast/ imports
+    fast: Engine = own_module("fast.engine").FastEngine()
+    return fast
+
+
+# ---------------------------------------------------------------------------------------------- errors
+
+
+class LayerErrors(AbstractContextManager[None]):
+    """Context manager around methods of a layer: errors of Python become LayerErrors that name the layer, the method
+    and the innermost line that is not of a library.
+    """
+
+    def __init__(self, layer: Layer, bottom: Blobs) -> None:
+        self.layer, self.bottom = layer, bottom
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is None or trace is None or not isinstance(error, Exception):
+            return
+        if isinstance(error, NetlibError) and not isinstance(error, OutOfMemoryError):
+            return
+        method = (trace.tb_next or trace).tb_frame.f_code.co_name
+        if memory.is_lacking(error):
+            raise lacking(self.layer, method, error) from error
+        for name, blob in zip(self.layer.spec.bottom, self.bottom):
+            if not blob.count and self.layer.type != "Python":  # the author of a Python layer needs its own error
+                raise self.layer.fail(
+                    f"bottom {name!r} {blob.shape} is empty; {self.layer.type} expects values"
+                ) from error
+        raise self.layer.fail(f"{method} failed: {type(error).__name__}: {error}{_place(trace)}") from error
+
+
+def _place(trace: TracebackType) -> str:
+    """`` (file:line)`` of the innermost call in a file of the user or of this project."""
+    calls = [trace]
+    while (inner := calls[-1].tb_next) is not None:
+        calls.append(inner)
+    own = [call for call in calls[1:] if not call.tb_frame.f_code.co_filename.startswith(LIBRARIES)]
+    at = (own or calls)[-1]
+    return f" ({Path(at.tb_frame.f_code.co_filename).name}:{at.tb_lineno})"
+
+
+def lacking(layer: Layer, what: str, error: Exception) -> OutOfMemoryError:
+    """The error for a layer that lacks memory, with its name unless ``error`` has it."""
+    if str(error).endswith(ADVICE):
+        return OutOfMemoryError(str(error))
+    needs = str(error) if isinstance(error, OutOfMemoryError) else f"needs more memory than there is: {error}"
+    return OutOfMemoryError(str(layer.fail(f"{what}: {needs.removesuffix(': ')}{ADVICE}")))
+
+
+def check_memory(steps: Sequence[Step]) -> None:
+    """Raise OutOfMemoryError if the parameters and the stored tops of all layers together do not fit in memory."""
+    connections = [at for step in steps for at in step.connections]
+    unstored = {blob for step in steps for blob in step.unstored}
+    writers = {top: at.layer for at in connections for top in at.top if top not in unstored}
+    params = {blob for at in connections for blob in at.layer.blobs}
+    try:
+        memory.check(sum(blob.bytes for blob in [*params, *writers] if blob.owns_memory), "for all blobs of the net")
+    except OutOfMemoryError as error:
+        raise lacking(writers[max(writers, key=lambda top: top.bytes)], "forward", error) from error
