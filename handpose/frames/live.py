@@ -166,7 +166,7 @@ class LiveRecording(Recording):
         with contextlib.ExitStack() as stack:
             stack.callback(device.close)
             camera = device.info.camera
-            if camera is None or not camera.width or device.info.unit_mm is None:
+            if not isinstance(camera, Camera) or not camera.width or device.info.unit_mm is None:
                 raise DataError(f"{device.name}: expected the camera with its width and height, and unit_mm")
             shape, depth_type = (camera.height, camera.width), np.dtype(np.uint16)
             calibration = calibration_of(given, device.info, UNKNOWN, shape, depth_type, self.name)
