@@ -120,21 +120,26 @@ class _Yaml:
 
     def _logical(self, text: str) -> Iterator[_Line]:
         """The lines with content, of the first document; one that ends within brackets is continued by the next."""
-        start, whole, any_content = 0, "", False
+        start, parts, opened, any_content = 0, list[str](), 0, False
         for number, raw in enumerate(text.splitlines(), 1):
             matched = COMMENT.fullmatch(raw)
             line = (matched[1] if matched else raw).rstrip()
-            if not whole and any_content and line in ("---", "..."):
+            if not parts and any_content and line in ("---", "..."):
                 return
-            if not whole and (not line.strip() or line == "---" or line.startswith("%")):
+            if not parts and (not line.strip() or line == "---" or line.startswith("%")):
                 continue
-            start, whole = (start, f"{whole} {line.strip()}") if whole else (number, line)
-            any_content = True
-            if _open_brackets(whole) <= 0:
-                yield _Line(start, len(whole) - len(whole.lstrip()), whole.strip())
-                whole = ""
-        if whole:
-            yield _Line(start, len(whole) - len(whole.lstrip()), whole.strip())
+            start, any_content = start if parts else number, True
+            parts.append(line)
+            opened += _open_brackets(line)
+            if opened <= 0:
+                yield self._joined(start, parts)
+                parts, opened = [], 0
+        if parts:
+            yield self._joined(start, parts)
+
+    @staticmethod
+    def _joined(start: int, parts: list[str]) -> _Line:
+        return _Line(start, len(parts[0]) - len(parts[0].lstrip()), " ".join(map(str.strip, parts)))
 
     def _block(self, depth: int) -> Any:
         """The mapping or sequence that begins at the present line, with all lines of the same indent."""

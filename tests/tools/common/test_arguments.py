@@ -10,7 +10,6 @@ import pytest
 from handpose.frames.cameras import CAMERAS, KINECT2, VIEWS
 from tools.common import arguments, hand_arguments
 
-
 CAMERA_FORM = f"a file, {', '.join((*CAMERAS, *VIEWS))}, or FX,FY,U0,V0 in px, the intrinsics from its SDK"
 
 
