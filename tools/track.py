@@ -99,6 +99,8 @@ def run(args: argparse.Namespace) -> int:
         if summary.frames:
             seconds = time.perf_counter() - begun or 1e-3  # 0: a coarse clock
             _say_summary(summary, seconds, reporting.sure_hands.note, outputs, talk, seen.doubt)
+            for doubt in summary.doubts if args.size is None else ():
+                say(f"warning: {recording.name}: {doubt}", file=sys.stderr)
         elif status == DONE:
             raise DataError(f"{recording.name}: no frames were tracked")
     return status
