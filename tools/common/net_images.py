@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import argparse
 import io
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +20,7 @@ from netlib.caffe.images import blob_from_images
 from netlib.errors import DataError, NetlibError, reason_of
 from netlib.net import Net
 from netlib.proto.binaryproto import read_blob
+from tools.common.arguments import numbers, positive_number
 
 Size = tuple[int, int]  # width and height in px
 
@@ -68,6 +71,32 @@ class Preprocessing:
         return ((box.reshape(2, 2) * size + cut) / scale).ravel()
 
 
+def add_value_options(group: argparse._ArgumentGroup, scale: float | None) -> None:
+    """Add the options about an image's values; ``scale`` is the default of that option."""
+    group.add_argument("--mean", type=numbers(), metavar="M[,M,M]", default=(),
+                       help="to subtract: one number, or one per channel of the input"
+                            f"{'' if scale is None else ' (default: 0)'}")
+    group.add_argument("--mean-file", metavar="FILE", help="mean image to subtract, .binaryproto or .npy")
+    group.add_argument("--scale", type=positive_number, metavar="S", default=scale,
+                       help=f"factor, after the mean{'' if scale is None else f' (default: {scale:g})'}")
+    group.add_argument("--rgb", action="store_true", help="the net's first channel is red (Caffe's is blue)")
+
+
+def passes(
+    net: Net, paths: Sequence[str], preprocessing: Preprocessing, blobs: Sequence[str], batch: int
+) -> Iterator[tuple[Sequence[str], list[Array], Mapping[str, Array]]]:
+    """Run the net on images, ``batch`` at a time: yields their paths, the images and the named blobs.
+
+    Raises NetlibError.
+    """
+    name, (_, channels, *_) = image_input(net)
+    for begin in range(0, len(paths), batch):
+        some = paths[begin : begin + batch]
+        images = [read_image(Path(path), channels != 1) for path in some]
+        inputs: dict[str, Any] = {name: preprocessing.blob(images)}
+        yield some, images, net.forward(blobs, **inputs)
+
+
 def image_input(net: Net) -> tuple[str, tuple[int, ...]]:
     """Name and shape (N, C, H, W) of the input for images. Raises NetlibError."""
     if not net.inputs:
@@ -82,11 +111,6 @@ def image_input(net: Net) -> tuple[str, tuple[int, ...]]:
         raise NetlibError(f"{net.source}: the input {name!r} has shape {shape}; expected (N, C, H, W) with 3 channels, "
                           "or 1 for grey images")
     return name, shape
-
-
-def read_images(paths: Sequence[str], channels: int) -> list[Array]:
-    """Read images as uint8 (H, W, C), blue first, or grey if ``channels`` is 1. Raises DataError."""
-    return [read_image(Path(path), channels != 1) for path in paths]
 
 
 def read_labels(path: str) -> list[str]:

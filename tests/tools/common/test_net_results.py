@@ -11,7 +11,7 @@ import netlib
 from netlib.errors import NetlibError
 from tests.support.nets import inputs
 from tools.common.net_images import Preprocessing
-from tools.common.net_results import Results
+from tools.common.net_results import Results, Shown
 
 STEPS = Preprocessing((10, 10), (10, 10), False, False, np.zeros((3, 1, 1)), 1.0)
 NET = (
@@ -41,23 +41,23 @@ def test_detections_of_several_passes(results_of: Callable[..., Results]) -> Non
     (nothing,) = results.add(np.array([[0, *[-1] * 6]], np.float32)[None, None], 1)
     assert results.array().shape == (1, 1, 3, 7) and results.array()[0, 0, :, 0].tolist() == [1, 1, 2]
     expected = ["found: 2 detections", "  0.9000  class 1  20 20 60 40"]
-    assert list(results.lines(second, 1, STEPS, (100, 200, 3))) == expected
-    assert list(results.lines(nothing, 5, STEPS, (100, 200, 3))) == ["found: 0 detections"]
+    assert list(results.lines(second, Shown(1), STEPS, (100, 200, 3))) == expected
+    assert list(results.lines(nothing, Shown(5), STEPS, (100, 200, 3))) == ["found: 0 detections"]
 
 
 def test_classes(results_of: Callable[..., Results]) -> None:
     """The classes of a Softmax are printed best first; other blobs by their range, unless there are labels."""
     scores = np.array([[0.25, 0.75]], np.float32)
     results = results_of("soft")
-    assert list(results.lines(results.add(scores, 1)[0], 5, STEPS, (1, 1, 3))) == [
+    assert list(results.lines(results.add(scores, 1)[0], Shown(), STEPS, (1, 1, 3))) == [
         "soft", "  0.7500  class 1", "  0.2500  class 0"
     ]
     results = results_of("conf")
-    assert list(results.lines(results.add(scores, 1)[0], 5, STEPS, (1, 1, 3))) == [
+    assert list(results.lines(results.add(scores, 1)[0], Shown(), STEPS, (1, 1, 3))) == [
         "conf (2,), values from 0.25 to 0.75, mean 0.5"
     ]
     results = results_of("conf", ["cat", "dog"])
-    assert list(results.lines(results.add(scores, 1)[0], 1, STEPS, (1, 1, 3))) == ["conf", "  0.7500  dog"]
+    assert list(results.lines(results.add(scores, 1)[0], Shown(1), STEPS, (1, 1, 3))) == ["conf", "  0.7500  dog"]
 
 
 def test_a_blob_without_images(results_of: Callable[..., Results]) -> None:
