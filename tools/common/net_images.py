@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import io
+import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,10 +20,29 @@ from netlib.blob import Array
 from netlib.caffe.images import blob_from_images
 from netlib.errors import DataError, NetlibError, reason_of
 from netlib.net import Net
+from netlib.proto import prototxt, schema
 from netlib.proto.binaryproto import read_blob
+from netlib.proto.schema import numbered
 from tools.common.arguments import numbers, positive_number
 
 Size = tuple[int, int]  # width and height in px
+MAX_LABELS = 1 << 16
+
+
+@dataclass(frozen=True)
+class LabelMapItem:
+    """A class in a LabelMap."""
+
+    name: str = numbered(1, "")
+    label: int = numbered(2, 0)
+    display_name: str = numbered(3, "")
+
+
+@dataclass(frozen=True)
+class LabelMap:
+    """The classes of a detector, as in the label maps of SSD."""
+
+    item: tuple[LabelMapItem, ...] = numbered(1, ())
 
 
 @dataclass(frozen=True)
@@ -114,11 +134,25 @@ def image_input(net: Net) -> tuple[str, tuple[int, ...]]:
 
 
 def read_labels(path: str) -> list[str]:
-    """The names of the classes in a text file, one per line. Raises DataError."""
-    labels = files.read_text(path, "the labels").rstrip("\n").split("\n")
+    """The names of the classes in a text file: one per line, or a LabelMap of SSD. Raises DataError."""
+    text = files.read_text(path, "the labels")
+    if re.match(r"(\s|#.*)*item\s*:?\s*[{<]", text):
+        return _of_label_map(prototxt.parse(text, path))
+    labels = text.rstrip("\n").split("\n")
     if labels == [""]:
         raise DataError(f"{path}: the file is empty; expected the name of a class in each line")
     return labels
+
+
+def _of_label_map(tree: prototxt.Message) -> list[str]:
+    """The display names of a LabelMap, or its names, by their labels. Raises DataError."""
+    names: dict[int, str] = {}
+    for item in schema.read(tree, LabelMap, "label map").item:
+        if item.label in names or not 0 <= item.label < MAX_LABELS:
+            raise DataError(f"{schema.position_of(item)}: the label {item.label}; expected each from 0 to "
+                            f"{MAX_LABELS - 1} once")
+        names[item.label] = item.display_name or item.name
+    return [names.get(label, f"class {label}") for label in range(max(names) + 1)]
 
 
 def mean_of(numbers: Sequence[float], path: str | None, channels: int) -> Array:
