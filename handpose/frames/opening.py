@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from handpose.frames.raw import HEADERLESS
 from handpose.frames.recording import UNKNOWN, CameraInfo, Recording
 from netlib.errors import DataError
 from netlib.files.paths import exists
@@ -55,6 +56,8 @@ def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording
         from handpose.frames.formats.folder import open_folder
 
         return open_folder(path, given)
+    if suffix == ".raw":
+        raise DataError(f"{source}: {HEADERLESS}")
     raise DataError(f"{source}: not a recording; expected {EXPECTED}")
 
 
