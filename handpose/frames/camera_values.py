@@ -4,9 +4,10 @@ The keys of a camera.json, and their names in RealSense's, Open3D's, Azure's, RO
 
     fx, fy, cx, cy  or a matrix: 3 x 3 by rows or by columns, also within 3 x 4 or 4 x 4, or fx, fy, cx, cy in a row
     width, height   or both in a row, as in resolution: [640, 480]
-    depth_scale     m of a stored value of 1; if 100 or more, stored values per m
+    depth_scale     of a stored value of 1: m, if it is less than 0.01; otherwise mm; from 100 on stored values per m
 
-They may lie within other objects and lists. Of several cameras that of the depth is taken, by the names around it.
+They may lie within other objects and lists, and have names such as Camera.fx. Of several cameras that of the depth is
+taken, by the names around it; of those for frames of several sizes the one that fits.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import json
 import math
 import re
 from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple, NoReturn
 
 from handpose.frames.cameras import MIN_RANGE_MM, Camera, View
@@ -37,7 +39,7 @@ KNOWN = (*RANGES, "name", *LENS, "time_unit", "swap_bytes")  # the keys of a cam
 MM = {word: mm for mm, words in {1.0: "mm millimeters millimetres", 10.0: "cm", 1000.0: "m meters metres",
                                  0.001: "um"}.items() for word in words.split()}
 # Other names, without capitals and without what is no letter or digit.
-ALIASES = {alias: key for key, aliases in {
+ALIASES = {key.replace("_", ""): key for key in KNOWN} | {alias: key for key, aliases in {
     "fx": "flx focalx focallengthx fxdepth depthfx",
     "fy": "fly focaly focallengthy fydepth depthfy",
     "u0": "cx ppx principalpointx mxdepth cxdepth depthcx",
@@ -49,14 +51,14 @@ ALIASES = {alias: key for key, aliases in {
               "depthintrinsic camk camerak depthk kdepth mtx intrinsicsmatrix intrinsicparameters "
               "depthintrinsicmatrix depthcameramatrix",
     "rate": "fps framerate",
-    "metres": "depthscale depthunits pngdepthscale",
+    "scale": "depthscale depthunits pngdepthscale depthmapfactor",
     "unit": "units depthunit",
     "coefficients": "coeffs d dist distcoeff distcoeffs distcoefs distcoef distortioncoefficients distortioncoeffs "
-                    "distortionparameters distortionparams depthdistortion",
+                    "distortioncoeff distortionparameters distortionparams depthdistortion",
     "model": "distortionmodel",
     "name": "cameraname",
 }.items() for alias in (key, *aliases.split())}
-PER_METRE = 100.0  # a depth scale from here on is a number of values per metre
+IN_METRES, PER_METRE = 0.01, 100.0  # a depth scale below, and from here on
 OF_DEPTH, OF_COLOUR = re.compile(r"depth|infra|(?<![a-z])ir(?![a-z])", re.I), re.compile(r"colou?r|rgb", re.I)
 AZURE = "CalibrationInformation"
 AZURE_MODEL, AZURE_DEPTH = "CALIBRATION_LensDistortionModel", "CALIBRATION_CameraLocationD0"
@@ -96,19 +98,32 @@ def find(document: Any, where: str, replaced: Collection[str] = ()) -> Found:
         if not isinstance(document, list) or not _numbers(document):
             form = '{"fx": ..., "fy": ..., "u0": ..., "v0": ...}'
             raise DataError(f"{where}: found {_shown(document)}; expected {form}")
-        document = {"matrix": document}
+        numbers = _numbers(document) or []
+        is_sized = len(numbers) == 6  # fx, fy, cx, cy, width, height
+        document = {"matrix": numbers[:4], "size": numbers[4:]} if is_sized else {"matrix": document}
     if AZURE in document:
         return Found(_of_azure(document[AZURE], where), {}, (), f"depth camera in {AZURE}", False)
-    chain = _chosen([chain for chain in _objects(document, ()) if has_camera(chain[-1][1])], where)
-    said = _Values(where, replaced)
-    said.take(chain[-1][1] if chain else document)
-    for _, outer in chain[-2::-1]:
-        said.take_around(outer)
-    words = ", ".join(f"{name}{said.notes.get(name, '')}" for name in said.fields)
-    if said.unused:
-        words += f"; not used: {', '.join(said.unused[:MAX_NAMES])}{' ...' * (len(said.unused) > MAX_NAMES)}"
-    is_own = len(chain) < 2 and all(name in KNOWN for name in said.fields)
-    return Found(said.info(), said.fields, tuple(said.unused), words, is_own)
+    chosen = _chosen(document)
+    found = [_of_chain(chain, where, replaced) for chain in chosen]
+    if not found:
+        return _of_chain((("", document),), where, replaced)
+    different = dict.fromkeys(one.info for one in found)
+    if len(different) == 1:
+        return found[0]
+    cameras = [info.camera for info in different if isinstance(info.camera, Camera)]
+    sizes = {(camera.width, camera.height): camera for camera in cameras if camera.width}
+    if len(sizes) < len(different) or len({info.lens for info in different}) > 1:
+        names = ", ".join(dict.fromkeys(map(_name_of, chosen)))
+        raise DataError(f"{where}: has several cameras: {names}; expected one, or one of depth")
+
+    def at(width: int, height: int) -> Camera:
+        if (width, height) not in sizes:
+            raise DataError(f"{where}: has cameras of {', '.join(f'{w} x {h}' for w, h in sizes)} px, found {width} x "
+                            f"{height}")
+        return sizes[width, height]
+
+    first = found[0].info  # with a lens the camera is no guess
+    return found[0]._replace(info=replace(first, camera=View(cameras[0].name, at), lens=first.lens or Lens()))
 
 
 _Chain = tuple[tuple[str, dict[str, Any]], ...]  # names and objects, from the document to one within it
@@ -125,8 +140,7 @@ def _objects(value: Any, outer: _Chain, name: str = "") -> Iterator[_Chain]:
             yield from _objects(child, inner, str(key))
     elif isinstance(value, list):
         for child in value:
-            if isinstance(child, dict):
-                yield from _objects(child, outer, name)
+            yield from _objects(child, outer, name)
 
 
 def has_camera(values: Mapping[str, Any]) -> bool:
@@ -139,21 +153,38 @@ def is_known(name: str) -> bool:
     return _key(name) in {*KNOWN, *ALIASES.values()}
 
 
-def _chosen(cameras: list[_Chain], where: str) -> _Chain:
-    """The only camera, the one of depth, or the first of equal ones; () without one. Raises DataError."""
-    names = [".".join(name for name, _ in chain if name) for chain in cameras]
+def _chosen(document: Any) -> list[_Chain]:
+    """The cameras of depth; if none is called so, those that are not of colour, or all."""
+    cameras = [chain for chain in _objects(document, ()) if has_camera(chain[-1][1])]
+    names = [_name_of(chain) for chain in cameras]
     of_depth = [bool(OF_DEPTH.search(name)) for name in names]
     others = [not OF_COLOUR.search(name) for name in names]
     wanted = of_depth if any(of_depth) else others if any(others) else [True] * len(names)
-    some = [(name, chain) for name, chain, is_wanted in zip(names, cameras, wanted) if is_wanted]
-    if some and any(chain[-1][1] != some[0][1][-1][1] for _, chain in some):
-        raise DataError(f"{where}: has several cameras: {', '.join(dict(some))}; expected one, or one of depth")
-    return some[0][1] if some else ()
+    return [chain for chain, is_wanted in zip(cameras, wanted) if is_wanted]
+
+
+def _name_of(chain: _Chain) -> str:
+    return ".".join(name for name, _ in chain if name)
+
+
+def _of_chain(chain: _Chain, where: str, replaced: Collection[str]) -> Found:
+    """The camera in the last object, with what those around it say. Raises DataError."""
+    said = _Values(where, replaced)
+    said.take(chain[-1][1])
+    for _, outer in chain[-2::-1]:
+        said.take_around(outer)
+    words = ", ".join(f"{name}{said.notes.get(name, '')}" for name in said.fields)
+    if said.unused:
+        words += f"; not used: {', '.join(said.unused[:MAX_NAMES])}{' ...' * (len(said.unused) > MAX_NAMES)}"
+    is_own = len(chain) < 2 and all(name in KNOWN for name in said.fields)
+    return Found(said.info(), said.fields, tuple(said.unused), words, is_own)
 
 
 def _key(name: str) -> str:
-    """The key of a camera.json, or "matrix", "size", "metres", "unit", for a name; itself if it is unknown."""
-    return name if name in KNOWN else ALIASES.get(re.sub(r"[\W_]", "", name).lower(), name)
+    """The key of a camera.json, or "matrix", "size", "scale", "unit", for a name; itself if it is unknown."""
+    if name in KNOWN:
+        return name
+    return ALIASES.get(re.sub(r"[\W_]", "", name.rpartition(".")[2]).lower(), name)
 
 
 class _Values:
@@ -178,16 +209,23 @@ class _Values:
         for name, value in values.items():
             key = _key(name)
             is_second = key == "matrix" and ("fx" in keys or "fx" in self.values)
-            is_other = key == "unit" and bool(keys & {"unit_mm", "metres"})
+            is_other = key == "unit" and bool(keys & {"unit_mm", "scale"})
             if is_second or is_other or value is None or not self._is_taken(name, key, value):
-                self.unused.append(name)
+                self._leave(name, value)
         self._check_region(values)
+
+    def _leave(self, name: str, value: Any) -> None:
+        """Name a value that is not used. Raises DataError for a distortion."""
+        if re.search("distort", name, re.IGNORECASE) and any(_numbers(value) or ()):
+            self.refuse(f"{name} is {_shown(value)}, which is not understood; expected distortion_coefficients, k1 k2 "
+                        "p1 p2 [k3 [k4 k5 k6]], or k1, k2 ... by their names")
+        self.unused.append(name)
 
     def take_around(self, values: Mapping[str, Any]) -> None:
         """Take what an object around it says of the size, the lens and the frames. Raises DataError."""
         size = {"size", *SIZE} if "width" not in self.values else set()
         lens = set(LENS) if not self.values.keys() & {*LENS} else set()
-        wanted = (size | lens | {"metres", "unit_mm", "rate", "time_unit"}) - self.values.keys()
+        wanted = (size | lens | {"scale", "unit_mm", "rate", "time_unit"}) - self.values.keys()
         for name, value in values.items():
             if _key(name) in wanted and value is not None:
                 self._is_taken(name, _key(name), value)
@@ -210,9 +248,9 @@ class _Values:
                 return False
             for own, number in zip(SIZE, pair):
                 self._set(own, number, name)
-        elif key == "metres":
+        elif key == "scale":
             if _is_number(value):
-                value = 1000 / value if value >= PER_METRE else 1000 * value
+                value = 1000 / value if value >= PER_METRE else 1000 * value if value < IN_METRES else value
             self._set("unit_mm", value, name)
         elif key == "unit":
             if isinstance(value, str) and value.lower() not in MM and "unit_mm" not in self._replaced:

@@ -88,8 +88,7 @@ def _of_xml(text: str, where: str) -> Any:
     def value(element: ElementTree.Element) -> Any:
         if len(element):
             return unique_keys(where)([(child.tag, value(child)) for child in element])
-        words = (element.text or "").split()
-        return _scalar(words[0]) if len(words) == 1 else [_scalar(word) for word in words]
+        return _scalar(element.text or "")
 
     try:
         return value(ElementTree.fromstring(text))
@@ -158,9 +157,17 @@ class _Yaml:
             elif matched := ENTRY.fullmatch(line.text):
                 self._at += 1
                 pairs.append((_unquoted(matched[1]), self._value(matched[2], indent, depth)))
+            elif self._is_heading(indent):
+                self._at += 1
+                pairs.append((line.text, self._block(depth + 1)))
             else:
                 self._refuse("expected a key and a value")
         return items or unique_keys(self._where)(pairs)
+
+    def _is_heading(self, indent: int) -> bool:
+        """Whether a line without a colon stands above deeper ones, as in the text of rs-enumerate-devices."""
+        following = self._lines[self._at + 1 : self._at + 2]
+        return bool(following) and following[0].indent > indent
 
     def _item(self, line: _Line, depth: int) -> Any:
         """An element of a sequence; a mapping or sequence in it may begin in the same line."""
@@ -234,4 +241,5 @@ def _scalar(text: str) -> Any:
         return _unquoted(text)
     if NUMBER.fullmatch(text):
         return int(text) if re.fullmatch(r"[-+]?\d+", text) else float(text)
-    return text
+    words = text.split()
+    return [float(word) for word in words] if all(map(NUMBER.fullmatch, words)) else text  # a row of numbers

@@ -69,6 +69,47 @@ KALIBR = """cam0:
   resolution: [64, 48]
   rostopic: /cam0/depth
 """
+ORB_SLAM = """%YAML:1.0
+Camera.fx: 60.0
+Camera.fy: 61.0
+Camera.cx: 31.5
+Camera.cy: 23.5
+Camera.k1: 0.1
+Camera.k2: -0.2
+Camera.p1: 0.0
+Camera.p2: 0.0
+Camera.k3: 0.3
+Camera.width: 64
+Camera.height: 48
+Viewer.ViewpointX: 0
+"""
+LISTED = """ Intrinsic of "Color" / 64x48 / {RGB8}
+  Width:      \t64
+  Height:     \t48
+  PPX:        \t1
+  PPY:        \t2
+  Fx:         \t3
+  Fy:         \t4
+ Intrinsic of "Depth" / 64x48 / {Z16}
+  Width:      \t64
+  Height:     \t48
+  PPX:        \t31.5
+  PPY:        \t23.5
+  Fx:         \t60
+  Fy:         \t61
+  Distortion: \tBrown Conrady
+  Coeffs:     \t0.1  \t0  \t0  \t0  \t0
+  FOV (deg):  \t50 x 40
+"""
+SECOND = """ Intrinsic of "Depth" / 32x24 / {Z16}
+  Width: 32
+  Height: 24
+  PPX: 15
+  PPY: 11
+  Fx: 30
+  Fy: 30
+  Coeffs: COEFFS
+"""
 TWO_STREAMS = {"color": {"intrinsics": {"fx": 1, "fy": 2, "ppx": 3, "ppy": 4}}, "depth_scale": 0.001, "fps": 30,
                "depth": {"intrinsics": {"fx": 60, "fy": 61, "ppx": 31.5, "ppy": 23.5, "width": 64, "height": 48,
                                         "coeffs": [0, 0, 0, 0, 0], "model": "Brown Conrady"}}}
@@ -93,6 +134,11 @@ def azure(parameters: list[float], model: str = "BrownConrady", location: str = 
     ("6.0e+01,0,0\n0,61,0\n31.5,23.5,1", CAMERA, "matrix by columns"),
     ("60 0 31.5 0\n0 61 23.5 0\n0 0 1 0\n0 0 0 1", CAMERA, "matrix"),
     ("60 61 31.5 23.5", CAMERA, "matrix"),
+    ("60 61 31.5 23.5 64 48", SIZED, "matrix, size"),
+    (f'{{"0": {{"cam_K": {BY_COLUMNS}, "cam_t": [1]}}, "1": {{"cam_K": {BY_COLUMNS}, "cam_t": [2]}}}}', CAMERA,
+     "cam_K by columns; not used: cam_t"),
+    (f'{{"cameraData": [[2, {{"intrinsicMatrix": {ROWS}, "width": 64, "height": 48}}]]}}', SIZED,
+     "intrinsicMatrix, width, height"),
     ("fx_depth = 60\nfy_depth = 61\nmx_depth = 31.5\nmy_depth = 23.5\ndepthWidth = 64\ndepthHeight = 48\n", SIZED,
      "fx_depth, fy_depth, mx_depth, my_depth, depthWidth, depthHeight"),
     (f'{{"camera_matrix": {ROWS}, "image_size": [64, 48], "avg_reprojection_error": 0.1}}', SIZED,
@@ -111,13 +157,15 @@ def test_a_camera_alone(text: str, camera: Camera, words: str) -> None:
     (ROS, "narrow_stereo", (0.1, -0.2, 0.01, 0.02, 0.3)),
     (TOPIC, "own", ()),
     (KALIBR, "own", (0.1, -0.2, 0.01, 0.02)),
+    (ORB_SLAM, "own", (0.1, -0.2, 0, 0, 0.3, 0, 0, 0)),
+    (LISTED, "own", (0.1, 0, 0, 0, 0)),
     (json.dumps({"k": MATRIX.ravel().tolist(), "d": [0.1, 0, 0, 0, 0], "width": 64, "height": 48, "r": [], "p": [],
                  "distortion_model": "plumb_bob", "header": {"frame_id": ""}}), "own", (0.1, 0, 0, 0, 0)),
     (json.dumps({"intrinsics": {"fx": 60, "fy": 61, "cx": 31.5, "cy": 23.5}, "distortion": {"k1": 0.1, "p2": 0.2},
                  "resolution": {"width": 64, "height": 48}}), "own", (0.1, 0, 0, 0.2, 0, 0, 0, 0)),
 ])
 def test_a_camera_with_a_lens(text: str, name: str, lens: tuple[float, ...]) -> None:
-    """ROS's calibration, a topic's messages, Kalibr's chain, ROS 2 in JSON, and objects beside each other."""
+    """ROS's calibration, a topic's messages, Kalibr, ORB-SLAM, RealSense's list, ROS 2 in JSON, objects in objects."""
     found = camera_file.parse(text, "x")
     assert found.camera == Camera(name, 60, 61, 31.5, 23.5, 64, 48)
     assert found.lens == Lens(lens)
@@ -129,12 +177,25 @@ def test_the_depth_camera_among_others() -> None:
     assert (found.camera, found.lens, found.unit_mm, found.rate) == (SIZED, Lens(), 1.0, 30)
 
 
+def test_cameras_for_frames_of_several_sizes() -> None:
+    """The one that fits the frames; if the lenses differ, they are refused."""
+    found = camera_file.parse(LISTED + SECOND.replace("COEFFS", "0.1 0 0 0 0"), "x")
+    assert found.camera is not None and found.lens == Lens((0.1, 0, 0, 0, 0))
+    assert sized(found.camera, (48, 64), "y") == SIZED
+    assert sized(found.camera, (24, 32), "y").fx == 30
+    with pytest.raises(DataError, match="y: x: has cameras of 64 x 48, 32 x 24 px, found 48 x 64"):
+        sized(found.camera, (64, 48), "y")
+    with pytest.raises(DataError, match='x: has several cameras: Intrinsic of "Depth" / 64x48'):
+        camera_file.parse(LISTED + SECOND.replace("COEFFS", "0.2 0 0 0 0"), "x")
+
+
 @pytest.mark.parametrize(("name", "value", "unit"), [
-    ("depth_scale", 0.00025, 0.25), ("depth_scale", 1000.0, 1.0), ("png_depth_scale", 5000, 0.2), ("unit", "m", 1000.0),
+    ("depth_scale", 0.00025, 0.25), ("depth_scale", 1000.0, 1.0), ("png_depth_scale", 5000, 0.2),
+    ("depth_scale", 0.1, 0.1), ("DepthMapFactor", 5000.0, 0.2), ("unit", "m", 1000.0),
     ("units", 0.1, 0.1),
 ])
 def test_units(name: str, value: Any, unit: float) -> None:
-    """A scale of metres, or the number of values per metre; a word."""
+    """A scale of metres, of mm, or the number of values per metre; a word."""
     assert find({"K": MATRIX.tolist(), name: value}, "x").info.unit_mm == pytest.approx(unit)
 
 
@@ -198,6 +259,8 @@ def test_yaml(text: str) -> None:
     "K: [60, 61, 31, 23]\nK: 1": "x: has 'K' twice",
     "K: [60, 61, 31, 23]\nresolution: [64.5, 48]": "x: width is 64.5; expected a whole number",
     "a:\n  K: [60, 61, 31, 23]\nb:\n  K: [60, 61, 31, 24]": "x: has several cameras: a, b; expected one, or ...",
+    "K: [60, 61, 31, 23]\nlens_distortion: [0.1, 0]":
+        "x: lens_distortion is [0.1, 0], which is not understood; expected distortion_coefficients, ...",
     "unit: furlong": "x: unit is 'furlong'; expected mm, cm, m, um or a number of mm",
     "a: 1\n- b": "x:2: found '- b'; expected a key and a value",
     "no camera here": "x:1: found 'no camera here'; expected a key and a value",
