@@ -30,6 +30,8 @@ from netlib.proto import prototxt, schema
 from netlib.proto.messages import LayerParameter
 from netlib.proto.schema import Phase
 
+COARSE = 1 << 10  # multiples of 1/COARSE occur by themselves: whole numbers, halves
+KINK = 1e-3  # part of a one-sided difference by which the two disagree at a kink
 UNNAMED = "layer"  # name of a layer of which the text has none
 
 
@@ -44,6 +46,7 @@ class Gradient(NamedTuple):
     number: int
     analytic: Array  # computed by backward
     differences: Callable[[], Array]  # computes the central differences: two forward passes per value
+    doubt: Callable[[tuple[int, ...]], str]  # why the central difference at a place may be wrong, or an empty string
 
 
 def make_layer(
@@ -126,6 +129,9 @@ def gradients(
     def differences(array: Array) -> Callable[[], Array]:
         return lambda: _differences(array, value, step)
 
+    def doubt(array: Array) -> Callable[[tuple[int, ...]], str]:
+        return lambda place: _doubt(array, place, value, lambda: [y.data.copy() for y in run(arrays)[1]], step)
+
     for blob in bottom:
         blob.diff[...] = np.nan
     for param in layer.blobs:
@@ -135,9 +141,9 @@ def gradients(
     layer.backward(top, wanted, bottom)
     for i, (blob, array) in enumerate(zip(bottom, arrays)):
         if wanted[i]:
-            yield Gradient("bottom", i, blob.diff.copy(), differences(array))
+            yield Gradient("bottom", i, blob.diff.copy(), differences(array), doubt(array))
     for i, param in enumerate(layer.blobs):
-        yield Gradient("parameter", i, param.diff - 1, differences(param.data))
+        yield Gradient("parameter", i, param.diff - 1, differences(param.data), doubt(param.data))
 
 
 def _differences(array: Array, value: Callable[[], float], step: float) -> Array:
@@ -154,6 +160,41 @@ def _differences(array: Array, value: Callable[[], float], step: float) -> Array
     return numeric
 
 
+def _doubt(
+    array: Array, place: tuple[int, ...], value: Callable[[], float], tops: Callable[[], list[Array]], step: float
+) -> str:
+    """Why the difference at a place may be wrong: tops rounded to float32, or a kink within the step.
+
+    At a kink the differences to the left and to the right disagree. With a tenth of the step they disagree as much if
+    the kink is at the place, and not at all if it is beside it; for a smooth function a tenth of that remains.
+    """
+    original = array[place]
+    middle = value()
+
+    def sides(distance: float) -> tuple[float, float]:
+        found = []
+        for moved in (-distance, distance):
+            array[place] = original + moved
+            found.append((value() - middle) / moved)
+        array[place] = original
+        return found[0], found[1]
+
+    array[place] = original + step * np.pi  # no float32
+    values = np.concatenate([y.ravel() for y in tops()])
+    array[place] = original
+    fractions = values[values * COARSE % 1 != 0]  # others are exact in float32, too
+    if fractions.size and (fractions == fractions.astype(np.float32)).all():
+        return ("the tops are rounded to float32, which is too coarse for the differences: compute in the dtype of the "
+                "bottoms, float64 here")
+    (left, right), (near_left, near_right) = sides(step), sides(step / 10)
+    apart, near_apart = abs(right - left), abs(near_right - near_left)
+    is_smooth = apart / 20 < near_apart < apart / 5
+    if apart > KINK * max(abs(left), abs(right)) and not is_smooth:
+        return (f"the difference to the left is {left:.3g}, to the right {right:.3g}, so there is a kink within "
+                f"{step:g} of the value {original:.9g}: move it away from there")
+    return ""
+
+
 def _compare(what: str, gradient: Gradient, tolerance: float) -> None:
     analytic, numeric = gradient.analytic, gradient.differences()
     if analytic.size == 0:
@@ -164,8 +205,10 @@ def _compare(what: str, gradient: Gradient, tolerance: float) -> None:
     scale = max(1.0, float(np.abs(numeric).max()))
     if not error[worst] <= tolerance * scale:
         place = tuple(int(i) for i in worst)
+        doubt = gradient.doubt(place) if np.isfinite(analytic[worst]) else ""
         raise GradientError(
-            f"{what} at {place}: backward computed {analytic[worst]:.9g}, central differences give {numeric[worst]:.9g}"
+            f"{what} at {place}: backward computed {analytic[worst]:.9g}, central differences give "
+            f"{numeric[worst]:.9g}{doubt and f'; {doubt}'}"
         )
 
 

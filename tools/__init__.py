@@ -13,6 +13,7 @@ import signal
 import sys
 import warnings
 from collections.abc import Iterator
+from types import TracebackType
 
 _is_program = False  # true if a command was started as a program, not imported
 
@@ -22,12 +23,26 @@ def begin(name: str) -> None:
     global _is_program
     if name == "__main__":
         _is_program = True
+        sys.excepthook = _say_what_cannot_be_loaded
         if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
             signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C during the imports ends it without a traceback
         _prepare_streams()
         if not sys.warnoptions:  # hide NumPy's warnings unless python -W asks for them; tools report what matters
             warnings.simplefilter("ignore")
     importlib.import_module("netlib")  # must be imported before NumPy, because it selects BLAS kernels
+
+
+def _say_what_cannot_be_loaded(
+    kind: type[BaseException], error: BaseException, trace: TracebackType | None
+) -> None:
+    """Print one line for an import that fails before console.guarded: a missing package, or too little memory."""
+    if not isinstance(error, (ImportError, MemoryError)):
+        sys.__excepthook__(kind, error, trace)
+        return
+    text = " ".join(str(error).split())
+    is_memory = isinstance(error, MemoryError) or "failed to map" in text or "cannot allocate memory" in text.lower()
+    what = getattr(error, "name", None) or "the packages"
+    print(f"not enough memory to load {what}" if is_memory else f"cannot load {what}: {text}", file=sys.stderr)
 
 
 @contextlib.contextmanager

@@ -30,7 +30,8 @@ from tools.common.console import DONE, guarded, say
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
-    parser.add_argument("page", metavar="PAGE", nargs="?", help="such as camera (default: the list of pages)")
+    parser.add_argument("page", metavar="PAGE", nargs="?",
+                        help="such as camera; of another word the lines that contain it (default: the list of pages)")
     parser.add_argument("--find", metavar="WORDS", help="list the lines that contain these words")
     args = parser.parse_args(argv)
     if args.page and args.find:
@@ -45,23 +46,31 @@ def run(args: argparse.Namespace) -> int:
              for ending in ("*.md", "*.schema.json") for path in sorted(folder.glob(ending))}
     if args.page:
         name = args.page.removeprefix("docs/").removesuffix(".md")
-        if name not in pages:
-            raise NetlibError(f"{name}: no such page{did_you_mean(name, pages)}; '{command('docs')}' lists the pages, "
-                              f"'{command('docs')} --find \"{name}\"' the lines with these words")
-        print(pages[name], end="")
+        if name in pages:
+            print(pages[name], end="")
+            return DONE
+        found = _lines_with(name, pages)
+        if not found:
+            raise NetlibError(f"{name}: no such page{did_you_mean(name, pages)}, and no page contains it; "
+                              f"'{command('docs')}' lists the pages")
+        say(f"no page is called {name!r}{did_you_mean(name, pages)}; these lines contain it:", *found, sep="\n")
     elif args.find:
-        found = [(name, line.strip()) for name, text in pages.items()
-                 for line in text.splitlines() if args.find.lower() in line.lower()]
+        found = _lines_with(args.find, pages)
         if not found:
             raise NetlibError(f"no page contains {args.find!r}")
-        for name, line in found:
-            say(f"{name}: {line}")
+        say(*found, sep="\n")
     else:
         width = max(map(len, pages))
         for name, text in pages.items():
             title = re.search(r'^# (.+)|^\s*"title": "(.+)"', text, re.MULTILINE)
             say(f"{name:{width}}  {title[1] or title[2] if title else ''}")
     return DONE
+
+
+def _lines_with(words: str, pages: dict[str, str]) -> list[str]:
+    """The lines that contain the words, in capitals or not, after the names of their pages."""
+    return [f"{name}: {line.strip()}" for name, text in pages.items()
+            for line in text.splitlines() if words.lower() in line.lower()]
 
 
 if __name__ == "__main__":

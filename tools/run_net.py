@@ -5,12 +5,13 @@
     python tools/run_net.py deploy.prototxt net.caffemodel cat.jpg --mean-file mean.binaryproto
     python tools/run_net.py deploy.prototxt net.caffemodel *.jpg --scale 0.017 --blob fc7 --out features.npz
     python tools/run_net.py deploy.prototxt net.caffemodel list.txt --root-folder pictures/ --blob fc7 --out fc7.npy
+    python tools/run_net.py ssd.prototxt ssd.caffemodel street.jpg --labels map.prototxt --threshold 0.5 --draw out.jpg
 
 An IMAGE with the suffix .txt is a list of images, as for an ImageData layer: in each line a path, a space and a label.
 Each image is read in 8 bits, blue first, and resized to the net's input; then the mean is subtracted, and the result
 multiplied by the scale. These are the steps and the numbers of OpenCV's blobFromImage; with a mean image, those of
 Caffe's data layers: the image is resized to the mean's size, and the input is cut from its centre. Boxes of detections
-are xmin ymin xmax ymax in px of the image.
+are xmin ymin xmax ymax in px of the image. --confusion compares the classes with the labels of a list.
 """
 
 from __future__ import annotations
@@ -18,9 +19,8 @@ from __future__ import annotations
 import argparse
 import sys
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
@@ -38,10 +38,10 @@ from netlib.files import atomic
 from netlib.files.paths import find
 from netlib.net import Net
 from tools.common import outputs
-from tools.common.arguments import add_engine, count, name_in, numbers, parser_of, pixels, positive_number
+from tools.common.arguments import add_engine, count, name_in, parser_of, pixels, real
 from tools.common.console import DONE, guarded, say
-from tools.common.net_images import Preprocessing, image_input, mean_of, read_images, read_labels
-from tools.common.net_results import Results
+from tools.common.net_images import Preprocessing, add_value_options, image_input, mean_of, passes, read_labels
+from tools.common.net_results import Confusion, Results, Shown
 from tools.common.progress import ProgressBar
 
 
@@ -53,21 +53,20 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("images", metavar="IMAGE", nargs="+", help="image files, or lists of them (.txt)")
     parser.add_argument("--root-folder", metavar="FOLDER/", default="", help="prepended to every path in a list")
     given = parser.add_argument_group("preprocessing (the net's author knows the values)")
-    given.add_argument("--mean", type=numbers(), metavar="M[,M,M]", default=(),
-                       help="to subtract: one number, or one per channel of the input (default: 0)")
-    given.add_argument("--mean-file", metavar="FILE", help="mean image to subtract, .binaryproto or .npy")
-    given.add_argument("--scale", type=positive_number, metavar="S", default=1.0,
-                       help="factor, after the mean (default: 1)")
-    given.add_argument("--rgb", action="store_true", help="the net's first channel is red (Caffe's is blue)")
+    add_value_options(given, 1.0)
     given.add_argument("--size", type=pixels, metavar="WxH", help="size of the input (default: that of the prototxt)")
     given.add_argument("--resize", type=pixels, metavar="WxH", help="resize images to this size, and cut the input "
                        "from the centre (default: size of the mean file, else of the input)")
     given.add_argument("--crop", action="store_true",
                        help="keep the aspect ratio: cut off what does not fit (default: stretch)")
-    parser.add_argument("--labels", metavar="FILE", help="names of the classes, one per line")
-    parser.add_argument(
-        "--top", type=count, default=5, metavar="N", help="classes or detections to print (default: %(default)s)"
-    )
+    parser.add_argument("--labels", metavar="FILE", help="names of the classes, one per line, or a LabelMap of SSD")
+    parser.add_argument("--top", type=count, metavar="N",
+                        help="classes or detections to show (default: 5, with --threshold all)")
+    parser.add_argument("--threshold", type=real(0, 1), metavar="P", help="least confidence to show, from 0 to 1")
+    parser.add_argument("--draw", metavar="FILE|FOLDER", type=Path,
+                        help="draw the detections: a .jpg or .png of one image, or a folder for those of all")
+    parser.add_argument("--confusion", action="store_true",
+                        help="print how often images of each class in the lists are taken for another, not each image")
     parser.add_argument("--blob", metavar="NAME", action="append", default=[],
                         help="blob to print or write instead of the outputs; can be repeated")
     parser.add_argument("--out", metavar="FILE", type=name_in(".npz", ".npy"), help="write the blobs of all images: "
@@ -82,12 +81,12 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Run the net on all images. Raises NetlibError."""
-    paths = _paths(args.images, args.root_folder)
+    paths, truth = _paths(args.images, args.root_folder)
     if args.out:
         outputs.check_place(Path(args.out), [args.net, args.weights, args.mean_file, args.labels, *paths])
     labels = read_labels(args.labels) if args.labels else None
     net = Net(args.net, args.weights, netlib.TEST, engine=args.engine)
-    name, (batch, channels, height, width) = image_input(net)
+    _, (batch, channels, height, width) = image_input(net)
     size = args.size or (width, height)
     mean = mean_of(args.mean, args.mean_file, channels)
     resize = args.resize or (size if mean.shape[1:] == (1, 1) else (mean.shape[2], mean.shape[1]))
@@ -100,37 +99,70 @@ def run(args: argparse.Namespace) -> int:
     if args.out and args.out.endswith(".npy") and len(blobs) > 1:
         raise NetlibError(f"{args.out}: a .npy file holds one array, found {', '.join(blobs)}; expected .npz or --blob")
     results = [Results(net, blob, labels, args.labels) for blob in blobs]
-    printed = labels or not args.out
+    places = _pictures(args.draw, paths, results) if args.draw else []
+    shown = Shown(args.top, args.threshold) if args.threshold is not None else Shown(args.top or 5)
+    printed = not args.confusion and (labels or not args.out)
+    confusion = _confusion(net, blobs, labels, truth) if args.confusion else None
     with ProgressBar(0 if printed else len(paths), "images") as progress:
-        for some in _batches(paths, args.batch or batch):
-            images = read_images(some, channels)
-            inputs: dict[str, Any] = {name: preprocessing.blob(images)}
-            arrays = net.forward(blobs, **inputs)
+        done = 0
+        for some, images, arrays in passes(net, paths, preprocessing, blobs, args.batch or batch):
             found = [result.add(arrays[result.blob], len(some)) for result in results]
             progress(len(some))
             for number, (path, image) in enumerate(zip(some, images)):
                 for result, items in zip(results, found) if printed else ():
-                    first, *others = result.lines(items[number], args.top, preprocessing, image.shape)
+                    first, *others = result.lines(items[number], shown, preprocessing, image.shape)
                     say(f"{path}: {first}", *others, sep="\n")
+                if places:
+                    outputs.write_image(places[done], results[0].drawn(found[0][number], shown, preprocessing, image))
+                if confusion:
+                    confusion.add(path, truth[done], found[0][number])
+                done += 1
+    for line in confusion.lines() if confusion else ():
+        say(line)
     if args.out:
         _write(Path(args.out), {result.blob: result.array() for result in results})
     return DONE
 
 
-def _paths(images: Sequence[str], root: str) -> list[str]:
-    """The paths of images, with lists replaced by what they name. Raises DataError."""
-    paths: list[str] = []
+def _paths(images: Sequence[str], root: str) -> tuple[list[str], list[int]]:
+    """The paths of images, with lists replaced by what they name, and the labels if all are in lists.
+
+    Raises DataError.
+    """
+    paths, truth = list[str](), list[int]()
     for image in images:
         if image.lower().endswith(".txt"):
-            paths += [str(find(root + name, image)) for name, _ in read_list(Path(image))[0]]
+            items = read_list(Path(image))[0]
+            paths += [str(find(root + name, image)) for name, _ in items]
+            truth += [label for _, label in items]
         else:
             paths.append(image)
-    return paths
+    return paths, truth if len(truth) == len(paths) else []
 
 
-def _batches(paths: Sequence[str], size: int) -> Iterator[Sequence[str]]:
-    for begin in range(0, len(paths), size):
-        yield paths[begin : begin + size]
+def _pictures(draw: Path, paths: Sequence[str], results: Sequence[Results]) -> list[Path]:
+    """The paths of the pictures of detections. Raises NetlibError."""
+    if len(results) > 1 or not results[0].classes:
+        raise NetlibError(f"{draw}: blob {results[0].blob!r} holds no detections; --draw needs a net that ends in a "
+                          "DetectionOutput layer")
+    if draw.suffix.lower() in (".jpg", ".png"):
+        if len(paths) > 1:
+            raise NetlibError(f"{draw}: one file for {len(paths)} images; expected a folder")
+        outputs.check_place(draw, paths)
+        return [draw]
+    outputs.make_folder(draw)
+    return outputs.places(paths, draw, ".jpg")
+
+
+def _confusion(net: Net, blobs: Sequence[str], labels: Sequence[str] | None, truth: Sequence[int]) -> Confusion:
+    """An empty table of confusions. Raises NetlibError."""
+    if not truth:
+        raise NetlibError("--confusion needs lists of images with their labels (.txt)")
+    if len(blobs) > 1 or not labels:
+        raise NetlibError("--confusion needs one blob of classes, and --labels with their names")
+    if (size := net.blobs[blobs[0]].count // net.blobs[blobs[0]].shape[0]) != len(labels):
+        raise NetlibError(f"{len(labels)} labels, but blob {blobs[0]!r} has {size} values for an image")
+    return Confusion(labels)
 
 
 def _write(out: Path, arrays: Mapping[str, Array]) -> None:

@@ -30,6 +30,8 @@ import tools
 
 tools.begin(__name__)
 
+import numpy as np
+
 import netlib
 from handpose.datasets.examples import spread
 from handpose.estimate.nets import hand_layer
@@ -48,6 +50,7 @@ from handpose.scoring.held_out import (
 )
 from handpose.scoring.metrics import joint_errors
 from layers.hand import skeleton as skeletons
+from netlib.errors import WeightsError
 from netlib.files.paths import ROOT
 from netlib.net import Net
 from tools.common import outputs
@@ -56,6 +59,7 @@ from tools.common.console import DONE, aligned, guarded, say
 from tools.common.costs import warn_of_another_net
 from tools.common.progress import ProgressBar
 
+SAME = 1e-6  # half-cubes; predictions for different frames differ by more
 DRAWN = 12  # frames in a figure
 COLUMNS = {  # figure -> heading, format
     "error_mm": ("all joints mm", "{:.2f}"),
@@ -94,10 +98,16 @@ def run(args: argparse.Namespace) -> int:
     hand = hand_layer(net)
     skeleton = hand.skeleton if hand else skeletons.load()
     for snapshot in args.snapshots:
-        net.copy_from(snapshot, strict=True)
         warn_of_another_net(snapshot, net)
+        try:
+            net.copy_from(snapshot, strict=True)
+        except WeightsError as error:
+            raise WeightsError(f"{error}; the net is {args.model}: give that of these weights with --model") from error
         with ProgressBar(data_layer(net).rows, what=Path(snapshot).name) as progress:
             predictions = predict_all(net, progress=progress.reach)
+        if len(predictions.joints) > 1 and np.ptp(predictions.joints, axis=0).max() < SAME:
+            say(f"warning: {snapshot}: all {len(predictions.joints)} predictions are equal, whatever the frame shows: "
+                "are units of a layer dead? A lower base_lr may help", file=sys.stderr)
         rows.append({"snapshot": snapshot, **predictions.outputs, **figures_of(predictions, skeleton)})
         if args.fit:
             deploy = deploy_of(net, args.deploy, snapshot, args.engine)
@@ -116,8 +126,8 @@ def run(args: argparse.Namespace) -> int:
         say(f"{len(predictions.joints)} frames ({predictions.made_from}), errors about the crop's centre, "
             f"cube {', '.join(f'{c:g}' for c in cubes[:3])} mm")
         print(_table(rows))
-        for name, error in errors_by_joint(predictions, skeleton).items() if args.joints else ():
-            print(f"  {name:<16}{error:7.1f} mm")
+        for name, mm in errors_by_joint(predictions, skeleton).items() if args.joints else ():
+            print(f"  {name:<16}{mm:7.1f} mm")
     return DONE
 
 

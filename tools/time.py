@@ -5,7 +5,8 @@
     python tools/time.py prototxt/nyu_train_test.prototxt --engine plain
 
 Layers are timed on one thread, as the engine runs them (fast: shard by shard, summed over a batch); full passes run on
-all threads, as in training. --memory lists what the net stores after one pass.
+all threads, as in training. A deploy net, with inputs and without a loss, is timed in phase TEST. --memory lists what
+the net stores after one pass.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ import numpy as np
 
 import netlib
 from netlib import engine
+from netlib.layer import PHASES
 from netlib.net import Net
 from tools.common.arguments import add_engine, count, parser_of, workers
 from tools.common.console import DONE, guarded, say
@@ -36,7 +38,7 @@ def main(argv: list[str] | None = None) -> int:
     parser = parser_of(__doc__, nets=True)
     parser.add_argument("model", metavar="MODEL", help="prototxt of the net")
     parser.add_argument("--iterations", type=count, default=20, metavar="N", help="default: %(default)s")
-    parser.add_argument("--phase", choices=("TRAIN", "TEST"), default="TRAIN", help="default: %(default)s")
+    parser.add_argument("--phase", choices=tuple(PHASES), help="default: TRAIN, of deploy nets TEST")
     parser.add_argument("--threads", type=workers, metavar="N", help="number of threads (default: one per processor)")
     add_engine(parser)
     parser.add_argument("--memory", action="store_true", help="report memory use instead")
@@ -48,7 +50,9 @@ def run(args: argparse.Namespace) -> int:
     """Time the net."""
     if args.threads:
         engine.get(args.engine).set_threads(args.threads)
-    net = Net(args.model, netlib.TRAIN if args.phase == "TRAIN" else netlib.TEST, engine=args.engine)
+    net = Net(args.model, PHASES[args.phase or "TRAIN"], engine=args.engine)
+    if args.phase is None and net.inputs and not net.losses:
+        net = Net(args.model, netlib.TEST, engine=args.engine)
     for name in net.inputs:
         net.blobs[name].data[...] = np.random.default_rng(0).uniform(-1, 1, net.blobs[name].shape)
     if args.memory:
@@ -61,8 +65,12 @@ def run(args: argparse.Namespace) -> int:
 
             say(f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10:10.2f} MiB  peak of the process")
         return DONE
+    batch = next(blob.shape[0] for blob in net.blobs.values() if blob.shape)
     say(f"Engine {net.engine.name}; {netlib.BLAS_NOTE}, {net.engine.threads()} threads")
-    report_time(net, args.iterations, lambda *cells: say(*cells, sep="\t"))
+    say(f"Phase {net.state.phase}, batch {batch}")
+    forward, backward = report_time(net, args.iterations, lambda *cells: say(*cells, sep="\t"))
+    say(f"Per item of the batch of {batch}: {forward * 1e3 / batch:.4g} ms forward, {backward * 1e3 / batch:.4g} ms "
+        "backward")
     return DONE
 
 

@@ -70,12 +70,12 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--frames", type=count, metavar="N", help="maximum number of frames")
     add_engine(parser)
     args = parser.parse_args(argv)
-    settle_outputs(args, parser)
-    return guarded(run, args)
+    return guarded(lambda args: run(args, parser), args)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace, parser: argparse.ArgumentParser) -> int:
     """Track the recording."""
+    settle_outputs(args, parser)
     talk = sys.stderr if args.json == "-" else sys.stdout
     with opened(args) as recording:
         refuse_inputs(args, recording)
@@ -100,6 +100,8 @@ def run(args: argparse.Namespace) -> int:
         if summary.frames:
             seconds = time.perf_counter() - begun or 1e-3  # 0: a coarse clock
             _say_summary(summary, seconds, reporting.sure_hands.note, outputs, talk, seen.doubt)
+            for doubt in summary.doubts if args.size is None else ():
+                say(f"warning: {recording.name}: {doubt}", file=sys.stderr)
         elif status == DONE:
             raise DataError(f"{recording.name}: no frames were tracked")
     return status

@@ -23,6 +23,7 @@ from handpose.frames.crops import SIZE
 from handpose.frames.images import BadFrameError
 from netlib.errors import DataError, printable
 from netlib.files import atomic, hdf5
+from netlib.files.paths import exists
 
 _CHUNK = 16  # frames per chunk
 _AHEAD = 8  # chunks ahead of the writer, per thread
@@ -213,9 +214,13 @@ class PreparedSplit:
 
 
 def refuse_foreign(splits: Sequence[PreparedSplit], own: Sequence[str], force: bool = False) -> None:
-    """Raise DataError if a file to be replaced holds data of an origin that is not in ``own``.
+    """Raise DataError if a file to be replaced holds data of an origin that is not in ``own``, or rendered frames.
 
     With ``force`` only folders and devices raise.
     """
     every = [part.path for split in splits for part in split.parts]
     files.refuse_foreign(every, [split.list for split in splits], own, force)
+    rendered = [path for path in every if exists(path) and "bad" not in (files.attributes(path) or {})]
+    if rendered and not force:  # rendered ones have no frames that were left out
+        raise DataError(f"{rendered[0]}: holds rendered frames (make_synthetic); choose another --out, or use --force "
+                        "to replace it")

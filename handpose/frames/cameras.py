@@ -14,11 +14,14 @@ Readings nearer than a camera's minimum range are errors, such as reflections, a
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from netlib.errors import DataError
 
 Array = NDArray[np.float64]
 
@@ -68,6 +71,45 @@ class Camera:
         return np.stack([(u - self.u0) * d / self.fx, (self.v0 - v) * d / self.fy, d], axis=-1)
 
 
+@dataclass(frozen=True)
+class View:
+    """A camera whose intrinsics follow from the size of its frames.
+
+    at  the camera for a width and a height in px; raises DataError for a size that it cannot have
+    """
+
+    name: str
+    at: Callable[[int, int], Camera]
+
+
+def by_field_of_view(
+    name: str, horizontal: float, vertical: float | None = None, min_range_mm: float = MIN_RANGE_MM
+) -> View:
+    """A camera with a field of view in degrees, square pixels unless both are given, and its axis in the middle."""
+
+    def at(width: int, height: int) -> Camera:
+        fx = width / 2 / math.tan(math.radians(horizontal) / 2)
+        fy = fx if vertical is None else height / 2 / math.tan(math.radians(vertical) / 2)
+        return Camera(name, fx, fy, (width - 1) / 2, (height - 1) / 2, width, height, min_range_mm)
+
+    return View(name, at)
+
+
+def _model(name: str, degrees: dict[tuple[int, int], float], min_range_mm: float = MIN_RANGE_MM) -> View:
+    """A model of camera, with its horizontal field of view for frames of each shape."""
+
+    def at(width: int, height: int) -> Camera:
+        for (w, h), horizontal in degrees.items():
+            if abs(width * h - height * w) <= SAME_SHAPE * height * w:
+                return by_field_of_view(name, horizontal, None, min_range_mm).at(width, height)
+        shapes = ", ".join(f"{w}:{h}" for w, h in degrees)
+        raise DataError(f"frames of {width} x {height} px; depth frames of {name} are {shapes}; if they are cut or "
+                        "turned, give --camera FX,FY,U0,V0")
+
+    return View(name, at)
+
+
+SAME_SHAPE = 0.02  # tolerance of a ratio of width and height; 848 x 480 px count as 16:9
 NYU = Camera("nyu", 588.03, 587.07, 320.0, 240.0, 640, 480)
 ICVL = Camera("icvl", 240.99, 240.96, 160.0, 120.0, 320, 240)
 MSRA15 = Camera("msra15", 241.42, 241.42, 160.0, 120.0, 320, 240)
@@ -75,4 +117,15 @@ KINECT2 = Camera("kinect2", 363.9, 363.9, 255.4, 206.3, 512, 424)
 SR305 = Camera("sr305", 476.007, 476.007, 313.68, 242.76, 640, 480)
 
 CAMERAS = {camera.name: camera for camera in (NYU, ICVL, MSRA15, KINECT2, SR305)}
+# Models, by the field of view in degrees that corresponds to their usual focal length in frames of each shape: factory
+# calibrations of single cameras differ by some 3%. Data sheets of stereo cameras subtract what one imager does not see.
+VIEWS = {view.name: view for view in (
+    _model("d405", {(16, 9): 89.0, (4, 3): 78.5, (16, 10): 89.0}, 70.0),
+    _model("d415", {(16, 9): 69.4, (4, 3): 54.9}),
+    _model("d435", {(16, 9): 90.0, (4, 3): 79.6, (16, 10): 90.0}),
+    _model("d455", {(16, 9): 90.0, (4, 3): 79.6, (16, 10): 90.0}),
+    _model("azure", {(10, 9): 64.8, (1, 1): 90.9}),
+    _model("femto", {(10, 9): 64.8, (1, 1): 90.9}),
+    _model("kinect1", {(4, 3): 58.1}),
+)}
 UNIT_MM = {"sr305": 0.125}  # depth unit of the cameras' images, where it is not 1 mm

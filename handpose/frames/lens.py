@@ -30,7 +30,7 @@ MIN_SHOWN = 0.25  # minimum share of the image that remains; with less, the coef
 
 # Other names of the models, in lower case and with single spaces. RealSense uses "modified Brown Conrady" for
 # colour cameras. Fisheye models are not supported, because depth cameras do not use them.
-FORWARD = {"brown conrady", "plumb bob", "rational polynomial", "rational 6kt", "opencv"}
+FORWARD = {"brown conrady", "plumb bob", "rational polynomial", "rational 6kt", "opencv", "radtan", "radial tangential"}
 INVERSE = {"inverse brown conrady"}
 NONE = {"none", ""}
 

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from handpose.frames.cameras import Camera
 from handpose.frames.raw import RATE, calibration_of
 from handpose.frames.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
 from netlib.errors import DataError, NetlibError, reason_of
@@ -138,7 +139,7 @@ class LiveRecording(Recording):
         with contextlib.ExitStack() as stack:
             stack.callback(device.close)
             camera = device.info.camera
-            if camera is None or not camera.width or device.info.unit_mm is None:
+            if not isinstance(camera, Camera) or not camera.width or device.info.unit_mm is None:
                 raise DataError(f"{device.name}: expected the camera with its width and height, and unit_mm")
             shape, depth_type = (camera.height, camera.width), np.dtype(np.uint16)
             calibration = calibration_of(given, device.info, UNKNOWN, shape, depth_type, self.name)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from handpose.frames.raw import HEADERLESS
 from handpose.frames.recording import UNKNOWN, CameraInfo, Recording
 from netlib.errors import DataError
 from netlib.files.paths import exists
@@ -64,6 +65,8 @@ def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording
         from handpose.frames.formats.folder import open_folder
 
         return open_folder(path, given)
+    if suffix == ".raw":
+        raise DataError(f"{source}: {HEADERLESS}")
     raise DataError(f"{source}: not a recording; expected {EXPECTED}")
 
 

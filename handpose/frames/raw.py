@@ -13,14 +13,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.frames.cameras import CAMERAS, UNIT_MM, Camera
+from handpose.frames.cameras import CAMERAS, UNIT_MM, VIEWS, Camera, View
 from handpose.frames.lens import Lens, Undistorter
 from handpose.frames.recording import CameraInfo
 from netlib.errors import DataError
 
-EXAMPLE = '{"fx": 476.0, "fy": 476.0, "u0": 313.7, "v0": 242.8, "unit_mm": 1}'
 RATE = 30.0  # frames per second, if unknown
 MAX_UINT16 = 65535  # maximum of 16 bits
+HEADERLESS = (  # about .raw files
+    "values without a header, as rs-convert -r and the RealSense Viewer write them. Write PNG instead (rs-convert -p), "
+    "or convert them, with their height and width: python -c \"import glob, numpy as np; np.save('take.npy', "
+    "[np.fromfile(name, '<u2').reshape(480, 640) for name in sorted(glob.glob('*.raw'))])\""
+)
 
 
 class DepthDecoder:
@@ -114,10 +118,15 @@ def calibration_of(
     check_values(dtype, where)
     known = given.or_else(own).or_else(camera_json)
     if known.camera is None:
-        raise DataError(f"{where}: the camera of these frames is unknown; write {EXAMPLE} into a file camera.json "
-                        f"next to them, or give --camera, {', '.join(CAMERAS)} or FX,FY,U0,V0")
+        raise DataError(f"{where}: the camera of these frames is unknown; give --camera FILE with its intrinsics from "
+                        "the SDK (also as camera.json next to the frames), or FX,FY,U0,V0, or a model, "
+                        f"{', '.join((*CAMERAS, *VIEWS))}, or --fov DEGREES, its horizontal field of view")
     remarks = []
-    if own.camera is None:
+    camera = sized(known.camera, shape, where)
+    if isinstance(known.camera, View) and known.lens is None:
+        remarks.append(f"camera {known.camera.name}: focal lengths {camera.fx:.0f}, {camera.fy:.0f} px by the field of "
+                       "view alone, often 5% off; the intrinsics from the SDK are better")
+    elif own.camera is None:
         remarks.append(f"camera {known.camera.name}, by {given.origin if given.camera else camera_json.origin}")
     unit = known.unit_mm
     if unit is None and dtype.kind != "f" and CAMERAS.get(known.camera.name) == known.camera:
@@ -137,11 +146,16 @@ def calibration_of(
     return Calibration(camera, known.lens, unit, known.rate, tuple(remarks))
 
 
-def sized(camera: Camera, shape: tuple[int, ...], where: str) -> Camera:
+def sized(camera: Camera | View, shape: tuple[int, ...], where: str) -> Camera:
     """The camera with the size of its frames, if it has none. Raises DataError if it has another."""
     if len(shape) != 2 or 0 in shape:
         raise DataError(f"{where}: frames of shape {shape}, expected (height, width)")
     height, width = shape
+    if isinstance(camera, View):
+        try:
+            return camera.at(width, height)
+        except DataError as error:
+            raise DataError(f"{where}: {error}") from None
     if not camera.width:
         return replace(camera, width=width, height=height)
     if (camera.width, camera.height) != (width, height):

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.frames.cameras import Camera
+from handpose.frames.cameras import Camera, View
 from handpose.frames.lens import Lens
 
 
@@ -79,7 +79,8 @@ class Recording(ABC):
 
 @dataclass(frozen=True)
 class CameraInfo:
-    """Camera parameters; None is unknown. A camera whose width and height are 0 accepts frames of any size.
+    """Camera parameters; None is unknown. A camera whose width and height are 0 accepts frames of any size, and a
+    ``View`` becomes a camera with their size.
 
     camera      of the frames
     lens        its distortion
@@ -89,7 +90,7 @@ class CameraInfo:
     time_unit   of the times in file names and arrays: "s", "ms", "us" or "ns"; "frames" if they count frames
     """
 
-    camera: Camera | None = None
+    camera: Camera | View | None = None
     lens: Lens | None = None
     unit_mm: float | None = None
     rate: float | None = None

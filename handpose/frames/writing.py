@@ -181,7 +181,7 @@ class StackWriter:
 
     def _fill(self, fresh: Path) -> None:
         camera = self._given.camera
-        assert camera is not None
+        assert isinstance(camera, Camera)  # of a recording
         shape = (len(self._times), camera.height, camera.width)
         said = camera_file.to_text(replace(self._given, time_unit="s"))
         with zipfile.ZipFile(fresh, "w", zipfile.ZIP_DEFLATED, compresslevel=FASTEST) as archive:

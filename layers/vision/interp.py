@@ -13,6 +13,7 @@ in each row; columns have a matrix K (Wo, W) in the same way:
 Before that, x is cropped by -``pad_beg`` rows and columns at the beginning and -``pad_end`` at the end; dx is 0 there.
 The size of y is given by, in this order,
 
+    bottom[1], with use_blob_size
     shrink_factor s           Ho = floor((H - 1) / s) + 1
     zoom_factor z             Ho = (H - 1) z + 1
     height and width
@@ -45,6 +46,7 @@ class InterpParameter:
     shrink_factor: int = numbered(4, 1)
     pad_beg: int = numbered(5, 0)  # rows and columns to add at the beginning; only 0 and negative numbers
     pad_end: int = numbered(6, 0)
+    use_blob_size: bool = numbered(7, False)  # of bottom[1], whatever the other options say
 
 
 class Interp(Layer):
@@ -69,7 +71,13 @@ class Interp(Layer):
             raise self.fail("needs both height and width", next(iter(given & {"height", "width"})))
         factors = given & {"zoom_factor", "shrink_factor"}
         self.by_factors = len(factors) == 1 or (bool(factors) and "height" not in given)
-        if not given and len(bottom) == 1:
+        if p.use_blob_size:
+            if len(bottom) == 1:
+                raise self.fail("use_blob_size needs a second bottom with the size", "use_blob_size")
+            if given:
+                warn_of_ignored(self, *sorted(given))
+            given, self.by_factors = set(), False
+        elif not given and len(bottom) == 1:
             raise self.fail("needs height and width, zoom_factor, shrink_factor, or a second bottom with the size")
         if "height" in given and factors:
             names = ("height", "width") if self.by_factors else ("zoom_factor", "shrink_factor")

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -19,7 +20,7 @@ from typing import Protocol
 import numpy as np
 
 from netlib.blob import Blobs
-from netlib.errors import PrototxtError
+from netlib.errors import PrototxtError, did_you_mean
 from netlib.files import own_modules
 from netlib.files.paths import load_module, own
 from netlib.layer import Layer, warn
@@ -29,6 +30,19 @@ from netlib.proto.messages import LayerParameter, PythonParameter
 OLD_NAMES = {"xrange": range, "unicode": str, "basestring": str, "long": int}  # Python 2 names in old layers
 
 UNWRITTEN = 1.2345678e-38  # a normal float32: adding to it, or multiplying it, gives in effect what 0 gives
+PYTHON_2_MODULES = {
+    "ConfigParser": "configparser", "Queue": "queue", "StringIO": "io", "cStringIO": "io", "cPickle": "pickle",
+    "urllib2": "urllib.request", "urlparse": "urllib.parse", "__builtin__": "builtins", "commands": "subprocess",
+    "Tkinter": "tkinter", "cv": "cv2",
+}
+# The messages of Python 3 about the syntax of Python 2: print and exec without parentheses, "except E, e", 0777, 10L,
+# mixed tabs, <>, backquotes, and "raise E, text".
+PYTHON_2_SYNTAX = re.compile(
+    r"^(Missing parentheses in call to|multiple exception types must be|leading zeros in decimal"
+    r"|inconsistent use of tabs|invalid decimal literal: .*\d+L"
+    r"|invalid syntax.*: (.*<>|.*`|raise \w+, |except \w+, \w+:|print |exec ))"
+)
+CONVERT = "docs/caffe.md, old scripts"
 
 _are_allowed = True
 
@@ -112,15 +126,14 @@ def find_class(spec: LayerParameter) -> type[Layer]:
         vars(module).setdefault(name, value)
     cls = getattr(module, param.layer, None)
     if not (isinstance(cls, type) and issubclass(cls, Layer)):
-        found = "is not a subclass of netlib.Layer"
+        found = f"{param.module}.{param.layer} is not a subclass of netlib.Layer, which is caffe.Layer"
         if cls is None and own_modules.is_ours(module):
-            found = (f"was looked for in this project's own package ({where}); expected a module {param.module!r} with "
-                     "it in the working directory or on PYTHONPATH")
+            found = (f"{param.module}.{param.layer} was looked for in this project's own package ({where}); expected a "
+                     f"module {param.module!r} with it in the working directory or on PYTHONPATH")
         elif cls is None:
-            found = f"has no such class ({where})"
-        raise PrototxtError(
-            schema.position_of(param, "layer"), f"layer {spec.name!r}: {param.module}.{param.layer} {found}"
-        )
+            classes = [name for name, value in vars(module).items() if isinstance(value, type)]
+            found = f"{where} has no class {param.layer!r}{did_you_mean(param.layer, classes)}"
+        raise PrototxtError(schema.position_of(param, "layer"), f"layer {spec.name!r}: {found}")
     return cls
 
 
@@ -129,9 +142,11 @@ def _advice(error: BaseException, module: str) -> str:
     if isinstance(error, ModuleNotFoundError) and error.name:
         if f"{module}.".startswith(f"{error.name}."):
             return "; it must lie in the working directory or on PYTHONPATH"
+        if error.name in PYTHON_2_MODULES:
+            return f"; it was written for Python 2: {error.name} is now {PYTHON_2_MODULES[error.name]} ({CONVERT})"
         return f"; install the package that has {error.name.partition('.')[0]!r}, or put it on PYTHONPATH"
-    if isinstance(error, SyntaxError):
-        return "; if it was written for Python 2, convert it to Python 3"
+    if isinstance(error, SyntaxError) and PYTHON_2_SYNTAX.search(f"{error.msg}: {(error.text or '').strip()}"):
+        return f"; it was written for Python 2: convert it to Python 3 ({CONVERT})"
     return ""
 
 

@@ -1,25 +1,74 @@
-"""Run a script written for pycaffe unchanged: python -m netlib.caffe SCRIPT [ARGUMENT ...]"""
+"""Run a script written for pycaffe unchanged, as Python runs it:
+
+python -m netlib.caffe SCRIPT [ARGUMENT ...]
+python -m netlib.caffe - [ARGUMENT ...]           the script on standard input; also without -, from a pipe
+python -m netlib.caffe -c CODE [ARGUMENT ...]
+python -m netlib.caffe -m MODULE [ARGUMENT ...]
+"""
 
 from __future__ import annotations
 
 import runpy
 import sys
+from importlib.abc import InspectLoader
 from pathlib import Path
+from types import CodeType, ModuleType
 
 from netlib import install_as_caffe
 
 
+class _Code(InspectLoader):
+    """Runs a text as the main module."""
+
+    def __init__(self, source: bytes | str, name: str) -> None:
+        self._source, self._name = source, name
+
+    def get_source(self, fullname: str) -> str:
+        """The text; Python shows its lines in tracebacks."""
+        return self._source if isinstance(self._source, str) else self._source.decode()
+
+    def get_code(self, fullname: str) -> CodeType:
+        """The compiled text, which may declare its encoding."""
+        return self.source_to_code(self._source, self._name)
+
+    def run(self) -> None:
+        """Run it."""
+        module = ModuleType("__main__")
+        sys.modules["__main__"] = module
+        self.exec_module(module)
+
+
 def main() -> None:
-    """Run the script named on the command line, with netlib.caffe importable as ``caffe``."""
-    if len(sys.argv) < 2 or sys.argv[1] in ("-h", "--help"):
-        print(__doc__)
-        sys.exit(0 if len(sys.argv) > 1 else 2)
-    if not Path(sys.argv[1]).is_file():
-        sys.exit(f"{sys.argv[1]}: script not found")
+    """Run what the command line names, with netlib.caffe importable as ``caffe``."""
+    words = sys.argv[1:] or ([] if sys.stdin is None or sys.stdin.isatty() else ["-"])
+    if not words or words[0] in ("-h", "--help"):
+        print(__doc__.strip())
+        sys.exit(0 if words else 2)
+    what, *rest = words
+    if what in ("-c", "-m") and not rest:
+        print(f"{what} needs {'code' if what == '-c' else 'the name of a module'}", file=sys.stderr)
+        sys.exit(2)
     install_as_caffe()
-    del sys.argv[0]
-    sys.path[0] = str(Path(sys.argv[0]).resolve().parent)  # as when Python runs the script
-    runpy.run_path(sys.argv[0], run_name="__main__")
+    sys.path[0] = ""  # the working folder, as for Python's own -, -c and -m
+    if what == "-c":
+        sys.argv = ["-c", *rest[1:]]
+        _Code(rest[0], "<string>").run()
+    elif what == "-m":
+        sys.argv = rest
+        runpy.run_module(rest[0], run_name="__main__", alter_sys=True)
+    elif what == "-":
+        sys.argv = words
+        _Code(sys.stdin.buffer.read(), "<stdin>").run()
+    else:
+        path = Path(what)
+        if not path.exists() or path.is_dir():
+            sys.exit(f"{what}: script not found")
+        sys.argv = words
+        sys.path[0] = str(path.resolve().parent)  # as when Python runs the script
+        if path.is_file():
+            runpy.run_path(what, run_name="__main__")
+        else:  # a pipe can be read only once
+            _Code(path.read_bytes(), what).run()
 
 
 if __name__ == "__main__":

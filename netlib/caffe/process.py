@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import sys
 import time
 from typing import Any
@@ -14,6 +15,15 @@ from netlib.training import glog
 _log = logging.getLogger("netlib")
 _LEVELS = (logging.INFO, logging.WARNING, logging.ERROR, logging.CRITICAL)  # glog's levels 0 to 3
 _ADVICE = "run several solvers as processes of mpiexec, with ranks=MPIRanks(...): docs/distributed.md"
+
+
+def _is_shown(record: logging.LogRecord) -> bool:
+    """Whether GLOG_minloglevel, which scripts set before they import caffe, lets a record through."""
+    level = os.environ.get("GLOG_minloglevel", "")  # noqa: SIM112  # glog's name
+    return not level.isdecimal() or record.levelno >= _LEVELS[min(int(level), len(_LEVELS) - 1)]
+
+
+_log.addFilter(_is_shown)
 
 
 class Timer:
@@ -44,8 +54,9 @@ def set_device(number: int) -> None:
 def init_log(level: int | None = None, stderr: bool = True) -> None:
     """Log to standard error, from glog's level 0 (information) to 3 (fatal), in glog's format.
 
-    Without it, only warnings are shown.
+    Without it, only warnings are shown, from the level in the environment variable GLOG_minloglevel on.
     """
+    _log.removeFilter(_is_shown)
     _log.setLevel(_LEVELS[min(max(level or 0, 0), len(_LEVELS) - 1)])
     if stderr and not _log.handlers:
         handler = logging.StreamHandler(sys.stderr)

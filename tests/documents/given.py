@@ -140,11 +140,15 @@ layer { name: "pool" type: "Pooling" bottom: "conv" top: "pool" pooling_param { 
 
 
 def classifier(folder: Path) -> None:
-    """cat.png, dog.png, labels.txt; deploy.prototxt and net.caffemodel, which know them; list.txt for training."""
+    """cat.png, dog.png, labels.txt; deploy.prototxt and net.caffemodel, which know them; list.txt and pictures/."""
     rng, images = np.random.default_rng(0), []
     for name in CLASSES:
         images.append(np.full((32, 32, 3), rng.integers(0, 256, 3), np.uint8))
         cv2.imwrite(str(folder / f"{name}.png"), images[-1])
+        (folder / "pictures" / name).mkdir(parents=True)
+        for n in range(10):
+            picture = np.clip(images[-1] + rng.normal(0, 20, images[-1].shape), 0, 255).astype(np.uint8)
+            cv2.imwrite(str(folder / "pictures" / name / f"{n}.png"), picture)
     (folder / "labels.txt").write_text("".join(f"{name}\n" for name in CLASSES), encoding="utf-8")
     (folder / "list.txt").write_text("".join(f"{name}.png {n}\n" for n, name in enumerate(CLASSES)), encoding="utf-8")
     softmax = 'layer { name: "prob" type: "Softmax" bottom: "fc" top: "prob" }\n'

@@ -68,6 +68,15 @@ CAMERA_JSON = """{"name": "own", "fx": 60.0, "fy": 60, "u0": 32, "v0": 24.5, "wi
 REALSENSE_JSON = """{"width": 64, "height": 48, "ppx": 31.5, "ppy": 23.5, "fx": 60, "fy": 60, "model": "Brown Conrady",
  "coeffs": [0, 0.01, 0, 0, 0], "depth_scale": 0.001, "fps": 30}
 """
+CAMERA_YAML = """image_width: 64
+camera_matrix: {rows: 3, cols: 3, data: [60, 0, 31.5, 0, 60, 23.5, 0, 0, 1]}
+distortion_coefficients:
+  data: [0, 0.01, 0,
+         0, 0]
+image_height: 48
+"""
+CAMERA_XML = """<?xml version="1.0"?><opencv_storage><mtx type_id="opencv-matrix"><rows>3</rows>
+<data>60. 0. 31.5 0. 60. 23.5 0. 0. 1.</data></mtx></opencv_storage>"""
 
 
 class Reader(NamedTuple):
@@ -466,8 +475,8 @@ READERS = (
     Reader("examples", make_examples, lambda path: examples.examples_of(path, 4)),
     Reader("labels", make_labels, read_labels),
     Reader("prepared data", make_parts, read_parts),
-    Reader("camera.json", lambda: [put("own.json", CAMERA_JSON), put("realsense.json", REALSENSE_JSON)],
-           read_camera_json),
+    Reader("camera.json", lambda: [put("own.json", CAMERA_JSON), put("realsense.json", REALSENSE_JSON),
+                                   put("ros.yaml", CAMERA_YAML), put("opencv.xml", CAMERA_XML)], read_camera_json),
     Reader("recording", make_recordings, read_recording),
     Reader("track", make_tracks, read_track),
 )

@@ -250,6 +250,7 @@ BAD = [
     *of("Interp interp_param",
         ("", [NEAR], "needs height and width, zoom_factor, shrink_factor, or a second bottom with the size"),
         ("height: 3", [NEAR], "needs both height and width"),
+        ("use_blob_size: true", [NEAR], "use_blob_size needs a second bottom with the size"),
         ("zoom_factor: 0", [NEAR], "zoom_factor is 0, expected at least 1"),
         ("shrink_factor: -2", [NEAR], "shrink_factor is -2, expected at least 1"),
         ("zoom_factor: 2 pad_beg: 1", [NEAR],

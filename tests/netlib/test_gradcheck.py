@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -114,6 +115,43 @@ def test_a_wrong_layer_is_caught(layer: Callable[[type[Layer]], Layer], cls: Any
     """The error gives the position and both numbers."""
     with pytest.raises(GradientError, match=message):
         gradcheck.check(layer(cls), [X])
+
+
+class Rounds(Right):
+    """Computes in float32."""
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        top[0].data[...] = (self.blobs[0].data * bottom[0].data**2).astype(np.float32)
+
+
+class Curved(Right):
+    """Large second derivatives, and a wrong gradient."""
+
+    def forward(self, bottom: Blobs, top: Blobs) -> None:
+        top[0].data[...] = self.blobs[0].data * np.sin(1e4 * bottom[0].data)
+
+
+@pytest.mark.parametrize(("cls", "doubt"), [
+    (Rounds, "; the tops are rounded to float32, which is too coarse for the differences: compute in the dtype of the "
+             "bottoms, float64 here"),
+    (Curved, ""), (Wrong, ""), (IgnoresTop, ""),
+])
+def test_a_doubt_about_the_differences(layer: Callable[[type[Layer]], Layer], cls: Any, doubt: str) -> None:
+    """A layer that rounds gets the reason; a wrong layer gets none."""
+    with pytest.raises(GradientError, match=rf"differences give [-\d.e]+{re.escape(doubt)}$"):
+        gradcheck.check(layer(cls), [X])
+
+
+@pytest.mark.parametrize("value", [0.0, 3e-7, -4e-7])
+@pytest.mark.parametrize("text", ['type: "ReLU"', 'type: "HingeLoss"'])
+def test_a_kink(value: float, text: str) -> None:
+    """At the value, and beside it within the step."""
+    x = [np.array([[value, 0.5], [0.25, 2.0]])]
+    if "Hinge" in text:
+        x = [np.array([[0.5, 1 + value], [0.25, 2.0]]), np.array([0.0, 1.0])]
+        x[0][0, 1] = value - 1
+    with pytest.raises(GradientError, match=r"; the difference to the left is .*, so there is a kink within 1e-06 of"):
+        gradcheck.check(gradcheck.make_layer(text, x), x, wanted=[True, False][: len(x)])
 
 
 def test_the_error_names_the_layer_and_its_class(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.nets import inputs
 from tests.support.running import run_python
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -118,7 +119,42 @@ def test_a_script_as_it_is(tmp_path: Path) -> None:
     for arguments, status, out in (
         (["scripts/script.py", "a", "-b"], 3, "1 7 ['scripts/script.py', 'a', '-b']"),
         (["none.py"], 1, ""),
-        ([], 2, "Run a script written for pycaffe unchanged: python -m netlib.caffe SCRIPT [ARGUMENT ...]"),
+        (["scripts"], 1, ""),
     ):
         done = run_python("-m", "netlib.caffe", *arguments, status=status, cwd=tmp_path)
-        assert (done.out.strip(), done.err) == (out, "none.py: script not found\n" if status == 1 else "")
+        assert (done.out.strip(), done.err) == (out, f"{arguments[0]}: script not found\n" if status == 1 else "")
+
+
+SHOW = "import sys, caffe, helper; print(__name__, caffe.TEST, helper.x, sys.argv[1:], 'a' if 1 else 0)"
+
+
+@pytest.mark.parametrize(("arguments", "typed"), [
+    (["-", "b", "-c"], SHOW), (["-c", SHOW, "b", "-c"], ""), (["-m", "show", "b", "-c"], ""),
+    (["/dev/stdin", "b", "-c"], "import sys; sys.path[:0] = ['.']; " + SHOW),
+])
+def test_a_script_that_is_no_file(tmp_path: Path, arguments: list[str], typed: str) -> None:
+    """Standard input, code, a module, and a pipe, with the working folder on the path, as Python runs them."""
+    (tmp_path / "helper.py").write_text("x = 7")
+    (tmp_path / "show.py").write_text(SHOW)
+    done = run_python("-m", "netlib.caffe", *arguments, typed=typed, cwd=tmp_path)
+    assert (done.out, done.err) == ("__main__ 1 7 ['b', '-c'] a\n", "")
+
+
+def test_a_script_from_a_pipe_alone(tmp_path: Path) -> None:
+    """Without an argument, as of Python; an error has its line."""
+    assert run_python("-m", "netlib.caffe", typed="import caffe\nprint(caffe.TRAIN)", cwd=tmp_path).out == "0\n"
+    done = run_python("-m", "netlib.caffe", "-", typed="a = 1\na / 0", cwd=tmp_path, status=1)
+    assert 'File "<stdin>", line 2, in <module>' in done.err and "ZeroDivisionError" in done.err
+    assert "needs code" in run_python("-m", "netlib.caffe", "-c", cwd=tmp_path, status=2).err
+
+
+@pytest.mark.parametrize(("level", "lines"), [("0", 1), ("1", 1), ("2", 0), ("9", 0), ("x", 1)])
+@pytest.mark.parametrize("inside", [True, False])
+def test_a_quiet_script(tmp_path: Path, level: str, lines: int, inside: bool) -> None:
+    """GLOG_minloglevel is obeyed, also if the script sets it before its import."""
+    (tmp_path / "net.prototxt").write_text(inputs(x=(2,)))
+    code = f"import os; os.environ['GLOG_minloglevel'] = '{level}'\n" if inside else ""
+    code += "import caffe; caffe.Net('net.prototxt', caffe.TEST).save('w'); caffe.Net('net.prototxt', 'w', caffe.TEST)"
+    environment = {} if inside else {"GLOG_minloglevel": level}
+    done = run_python("-m", "netlib.caffe", "-", typed=code, cwd=tmp_path, **environment)
+    assert len(done.err.splitlines()) == lines

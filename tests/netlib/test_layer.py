@@ -102,9 +102,9 @@ def test_a_python_layer_in_the_working_directory(
 @bad_inputs(netlib.PrototxtError, {
     'module: "no_such_module" layer: "L"': "net.prototxt:1:153: error: layer 'p': cannot import 'no_such_module' (...)"
                                            "; it must lie in the working directory or on PYTHONPATH",
-    'module: "MODULE" layer: "Missing"': "net.prototxt:1:...: error: layer 'p': double_....Missing has no such ...",
+    'module: "MODULE" layer: "Missing"': "net.prototxt:1:...: error: layer 'p': ...py has no class 'Missing'...",
     'module: "MODULE" layer: "NotALayer"':
-        "net.prototxt:1:...: error: layer 'p': double_....NotALayer is not a subclass of netlib.Layer",
+        "net.prototxt:1:...: error: layer 'p': double_....NotALayer is not a subclass of netlib.Layer, ...",
     'module: "MODULE"': "net.prototxt:1:151: error: missing required field 'layer' in python_param",
     'modul: "MODULE" layer: "Double"': "net.prototxt:1:153: error: unknown field 'modul' (did you mean 'module'?)",
 })

@@ -56,16 +56,19 @@ def run_python(
     status: int | None = 0,
     cwd: Path = ROOT,
     preexec_fn: Callable[[], None] | None = None,
+    typed: str = "",
     **changes: str | None,
 ) -> Done:
     """Run Python in a separate process, with this project on its path; it must end with ``status`` (None: any).
 
-    ``preexec_fn`` runs in the process before Python starts; ``changes`` are environment variables (None removes one).
+    ``preexec_fn`` runs in the process before Python starts; ``typed`` is its standard input; ``changes`` are
+    environment variables (None removes one).
     """
     environment = {**os.environ, "PYTHONPATH": str(ROOT), **changes}
     ended = subprocess.run(
-        [sys.executable, *map(str, argv)], cwd=cwd, preexec_fn=preexec_fn, capture_output=True, encoding="utf-8",
-        env={name: value for name, value in environment.items() if value is not None}, errors="replace", check=False,
+        [sys.executable, *map(str, argv)], cwd=cwd, preexec_fn=preexec_fn, input=typed, capture_output=True,
+        env={name: value for name, value in environment.items() if value is not None}, encoding="utf-8",
+        errors="replace", check=False,
     )
     done = Done(ended.returncode, ended.stdout, ended.stderr)
     assert status in (None, done.status), done

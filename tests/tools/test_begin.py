@@ -198,3 +198,31 @@ layer { name: "loss" type: "EuclideanLoss" bottom: "y" bottom: "t" top: "loss" }
     log, _, error = done.err[:-1].rpartition("\n")
     assert log + "\n" == (tmp_path / "train.log").read_text()
     assert error.startswith("iteration 1: the loss is nan; ")
+
+
+# ---------------------------------------------------------------------------------------------- before the guard
+
+
+@pytest.mark.parametrize(("raised", "line"), [
+    ("ImportError('libav.so.9: failed to map segment from shared object', name='av')", "not enough memory to load av"),
+    ("MemoryError()", "not enough memory to load the packages"),
+    ("ModuleNotFoundError(\"No module named 'cv2'\", name='cv2')", "cannot load cv2: No module named 'cv2'"),
+])
+def test_a_failing_import_is_one_line(run: Run, raised: str, line: str) -> None:
+    assert run(*begun(f"raise {raised}"), status=1).err == f"{line}\n"
+
+
+def test_any_other_error_before_the_guard_has_its_traceback(run: Run) -> None:
+    assert "Traceback" in run(*begun("1 / 0"), status=1).err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs rmdir of the working directory")
+@pytest.mark.parametrize("words", [("track", "take"), ("record", "take", "--out", "x"), ("predict", "a.png")])
+def test_a_deleted_working_directory(tmp_path: Path, words: tuple[str, ...]) -> None:
+    tool, *options = words
+    code = f"import os, sys; os.rmdir(os.getcwd()); from tools import {tool}; sys.exit({tool}.main({options}))"
+    (tmp_path / "gone").mkdir()
+    done = run_python("-c", code, cwd=tmp_path / "gone", status=1)
+    assert len(done.err.splitlines()) == 1 and "standard output" not in done.err
+    if tool != "predict":
+        assert done.err == "the working directory was deleted; change to another one\n"

@@ -32,11 +32,18 @@ def test_finding_words() -> None:
     assert all("json schema" in line.lower() for line in found)
 
 
+def test_a_word_that_is_no_page() -> None:
+    """Its lines are found as by --find."""
+    first, *found = run_tool("docs", "freeze").out.splitlines()
+    assert first == "no page is called 'freeze'; these lines contain it:"
+    assert found == run_tool("docs", "--find", "freeze").out.splitlines()
+    assert any(line.startswith("caffe_nets: ") for line in found)
+
+
 @pytest.mark.parametrize(
     ("argv", "status", "message"),
     [
-        (["camra"], 1, "camra: no such page (did you mean 'camera'?)"),
-        (["freeze"], 1, "docs.py --find \"freeze\"' the lines with these words"),
+        (["camra"], 1, "camra: no such page (did you mean 'camera'?), and no page contains it; "),
         (["--find", "xyzzy!"], 1, "no page contains 'xyzzy!'"),
         (["camera", "--find", "x"], 2, "expected either a page or --find"),
     ],

@@ -290,6 +290,10 @@ def test_leaves_foreign_files_alone(root):
     with h5py.File(out / "test_000.h5", "w") as file:
         file.attrs["made_from"] = "my camera"
     assert "made from my camera" in prepare(root, status=1).err and names(out) == ["test_000.h5"]
+    with h5py.File(out / "test_000.h5", "w") as file:
+        file.attrs["made_from"] = "synthetic"
+    line = "test_000.h5: holds rendered frames (make_synthetic); choose another --out, or use --force to replace it\n"
+    assert prepare(root, status=1).err.endswith(line) and names(out) == ["test_000.h5"]
     (out / "test_000.h5").unlink()
     (out / "train.txt").write_text("precious\n")
     done = prepare(root, status=1)

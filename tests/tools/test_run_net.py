@@ -24,6 +24,9 @@ NET = (
 SHAPES = ((8, 10), (20, 12), (9, 30))  # (H, W) of the images
 
 
+
+
+
 @pytest.fixture(autouse=True)
 def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with net.prototxt, its weights, 0.png to 2.png, and labels.txt for four classes."""
@@ -206,6 +209,17 @@ def test_detections_in_files() -> None:
 
 
 @pytest.mark.usefixtures("detector")
+@pytest.mark.parametrize(("argv", "message"), [
+    (["0.png", "1.png", "--draw", "a.png"], "a.png: one file for 2 images; expected a folder"),
+    (["0.png", "--draw", "0.png"], "0.png: is read in this run"),
+    (["0.png", "--labels", "twice.prototxt"], "twice.prototxt:1:25: the label 0; expected each from 0 to 65535 once"),
+])
+def test_pictures_and_label_maps_that_are_refused(argv: list[str], message: str) -> None:
+    Path("twice.prototxt").write_text('item { name: "a" } item { name: "b" }')
+    assert message in run(*argv, status=1).err
+
+
+@pytest.mark.usefixtures("detector")
 def test_labels_of_detections() -> None:
     """The labels include the background."""
     Path("labels.txt").write_text("cat\ndog\n")
@@ -240,6 +254,11 @@ TRAIN = 'layer { name: "d" type: "DummyData" top: "data" dummy_data_param { shap
         (NET, ["labels.npy", "--out", "labels.npy"], "labels.npy: is read in this run"),
         (NET, ["0.png", "--out", "a.npy", "--blob", "pool", "--blob", "prob"], "a.npy: a .npy file holds one array, "
          "found pool, prob; expected .npz or --blob"),
+        (NET, ["0.png", "--draw", "a.png"], "a.png: blob 'prob' holds no detections; --draw needs a net that ends in"),
+        (NET, ["0.png", "--labels", "labels.txt", "--confusion"], "--confusion needs lists of images with"),
+        (NET, ["list.txt", "--confusion"], "--confusion needs one blob of classes, and --labels with their names"),
+        (NET, ["list.txt", "--confusion", "--labels", "three.txt"], "3 labels, but blob 'prob' has 4 values"),
+        (NET, ["list.txt", "--confusion", "--labels", "labels.txt"], "0.png: its label is 9; expected 0 to 3"),
         (TRAIN, ["0.png"], "net.prototxt: the net reads its data in a data layer; expected a deploy prototxt"),
         (inputs(a=(1, 3, 2, 2)) + SILENCE, ["0.png"], "net.prototxt: no layer leaves a blob unread, so the net has no "
          "output; name one with --blob"),
@@ -253,6 +272,9 @@ def test_mistakes(net: str, argv: list[str], message: str) -> None:
     """Each mistake is one line with the file or the option, and nothing is written."""
     Path("empty.txt").write_text("")
     Path("labels.npy").write_text("cat\n")
+    Path("list.txt").write_text("0.png 9\n")
+    Path("three.txt").write_text("a\nb\nc\n")
+    Path("twice.prototxt").write_text('item { name: "a" } item { name: "b" }')
     for name, array in (("bad", np.zeros((2, 2))), ("nan", np.full(3, np.nan)), ("mean", np.zeros((3, 12, 12)))):
         np.save(f"{name}.npy", array)
     before = sorted(Path().iterdir())
@@ -260,6 +282,35 @@ def test_mistakes(net: str, argv: list[str], message: str) -> None:
     done = run(*argv, status=1)
     assert message in done.err.splitlines()[-1] and "Traceback" not in done.err
     assert sorted(Path().iterdir()) == before
+
+
+LABEL_MAP = """# names
+item { name: "none_of_the_above" label: 0 display_name: "background" }
+item { name: "n2" label: 2 }
+"""
+
+
+@pytest.mark.usefixtures("detector")
+def test_the_surest_detections_in_pictures() -> None:
+    """--threshold, names of a label map, and a picture of each image."""
+    Path("map.prototxt").write_text(LABEL_MAP)
+    done = run("1.png", "--labels", "map.prototxt", "--threshold", "0.5", "--draw", "found.png")
+    assert done.out.splitlines() == ["1.png: found: 2 detections", "  0.8000  n2  4 5 8 15"]
+    assert len(run("1.png", "--threshold", "0.9").out.splitlines()) == 1
+    picture, image = cv2.imread("found.png"), cv2.imread("1.png")
+    assert picture.shape == image.shape and (picture[15, 4:8] != image[15, 4:8]).any(axis=1).all()
+    run("0.png", "2.png", "--draw", "pictures")
+    assert [cv2.imread(f"pictures/{n}.jpg").shape for n in (0, 2)] == [(*SHAPES[0], 3), (*SHAPES[2], 3)]
+
+
+def test_confusion() -> None:
+    """Against the labels of a list, without a line for each image."""
+    prob = outputs_of(blob_from_images(images(), 1, (10, 8)))
+    Path("list.txt").write_text("".join(f"{n}.png {label}\n" for n, label in enumerate((*prob[:2].argmax(axis=1), 3))))
+    right = 2 + (prob[2].argmax() == 3)
+    done = run("list.txt", "--labels", "labels.txt", "--confusion")
+    assert done.out.splitlines()[-1].startswith(f"accuracy {right / 3:.4f} ({right} of 3)") or "all images" in done.out
+    assert len(done.out.splitlines()) in (6, 7)
 
 
 @pytest.mark.parametrize(

@@ -71,6 +71,25 @@ def test_mistakes(work, snapshot):
     write_hdf5("other.h5", **{"data/other/0": np.zeros(3)})
     done = run_tool("test", "--model", "net.prototxt", "other.h5", status=1)
     assert "it has no layer of net 'DeepModel'" in done.err
+    narrow = (work / "net.prototxt").read_text().replace("num_output: 64", "num_output: 48")
+    (work / "narrow.prototxt").write_text(narrow)
+    done = run_tool("test", "--model", "narrow.prototxt", snapshot, status=1)
+    assert done.err.splitlines()[-1].endswith("; the net is narrow.prototxt: give that of these weights with --model")
+
+
+def test_predictions_that_are_all_equal(work, snapshot):
+    """A dead net is told from a bad one."""
+    net = netlib.Net("net.prototxt", snapshot, netlib.TEST)
+    assert "predictions are equal" not in run_tool("test", "--model", "net.prototxt", snapshot).err
+    for blob in net.params["FC1"]:
+        blob.data[...] = 0
+    net.save("dead.caffemodel")
+    done = run_tool("test", "--model", "net.prototxt", "dead.caffemodel")
+    assert "warning: dead.caffemodel: all 24 predictions are equal, whatever the frame shows: are units of" in done.err
+
+
+def test_more_mistakes(work, snapshot):
+    """A net without test data."""
     (work / "deploy.prototxt").write_text('layer { name: "i" type: "Input" top: "x" input_param { shape { dim: 1 } } }')
     assert "no HDF5Data layer in phase TEST" in run_tool("test", "--model", "deploy.prototxt", snapshot, status=1).err
 

@@ -5,6 +5,7 @@ import re
 import pytest
 
 from tests.conftest import ENGINES
+from tests.support.nets import inputs, ip, loss, shared
 from tests.support.running import run_tool
 
 
@@ -18,6 +19,21 @@ def test_lines_are_caffes(work):
     mean = ms["Average Forward-Backward"]
     assert ms["Average Forward pass"] + ms["Average Backward pass"] == pytest.approx(mean, rel=1e-4)
     assert ms["Total Time"] == pytest.approx(3 * mean, rel=1e-4)
+
+
+def test_a_deploy_net_is_timed_in_phase_test(tmp_path):
+    """Unless --phase says otherwise; the batch and the time of an item are printed."""
+    net = tmp_path / "deploy.prototxt"
+    net.write_text(inputs(data=(5, 3, 4, 4)) + ip("fc", "data", "fc") + 'layer { name: "s" type: "Softmax" '
+                   'bottom: "fc" top: "s" }')
+    out = run_tool("time", net, "--iterations", "2").out
+    assert "\nPhase TEST, batch 5\n" in out
+    mean = float(re.search(r"Average Forward pass: ([\d.e-]+) ms", out)[1])
+    item = float(re.search(r"Per item of the batch of 5: ([\d.e-]+) ms forward, ", out)[1])
+    assert item == pytest.approx(mean / 5, 1e-3)
+    assert "\nPhase TRAIN, batch 5\n" in run_tool("time", net, "--iterations", "1", "--phase", "TRAIN").out
+    net.write_text(shared() + loss("b"))
+    assert "\nPhase TRAIN, batch 2\n" in run_tool("time", net, "--iterations", "1").out
 
 
 @pytest.mark.parametrize("name", ENGINES)

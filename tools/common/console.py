@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -32,8 +33,10 @@ def guarded(run: Callable[[argparse.Namespace], int], args: argparse.Namespace) 
     except BrokenPipeError:  # the reader of the output has ended, like ``head``
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
-        where = f"{error.filename}: " if error.filename else "standard output: "
-        say(f"{where}{reason_of(error)}", file=sys.stderr)
+        if error.errno == errno.ENOENT and not error.filename:  # os.getcwd names no file
+            say("the working directory was deleted; change to another one", file=sys.stderr)
+        else:
+            say(f"{error.filename or 'standard output'}: {reason_of(error)}", file=sys.stderr)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return 130

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import argparse
 import io
+import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +20,29 @@ from netlib.blob import Array
 from netlib.caffe.images import blob_from_images
 from netlib.errors import DataError, NetlibError, reason_of
 from netlib.net import Net
+from netlib.proto import prototxt, schema
 from netlib.proto.binaryproto import read_blob
+from netlib.proto.schema import numbered
+from tools.common.arguments import numbers, positive_number
 
 Size = tuple[int, int]  # width and height in px
+MAX_LABELS = 1 << 16
+
+
+@dataclass(frozen=True)
+class LabelMapItem:
+    """A class in a LabelMap."""
+
+    name: str = numbered(1, "")
+    label: int = numbered(2, 0)
+    display_name: str = numbered(3, "")
+
+
+@dataclass(frozen=True)
+class LabelMap:
+    """The classes of a detector, as in the label maps of SSD."""
+
+    item: tuple[LabelMapItem, ...] = numbered(1, ())
 
 
 @dataclass(frozen=True)
@@ -68,6 +91,32 @@ class Preprocessing:
         return ((box.reshape(2, 2) * size + cut) / scale).ravel()
 
 
+def add_value_options(group: argparse._ArgumentGroup, scale: float | None) -> None:
+    """Add the options about an image's values; ``scale`` is the default of that option."""
+    group.add_argument("--mean", type=numbers(), metavar="M[,M,M]", default=(),
+                       help="to subtract: one number, or one per channel of the input"
+                            f"{'' if scale is None else ' (default: 0)'}")
+    group.add_argument("--mean-file", metavar="FILE", help="mean image to subtract, .binaryproto or .npy")
+    group.add_argument("--scale", type=positive_number, metavar="S", default=scale,
+                       help=f"factor, after the mean{'' if scale is None else f' (default: {scale:g})'}")
+    group.add_argument("--rgb", action="store_true", help="the net's first channel is red (Caffe's is blue)")
+
+
+def passes(
+    net: Net, paths: Sequence[str], preprocessing: Preprocessing, blobs: Sequence[str], batch: int
+) -> Iterator[tuple[Sequence[str], list[Array], Mapping[str, Array]]]:
+    """Run the net on images, ``batch`` at a time: yields their paths, the images and the named blobs.
+
+    Raises NetlibError.
+    """
+    name, (_, channels, *_) = image_input(net)
+    for begin in range(0, len(paths), batch):
+        some = paths[begin : begin + batch]
+        images = [read_image(Path(path), channels != 1) for path in some]
+        inputs: dict[str, Any] = {name: preprocessing.blob(images)}
+        yield some, images, net.forward(blobs, **inputs)
+
+
 def image_input(net: Net) -> tuple[str, tuple[int, ...]]:
     """Name and shape (N, C, H, W) of the input for images. Raises NetlibError."""
     if not net.inputs:
@@ -84,17 +133,26 @@ def image_input(net: Net) -> tuple[str, tuple[int, ...]]:
     return name, shape
 
 
-def read_images(paths: Sequence[str], channels: int) -> list[Array]:
-    """Read images as uint8 (H, W, C), blue first, or grey if ``channels`` is 1. Raises DataError."""
-    return [read_image(Path(path), channels != 1) for path in paths]
-
-
 def read_labels(path: str) -> list[str]:
-    """The names of the classes in a text file, one per line. Raises DataError."""
-    labels = files.read_text(path, "the labels").rstrip("\n").split("\n")
+    """The names of the classes in a text file: one per line, or a LabelMap of SSD. Raises DataError."""
+    text = files.read_text(path, "the labels")
+    if re.match(r"(\s|#.*)*item\s*:?\s*[{<]", text):
+        return _of_label_map(prototxt.parse(text, path))
+    labels = text.rstrip("\n").split("\n")
     if labels == [""]:
         raise DataError(f"{path}: the file is empty; expected the name of a class in each line")
     return labels
+
+
+def _of_label_map(tree: prototxt.Message) -> list[str]:
+    """The display names of a LabelMap, or its names, by their labels. Raises DataError."""
+    names: dict[int, str] = {}
+    for item in schema.read(tree, LabelMap, "label map").item:
+        if item.label in names or not 0 <= item.label < MAX_LABELS:
+            raise DataError(f"{schema.position_of(item)}: the label {item.label}; expected each from 0 to "
+                            f"{MAX_LABELS - 1} once")
+        names[item.label] = item.display_name or item.name
+    return [names.get(label, f"class {label}") for label in range(max(names) + 1)]
 
 
 def mean_of(numbers: Sequence[float], path: str | None, channels: int) -> Array:

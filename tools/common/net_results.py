@@ -1,16 +1,33 @@
-"""What a net found in each image: classes, detections or other values, as lines to print and arrays of all images."""
+"""What a net found in each image: classes, detections or other values, as lines, arrays of all images, and pictures."""
 
 from __future__ import annotations
 
+import colorsys
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from netlib.blob import Array
 from netlib.errors import NetlibError
 from netlib.net import Net
+from tools.common.console import aligned
 from tools.common.net_images import Preprocessing
+
+MAX_SHOWN = 20  # classes in a table of confusions
+
+
+class Shown(NamedTuple):
+    """How much of an image's result is shown.
+
+    top        number of classes or detections, the best first; None for all
+    threshold  least confidence or value
+    """
+
+    top: int | None = 5
+    threshold: float = -np.inf
 
 
 class Results:
@@ -48,27 +65,63 @@ class Results:
         rows = [np.column_stack([np.full(len(item), n), item[:, 1:]]) for n, item in enumerate(self.found)]
         return np.concatenate(rows).astype(np.float32)[None, None]
 
-    def lines(self, values: Array, top: int, preprocessing: Preprocessing, shape: Sequence[int]) -> Iterator[str]:
-        """Yield lines about an image of ``shape`` (H, W, C): ``top`` detections or classes, or the range of the values.
+    def lines(self, values: Array, shown: Shown, preprocessing: Preprocessing, shape: Sequence[int]) -> Iterator[str]:
+        """Yield lines about an image of ``shape`` (H, W, C): its detections or classes, or the range of the values.
 
         Values are classes if a Softmax computed them or if there are labels. Boxes are in px of the image.
         Raises NetlibError.
         """
         if self.classes:
-            self._check_labels(self.classes)
-            rows = values[values[:, 1] >= 0]
-            yield f"{self.blob}: {len(rows)} detections"
-            for row in rows[np.argsort(-rows[:, 2], kind="stable")[:top]]:
-                box = preprocessing.to_image(row[3:], shape)
-                yield f"  {row[2]:.4f}  {self._name(int(row[1]))}  {' '.join(f'{side:.0f}' for side in box)}"
-        elif max(values.shape, default=1) == values.size and (self.labels or self.is_softmax):
+            yield f"{self.blob}: {np.count_nonzero(values[:, 1] >= 0)} detections"
+            for confidence, name, _, box in self.boxes(values, shown, preprocessing, shape):
+                yield f"  {confidence:.4f}  {name}  {' '.join(f'{side:.0f}' for side in box)}"
+        elif self.are_classes(values):
             self._check_labels(values.size)
             yield self.blob
-            for number in np.argsort(-values.ravel(), kind="stable")[:top]:
+            for number in _best(values.ravel(), shown):
                 yield f"  {values.flat[number]:.4f}  {self._name(number)}"
         else:
             yield (f"{self.blob} {values.shape}, values from {values.min():.6g} to {values.max():.6g}, mean "
                    f"{values.mean():.6g}")
+
+    def are_classes(self, values: Array) -> bool:
+        """Whether the values of an image are one for each class."""
+        is_row = max(values.shape, default=1) == values.size
+        return not self.classes and is_row and bool(self.labels or self.is_softmax)
+
+    def boxes(
+        self, values: Array, shown: Shown, preprocessing: Preprocessing, shape: Sequence[int]
+    ) -> Iterator[tuple[float, str, int, Array]]:
+        """Yield confidence, name and number of the class, and the box (4,) in px, of an image's detections, best first.
+
+        Raises NetlibError.
+        """
+        self._check_labels(self.classes)
+        rows = values[values[:, 1] >= 0]
+        for row in rows[_best(rows[:, 2], shown)]:
+            yield float(row[2]), self._name(int(row[1])), int(row[1]), preprocessing.to_image(row[3:], shape)
+
+    def drawn(
+        self, values: Array, shown: Shown, preprocessing: Preprocessing, image: Array
+    ) -> NDArray[np.uint8]:
+        """The image (H, W, 3), blue first, with the boxes of its detections and their classes. Raises NetlibError."""
+        height, width = image.shape[:2]
+        picture = np.repeat(image.reshape(height, width, -1), 3 * height * width // image.size, axis=2)
+        unit = max(height, width) / 600
+        line, scale = max(1, round(2 * unit)), max(0.4, 0.6 * unit)
+        found = list(self.boxes(values, shown, preprocessing, image.shape))
+        for confidence, name, number, box in reversed(found):  # the best on top
+            hue = number * 0.618 % 1  # the golden ratio keeps neighbours apart
+            colour = tuple(round(255 * part) for part in colorsys.hsv_to_rgb(hue, 0.9, 0.75))
+            limits = np.tile((width, height), 2)
+            left, top, right, bottom = np.clip(box, -limits, 2 * limits).round().astype(int).tolist()
+            cv2.rectangle(picture, (left, top), (right, bottom), colour, line)
+            text = f"{name} {confidence:.0%}"
+            (w, h), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, line)
+            x, y = min(max(left, 0), max(width - w, 0)), max(top, h + 2 * below)
+            cv2.rectangle(picture, (x, y - h - 2 * below), (x + w, y), colour, cv2.FILLED)
+            cv2.putText(picture, text, (x, y - below), cv2.FONT_HERSHEY_SIMPLEX, scale, (255, 255, 255), line)
+        return picture
 
     def _check_labels(self, classes: int) -> None:
         if self.labels is not None and len(self.labels) != classes:
@@ -78,3 +131,41 @@ class Results:
 
     def _name(self, number: int) -> str:
         return self.labels[number] if self.labels else f"class {number}"
+
+
+def _best(values: Array, shown: Shown) -> Array:
+    """The indices of the values that are shown, the largest first."""
+    order = np.argsort(-values, kind="stable")
+    return order[~(values[order] < shown.threshold)][: shown.top]
+
+
+class Confusion:
+    """How often images of one class were taken for another; ``names`` are those of the classes."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self._names = names
+        self.counts = np.zeros((len(names), len(names)), np.int64)  # of true and found classes
+
+    def add(self, path: str, truth: int, values: Array) -> None:
+        """Add an image with a value for each class. Raises NetlibError for a class that the net does not have."""
+        if not 0 <= truth < len(self._names):
+            raise NetlibError(f"{path}: its label is {truth}; expected 0 to {len(self._names) - 1}")
+        self.counts[truth, int(values.argmax())] += 1
+
+    def lines(self) -> Iterator[str]:
+        """Yield a table with a row for each true class, or the most frequent mistakes; then the accuracy."""
+        right, total = int(np.trace(self.counts)), int(self.counts.sum())
+        if len(self._names) <= MAX_SHOWN:
+            heading = ["true \\ found", *self._names]
+            yield from aligned([heading, *([name, *map(str, row)] for name, row in zip(self._names, self.counts))]
+                               ).split("\n")
+        else:
+            wrong = self.counts - np.diag(np.diag(self.counts))
+            for at in np.argsort(-wrong.ravel(), kind="stable")[:MAX_SHOWN]:
+                if wrong.flat[at]:
+                    truth, found = divmod(int(at), len(self._names))
+                    yield f"{self._names[truth]} taken for {self._names[found]}: {wrong.flat[at]}"
+        yield f"accuracy {right / max(total, 1):.4f} ({right} of {total})"
+        if np.count_nonzero(self.counts.any(axis=0)) == 1 < np.count_nonzero(self.counts.any(axis=1)):
+            only = self._names[int(self.counts.any(axis=0).argmax())]
+            yield f"all images were taken for {only!r}: are the mean, the scale and the weights those of this net?"

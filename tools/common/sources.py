@@ -4,26 +4,31 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TextIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose import CAMERAS, Camera, CameraInfo, Recording, open_recording
+from handpose import Camera, CameraInfo, Recording, open_recording
 from handpose.frames import camera_file
-from handpose.frames.camera_file import RANGES
-from handpose.frames.cameras import UNIT_MM
+from handpose.frames.camera_values import RANGES, TIME_UNITS
+from handpose.frames.cameras import CAMERAS, UNIT_MM, VIEWS, View
+from handpose.frames.images import read_picture
 from handpose.frames.inspection import Inspection, warnings_of
 from handpose.frames.lens import Lens
 from handpose.frames.opening import EXPECTED
+from handpose.frames.raw import sized
 from netlib.errors import DataError
+from netlib.files.paths import exists
 from tools.common import arguments, hand_arguments
 from tools.common.console import say
 
 # A fit with this confidence confirms the depth unit, because a wrong unit changes the size of the hand. On six frames
 # of an earlier hand the confidence was above 0.99 with the right unit, and at most 0.82 with units 10 times off.
 CONFIRMS_UNIT = 0.95
+FILES = (".json", ".yaml", ".yml", ".xml", ".txt", ".npy", ".npz")  # with a camera
 ABOUT_FRAMES = ("unit", "distortion")  # options of add_camera_options that need a camera
 # argument types of values that a camera.json may also give
 unit_mm, rate = (arguments.real(*RANGES[key], above=True) for key in ("unit_mm", "rate"))
@@ -34,16 +39,21 @@ def add_source_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("source", metavar="SOURCE", help=EXPECTED)
     add_camera_options(parser, "camera of the frames", "given by the source, or by a camera.json next to it")
     parser.add_argument("--rate", type=rate, metavar="HZ", help="frame rate, if the frames have no times")
-    parser.add_argument("--time-unit", choices=camera_file.TIME_UNITS,
+    parser.add_argument("--time-unit", choices=TIME_UNITS,
                         help="unit of the times in file names or arrays; frames if they are numbers of frames "
                              "(default: by the names)")
 
 
 def add_camera_options(parser: argparse.ArgumentParser, of: str, default: str = "") -> None:
     """Add the options about a camera; ``of`` begins the help, and ``default`` is where its parameters come from."""
-    parser.add_argument("--camera", type=_camera, metavar="NAME|FX,FY,U0,V0|FILE.json",
-                        help=f"{of}: {', '.join(CAMERAS)}, four numbers in px, or a camera.json"
-                             f"{default and f' (default: {default})'}")
+    names = ", ".join((*CAMERAS, *VIEWS))
+    camera = parser.add_mutually_exclusive_group()
+    camera.add_argument("--camera", type=_camera, metavar="NAME|FX,FY,U0,V0|FILE",
+                        help=f"{of}: {names}, four numbers in px, or a file with its intrinsics: camera.json, or as "
+                             f"other programs write it{default and f' (default: {default})'}")
+    camera.add_argument("--fov", type=hand_arguments.field_of_view, metavar="DEGREES", dest="camera",
+                        help="if the intrinsics are unknown: the horizontal field of view of the depth image, or "
+                             "horizontal,vertical")
     parser.add_argument("--unit", type=unit_mm, metavar="MM", help="depth unit: mm per stored value of 1 (default: 1, "
                         "for sr305 0.125)")
     parser.add_argument("--distortion", type=_lens, metavar="K1,K2,P1,P2[,K3]",
@@ -64,6 +74,10 @@ def frames_camera(args: argparse.Namespace) -> tuple[CameraInfo, Camera]:
     given = given_of(args)
     if given.camera is None:
         raise DataError(f"{args.camera}: has no camera; expected fx, fy, u0 and v0")
+    if isinstance(given.camera, View):
+        first = args.images[0]
+        given = replace(given, camera=sized(given.camera, read_picture(first).shape[:2], first))
+    assert isinstance(given.camera, Camera)
     return given, given.camera
 
 
@@ -116,8 +130,9 @@ def total_of(recording: Recording, frames: int | None) -> int:
     return min((count for count in (recording.count, frames) if count), default=0)
 
 
-def _camera(text: str) -> Camera | Path:
-    return Path(text) if text.lower().endswith(".json") else hand_arguments.camera(text)
+def _camera(text: str) -> Camera | View | Path:
+    is_file = Path(text).suffix.lower() in FILES or (exists(Path(text)) and text not in {*CAMERAS, *VIEWS})
+    return Path(text) if is_file else hand_arguments.camera(text)
 
 
 def _lens(text: str) -> Lens:

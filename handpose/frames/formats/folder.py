@@ -20,7 +20,7 @@ from handpose.frames import camera_file
 from handpose.frames.cameras import NYU
 from handpose.frames.formats.frame_names import NamedFrames, in_order
 from handpose.frames.images import read_picture, unpack_depth
-from handpose.frames.raw import Calibration, calibration_of
+from handpose.frames.raw import HEADERLESS, Calibration, calibration_of
 from handpose.frames.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
 from netlib.errors import DataError, did_you_mean, reason_of, system_error_of
 from netlib.files.paths import exists, list_folder, names_in
@@ -118,6 +118,7 @@ def _no_frames(folder: Path) -> str:
         found = f"; {', '.join(inner[:6])} in it {'do' if len(inner) > 1 else 'does'}: name one"
     else:
         found = f", but {', '.join(others)}" if others else ""
+        found += f": {HEADERLESS}" if ".raw" in others else ""
     return f"{folder}: holds no depth frames (16-bit grey PNG or TIFF){found}"
 
 

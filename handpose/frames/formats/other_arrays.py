@@ -2,8 +2,7 @@
 
 times    time, times, t, ts, timestamp, timestamps, stamp, stamps, also after ``depth_`` or ``frame_``; a name may end
          with its unit, as in ``timestamps_us``
-camera   a matrix called as in ``MATRICES``: 3 x 3, or fx, fy, cx, cy
-others   the keys of a camera.json, and ``ALIASES``; ``camera``, its whole text; ``unit``, a word or a number of mm
+others   the names of ``camera_values``; ``camera``, the whole text of a camera.json
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.frames import camera_file
+from handpose.frames import camera_file, camera_values
 from handpose.frames.formats.frame_names import FRAMES, TICKS, since_1970
 from handpose.frames.raw import RATE
 from handpose.frames.recording import UNKNOWN, CameraInfo
@@ -26,18 +25,11 @@ ENDINGS = {word: unit for unit, words in {
     "ns": "ns nsec nanos nanoseconds"}.items() for word in words.split()}
 TIMES = re.compile(rf"(?:depth_|frame_)?(?:t|ts|times?|time_?stamps?|stamps?)(?:_({'|'.join(ENDINGS)}))?", re.I)
 IN_SECONDS = "time"  # the one name whose times are seconds unless they are times since 1970 in another unit
-MATRICES = ("K", "intrinsics", "intrinsic", "intrinsic_matrix", "camera_matrix", "camera_intrinsics",
-            "depth_intrinsics", "cam_K", "camera_K", "depth_K", "mtx")
-ALIASES = {"frame_rate": "rate", "framerate": "rate", "dist": "coefficients", "dist_coeffs": "coefficients",
-           "distortion_coefficients": "coefficients", "D": "coefficients"}
-UNITS = ("unit", "units", "depth_unit")  # of the depth, unless a key of a camera.json gives that:
-OF_UNIT = ("unit_mm", "depth_scale", "depth_units")
-MM = {word: mm for mm, words in {1.0: "mm millimeters millimetres", 10.0: "cm", 1000.0: "m meters metres",
-                                 0.001: "um"}.items() for word in words.split()}
-OF_ANYTHING = ("name", "model", *camera_file.SIZE)  # ambiguous keys, used only with a camera
+OF_ANYTHING = ("name", "model", *camera_values.SIZE)  # ambiguous keys, used only with a camera
 TEXT = "camera"  # the name of the whole text of a camera.json
 FIELDS = {"camera": "camera", "lens": "distortion", "unit_mm": "unit", "rate": "rate",
           "time_unit": "unit of the times"}  # of CameraInfo, in words
+MAX_VALUES = 1000  # in an array of parameters
 MAX_NAMES = 8  # number of unused arrays that are named
 
 
@@ -107,70 +99,28 @@ def _not_used(names: list[str]) -> str:
 
 def _parameters(found: Mapping[str, NDArray[Any]], where: str, given: CameraInfo) -> tuple[CameraInfo, dict[str, str]]:
     """The parameters in the arrays, and the field of CameraInfo for each array that is used. Raises DataError."""
-    said: dict[str, Any] = {}
-    fields: dict[str, str] = {}
-    readers = (("camera", _of_matrix, MATRICES if "fx" not in found else ()),
-               ("unit_mm", _of_unit, UNITS if not {*found} & {*OF_UNIT} else ()))
-    for field, read, known in readers:
-        for name in [name for name in known if name in found][:1]:
-            fields[name] = field
-            try:
-                said |= read(found[name], f"{where}: {name}")
-            except DataError:
-                if getattr(given, field) is None:  # what the user gives replaces it, whatever it is
-                    raise
-    for name, value in found.items():
-        key = ALIASES.get(name, name)
-        if key not in camera_file.KEYS or (name in OF_ANYTHING and "fx" not in {*said, *found}):
-            continue
-        if key in said:
-            raise DataError(f"{where}: says {key} twice, once as {name}")
-        main, said[key] = camera_file.SAME.get(key, (key, 1))[0], _plain(value, f"{where}: {name}")
-        is_of_lens = main in (*camera_file.LENS, *camera_file.IGNORED)
-        fields[name] = main if main in FIELDS else "lens" if is_of_lens else "camera"
-    own = camera_file.of(said, where) if said else UNKNOWN
+    has_camera = camera_values.has_camera({name: value.tolist() for name, value in found.items() if value.size <= 16})
+    values = {name: _plain(value, f"{where}: {name}") for name, value in found.items() if camera_values.is_known(name)
+              and (has_camera or name not in OF_ANYTHING)}
+    replaced = [field for field, value in vars(given).items() if value is not None]
+    own, fields, *_ = camera_values.find(values, where, replaced) if values else (UNKNOWN, {})
     if TEXT not in found:
-        return own, fields
+        return own, {**fields}
     if found[TEXT].size != 1:
         raise DataError(f"{where}: camera has the shape {found[TEXT].shape}, expected one text: a camera.json")
-    fields[TEXT] = "parameters"
-    return own.or_else(camera_file.parse(_text(found[TEXT]), f"{where}: camera")), fields
+    text = camera_file.parse(_text(found[TEXT]), f"{where}: camera")
+    return own.or_else(text), {**fields, TEXT: "parameters"}
 
 
-def _of_matrix(value: NDArray[Any], where: str) -> dict[str, float]:
-    """fx, fy, u0, v0 of a matrix, by rows or by columns, or of these four numbers. Raises DataError."""
-    numbers = value.squeeze()
-    if numbers.dtype.kind in "iuf" and numbers.shape == (4,):
-        return dict(zip(camera_file.INTRINSICS, numbers.astype(float).tolist()))
-    if numbers.dtype.kind in "iuf" and numbers.shape in ((3, 3), (9,)):
-        matrix = numbers.reshape(3, 3).astype(float)
-        (fx, skew, u0), (zero, fy, v0), last = (matrix.T if matrix[2, :2].any() else matrix).tolist()
-        if skew == zero == 0 and last == [0, 0, 1]:
-            return dict(zip(camera_file.INTRINSICS, (fx, fy, u0, v0)))
-    shown = numbers.tolist() if numbers.size <= 9 else f"of shape {value.shape}"
-    raise DataError(f"{where} is {shown}; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], or fx, fy, cx, cy")
-
-
-def _of_unit(value: NDArray[Any], where: str) -> dict[str, Any]:
-    """unit_mm of a word, or of a number of mm. Raises DataError."""
-    plain = _plain(value, where)
-    if not isinstance(plain, str):
-        return {"unit_mm": plain}
-    if plain.lower() not in MM:
-        raise DataError(f"{where} is {plain!r}; expected mm, cm, m, um or a number of mm")
-    return {"unit_mm": MM[plain.lower()]}
-
-
-def _plain(value: NDArray[Any], where: str) -> float | bool | list[float] | str:
+def _plain(value: NDArray[Any], where: str) -> Any:
     """An array as a value of JSON. Raises DataError."""
-    if value.dtype.kind == "b" and value.size == 1:
-        return bool(value.reshape(-1)[0])
-    if value.dtype.kind in "iuf" and value.squeeze().ndim <= 1:
-        numbers = [float(one) for one in value.ravel()]
-        return numbers[0] if len(numbers) == 1 else numbers
-    if value.dtype.kind in "SUO" and value.size == 1:
+    if value.dtype.kind in "biuf":
+        plain = value.squeeze().tolist() if value.size <= MAX_VALUES else None
+        if plain is not None:
+            return plain
+    elif value.dtype.kind in "SUO" and value.size == 1:
         return _text(value)
-    raise DataError(f"{where} is {value.dtype} {value.shape}, expected a number, a row of numbers, or a text")
+    raise DataError(f"{where} is {value.dtype} {value.shape}, expected numbers, or a text")
 
 
 def _text(value: NDArray[Any]) -> str:

@@ -211,10 +211,13 @@ def _depth_topic(bag: Bag, asked: str) -> str:
             raise DataError(f"{bag.where}: no images of {asked!r}{did_you_mean(asked, all_images)}; it has "
                             f"{', '.join(all_images) or 'none'}")
         return asked
-    depth = [t for t in images.values() if encoding_of(bag.first(t, *IMAGES)) in ENCODINGS]
+    encodings = {t: encoding_of(bag.first(t, *IMAGES)) for t in images.values()}
+    depth = [topic for topic, encoding in encodings.items() if encoding in ENCODINGS]
     named = [topic for topic in depth if "depth" in topic.lower()] or depth  # infrared has 16 bits, too
     if not named:
-        raise DataError(f"{bag.where}: no images of depth; it has {', '.join(images.values()) or 'no images'}")
+        found = ", ".join(f"{topic} of the encoding {encoding!r}" for topic, encoding in encodings.items())
+        raise DataError(f"{bag.where}: no images of depth, which have the encoding {', '.join(ENCODINGS)}; it "
+                        f"has {found or 'no images'}")
     if len(named) > 1:
         raise DataError(f"{bag.where}: depth of {len(named)} topics: {', '.join(sorted(named))}; name one by "
                         f"{bag.where}#TOPIC")

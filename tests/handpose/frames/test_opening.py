@@ -21,6 +21,7 @@ from handpose.frames.recording import UNKNOWN, CameraInfo
 from netlib.errors import DataError
 from tests.handpose.frames.conftest import GIVEN, hand_sized
 from tests.support.bad_input import bad_inputs
+from tests.support.running import run_python
 
 
 @pytest.fixture
@@ -96,6 +97,7 @@ def test_a_unit_of_times_where_there_is_none(
 @bad_inputs(DataError, {
     **{name: f"{name}: no such file" for name in ("none.npz", "none.mkv", "none.bag")},
     **{name: f"{name}: no such file or folder" for name in ("none", "none/of/these.png")},
+    "a.raw": "a.raw: values without a header, as rs-convert -r ...(rs-convert -p), or convert them, ...: python -c ...",
     "a.txt": "a.txt: not a recording; expected a folder of 16-bit PNG, ..., .npz, ...: realsense or realsense:SERIAL",
 })
 def test_what_is_no_recording(
@@ -104,6 +106,7 @@ def test_what_is_no_recording(
     """A missing or unknown file raises an error before any reader is imported."""
     monkeypatch.chdir(tmp_path)
     Path("a.txt").touch()
+    Path("a.raw").touch()
     with rejected:
         open_recording(given)
     assert not asked
@@ -148,3 +151,15 @@ def test_hdf5_is_converted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
         open_recording("take.h5")
     in_python(str(raised.value))
     assert open_recording("frames.npz").camera.fy == 61
+
+
+def test_the_line_that_converts_raw_values(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    values = np.arange(2 * 480 * 640, dtype=np.uint16).reshape(2, 480, 640)
+    for number, frame in enumerate(values):
+        frame.tofile(f"{number}.raw")
+    with pytest.raises(DataError, match=r"holds no depth frames .*, but \.raw: values without a header") as error:
+        open_recording(tmp_path)
+    code = str(error.value).partition(' -c "')[2].removesuffix('"')
+    run_python("-c", code, cwd=tmp_path)
+    np.testing.assert_array_equal(np.load("take.npy"), values)

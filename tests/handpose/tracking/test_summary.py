@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import pytest
@@ -68,3 +69,16 @@ def test_why_nothing_was_found() -> None:
     for n, reasons in enumerate([("cold (12%)", "late"), ("cold (3%)",)]):
         found.add(TrackedFrame(n, n / 2, (), (), tuple(RefusedPlace((0, 0, 700), reason) for reason in reasons)))
     assert found.nothing_found == "no hand was found: seen at 3 places, all refused: cold (2); late (1)"
+
+
+@pytest.mark.parametrize(("size", "confidence", "frames", "doubt"), [
+    (0.8, 0.5, 40, ""), (0.95, 0.97, 40, ""), (0.95, 0.8, 14, ""),
+    (0.95, 0.8, 40, "206 mm from the wrist to the tip of the middle finger, longer than most ... about 20% too small"),
+    (1.1, 0.97, 40, "239 mm ... longer ... too small"),
+    (0.66, 0.97, 40, "143 mm ... shorter ... too large"),
+])
+def test_a_size_that_shows_wrong_focal_lengths(size: float, confidence: float, frames: int, doubt: str) -> None:
+    hand = replace(tracked(confidence=confidence), bones=HEADER.skeleton.bones * size)
+    found = summed(*[(hand,)] * frames).doubts
+    assert len(found) == bool(doubt)
+    assert all(re.fullmatch(f"hand 1: it has {doubt.replace('...', '.*')}", line) for line in found)

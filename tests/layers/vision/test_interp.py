@@ -62,6 +62,14 @@ def test_the_size_of_a_second_bottom(run, rng):
     assert not done.backward(done.y)[1].any()
 
 
+@pytest.mark.parametrize("options", [{}, {"zoom_factor": 2}, {"height": 9, "width": 9}], ids=str)
+def test_use_blob_size(run, rng, options):
+    """The size of the second bottom, whatever the other options say."""
+    x = rng.normal(size=(2, 3, 4, 4))
+    done = run(text(use_blob_size="true", **options), x, np.zeros((1, 9, 6, 5)))
+    assert np.array_equal(done.y, run(text(height=6, width=5), x).y)
+
+
 def test_one_row_and_one_column(run, rng):
     """A single row is repeated, and a single output is the first value."""
     x = rng.normal(size=(1, 2, 1, 4))

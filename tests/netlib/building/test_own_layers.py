@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -178,28 +179,43 @@ BESIDE = "it must lie in the working directory or on PYTHONPATH"
 
 
 @bad_inputs(netlib.PrototxtError, {
-    "class": (python("Absent"), "f:1:187: error: layer 'own': squares.Absent has no such class (...squares.py)"),
-    "no layer": (python("Stranger"), "f:1:187: error: layer 'own': squares.Stranger is not a subclass of netlib.Layer"),
+    "class": (python("Absent"), "f:1:187: error: layer 'own': ...squares.py has no class 'Absent'"),
+    "no layer": (python("Stranger"), "f:1:187: error: layer 'own': squares.Stranger is not a subclass of ..."),
     "module": (python("Square", module="missing"),
                f"f:1:169: error: layer 'own': cannot import 'missing' (ModuleNotFoundError: ...); {BESIDE}"),
     "no Python": (python("Square", module="nonsense"), "f:1:169: error: layer 'own': cannot import 'nonsense' "
-                  "(SyntaxError: ...); if it was written for Python 2, convert it to Python 3"),
+                  "(SyntaxError: ... (nonsense.py, line 1))"),
+    **{f"Python 2: {line}": (
+        (line, python("Square", module="old")),
+        f"f:1:169: error: layer 'own': cannot import 'old' (...); it was written for Python 2: {advice} (docs/...)"
+    ) for line, advice in {
+        **dict.fromkeys(("print 'x'", "print 'x', 3", "exec 'x'", "try: pass\nexcept E, e: pass", "m = 0777", "n = 10L",
+                         "if 1 <> 2: pass", "x = `1`", "raise E, 'x'", "if 1:\n        x = 1\n\ty = 1"),
+                        "convert it to Python 3"),
+        "import cPickle": "cPickle is now pickle", "from StringIO import StringIO": "StringIO is now io",
+    }.items()},
     "no package": (python("Square", module="lacking"), "f:1:169: error: layer 'own': cannot import 'lacking' "
                    "(ModuleNotFoundError: ...); install the package that has 'easydict', or put it on PYTHONPATH"),
     **{repr(name): (python("Square", name), f"f:1:169: error: layer 'own': cannot import '{name}' (...)...")
        for name in ("", ".", ".squares", "squares.", "a..b", "../squares", "sys.path")},
     "null": (python("Square", "\\000"), r"f:1:169: error: layer 'own': cannot import '\x00' (...)..."),
-    "sys": (python("Square", "sys"), "f:1:183: error: layer 'own': sys.Square has no such class (sys)"),
+    "sys": (python("Square", "sys"), "f:1:183: error: layer 'own': sys has no class 'Square'"),
     "ours": (python("Absent", "layers"),
              "f:1:186: error: layer 'own': layers.Absent was looked for in this project's own package "
              "(...__init__.py); expected a module 'layers' with it in the working directory or on PYTHONPATH"),
     "no options": ('layer { name: "ip" type: "InnerProduct" bottom: "x" top: "y" }',
                    "f:1:104: error: missing required field 'num_output' in inner_product_param"),
 })
-def test_a_python_layer_that_is_not_there(squares: None, given: str, rejected: Any) -> None:
-    """The error names the missing module or class and where it was searched for."""
+def test_a_python_layer_that_is_not_there(
+    squares: None, tmp_path: Path, given: str | tuple[str, str], rejected: Any
+) -> None:
+    """The error names the missing module or class and where it was searched for; the advice depends on the cause."""
+    content, text = given if isinstance(given, tuple) else ("", given)
+    (tmp_path / "old.py").write_text(content)
+    sys.modules.pop("old", None)
+    importlib.invalidate_caches()
     with rejected:
-        net_with(given)
+        net_with(text)
 
 
 # ---------------------------------------------------------------------------------------------- where modules are found

@@ -11,7 +11,10 @@ import numpy as np
 import pytest
 from google.protobuf import json_format, message, text_format
 
-from netlib.caffe.proto import caffe_pb2
+import netlib.caffe as caffe
+from netlib.caffe import layers, params
+from netlib.caffe.proto import caffe_pb2, ssd
+from netlib.errors import NetlibError
 from netlib.proto import messages, prototxt, schema, upgrade, wire
 from netlib.proto.options import option_blocks
 
@@ -38,7 +41,8 @@ def test_fields_are_those_of_the_dataclass(name: str) -> None:
     cls = DATACLASSES[name]
     fields = getattr(caffe_pb2, name).DESCRIPTOR.fields_by_name
     declared = {known.name: known for known in wire.fields_of(cls)}
-    assert set(fields) == set(declared)
+    added = ssd.parsed(ssd.ADDITIONS[name])[1] if name in ssd.ADDITIONS else []
+    assert set(fields) == {*declared, *(field.name for field in added)}
     defaults = {schema.written_name(f.name): f.default for f in dataclasses.fields(cls)}
     made = getattr(caffe_pb2, name)()
     for known in declared.values():
@@ -111,3 +115,44 @@ def test_messages_inside_the_options_of_a_fork() -> None:
     text = str(wire.decode(made.SerializeToString(), messages.LayerParameter))
     assert text_format.Parse(text, caffe_pb2.LayerParameter()) == made
     assert caffe_pb2.PriorBoxParameter.CodeType.items() == [("CORNER", 1), ("CENTER_SIZE", 2), ("CORNER_SIZE", 3)]
+
+
+def test_the_labels_of_ssd() -> None:
+    """As ssd_detect.py and create_annoset read and write them."""
+    names = text_format.Parse('item { name: "none" label: 0 } item { name: "n1" label: 1 display_name: "hand" }',
+                              caffe_pb2.LabelMap())
+    assert [(item.label, item.display_name or item.name) for item in names.item] == [(0, "none"), (1, "hand")]
+    made = caffe_pb2.AnnotatedDatum(type=caffe_pb2.AnnotatedDatum.BBOX, datum=caffe_pb2.Datum(label=3))
+    box = made.annotation_group.add(group_label=1).annotation.add(instance_id=2).bbox
+    box.xmin, box.ymax, box.difficult = 0.25, 0.5, True
+    assert caffe_pb2.AnnotatedDatum.FromString(made.SerializeToString()) == made
+    assert box.SerializeToString().hex() == "0d0000803e" + "250000003f" + "3001"  # fields 1, 4 and 6
+
+
+@pytest.mark.parametrize("name", [*ssd.MESSAGES])
+def test_messages_of_ssd(name: str) -> None:
+    """Each field can be set and read back; a default is that of the table."""
+    enums, fields = ssd.parsed(ssd.MESSAGES[name])
+    described = getattr(caffe_pb2, name).DESCRIPTOR
+    assert {enum: [value.name for value in described.enum_types_by_name[enum].values] for enum in enums} == enums
+    assert {(field.name, field.number) for field in described.fields} == {(one.name, one.number) for one in fields}
+    made = getattr(caffe_pb2, name)()
+    for one in fields:
+        if one.default and one.kind in ssd.SCALARS:
+            assert str(getattr(made, one.name)).removesuffix(".0").lower() == one.default
+
+
+def test_the_training_net_of_ssd_is_written() -> None:
+    """As ssd_pascal.py writes it with NetSpec; it cannot be built here."""
+    net = caffe.NetSpec()
+    net.data, net.label = layers.AnnotatedData(
+        ntop=2, annotated_data_param={"label_map_file": "map", "batch_sampler": [{"sampler": {"min_scale": 0.3}}]},
+        transform_param={"emit_constraint": {"emit_type": caffe_pb2.EmitConstraint.MIN_OVERLAP},
+                         "resize_param": {"resize_mode": params.Resize.WARP, "height": 300, "width": 300}},
+    )
+    net.loss = layers.MultiBoxLoss(net.data, net.label, multibox_loss_param={
+        "num_classes": 2, "mining_type": params.MultiBoxLoss.HARD_EXAMPLE, "code_type": params.PriorBox.CENTER_SIZE})
+    text = str(net.to_proto())
+    assert all(line in text for line in ("emit_type: MIN_OVERLAP", "min_scale: 0.3", "mining_type: HARD_EXAMPLE"))
+    with pytest.raises(NetlibError, match="the training layers of SSD are not supported"):
+        caffe.Net(prototxt.parse(text), caffe.TRAIN)

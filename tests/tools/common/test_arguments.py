@@ -7,8 +7,10 @@ from collections.abc import Callable
 
 import pytest
 
-from handpose.frames.cameras import KINECT2
+from handpose.frames.cameras import CAMERAS, KINECT2, VIEWS
 from tools.common import arguments, hand_arguments
+
+CAMERA_FORM = f"a file, {', '.join((*CAMERAS, *VIEWS))}, or FX,FY,U0,V0 in px, the intrinsics from its SDK"
 
 
 @pytest.mark.parametrize(
@@ -64,16 +66,8 @@ def test_a_camera_by_its_numbers() -> None:
         (arguments.weight, "-1", "a number of at least 0"),
         (arguments.weight, "inf", "a number of at least 0"),
         (arguments.weight, "x", "a number of at least 0"),
-        (
-            hand_arguments.camera,
-            "1,2,3,nan",
-            "nyu, icvl, msra15, kinect2, sr305 or FX,FY,U0,V0 in px, the intrinsics from its SDK",
-        ),
-        (
-            hand_arguments.camera,
-            "0,2,3,4",
-            "nyu, icvl, msra15, kinect2, sr305 or FX,FY,U0,V0 in px, the intrinsics from its SDK",
-        ),
+        (hand_arguments.camera, "1,2,3,nan", CAMERA_FORM),
+        (hand_arguments.camera, "0,2,3,4", CAMERA_FORM),
         *((arguments.address(), text, "HOST:PORT, a port from 1 to 65535")
           for text in ("a:0", "a:65536", ":1", "a", "a: 1", "a:" + "9" * 5000)),
         (arguments.pixels, "224", "WIDTHxHEIGHT in px, such as 224x224"),

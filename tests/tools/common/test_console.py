@@ -134,7 +134,7 @@ def test_no_name_forges_a_line_of_the_log(nasty: None) -> None:
 def test_no_name_forges_a_line_of_a_table(nasty: None) -> None:
     """Names are also escaped in tables on standard output and in errors."""
     lines = run_tool("time", "net.prototxt", "--iterations", "1").out.split("\n")
-    assert lines[-2] == "*** Benchmark ends ***" and all(line.replace("\t", "").isprintable() for line in lines)
+    assert lines[-3] == "*** Benchmark ends ***" and all(line.replace("\t", "").isprintable() for line in lines)
     with pytest.raises(netlib.NetlibError) as error:
         netlib.Net("net.prototxt", netlib.TRAIN).forward(start=NASTY + "?")
     assert str(error.value).isprintable()

@@ -11,6 +11,7 @@ import pytest
 
 from handpose.frames.cameras import SR305, Camera
 from handpose.frames.inspection import inspect
+from netlib.errors import DataError
 from tools.common.sources import add_source_options, opened, print_inspection, print_warnings
 
 
@@ -40,6 +41,38 @@ def test_a_camera_by_name_by_numbers_by_file(frames: Path) -> None:
     assert (recording.camera.fx, recording.unit_mm, recording.rate) == (500, 0.25, 60)
 
 
+def test_a_file_of_another_program(frames: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Any name; the report says what was taken from it."""
+    Path("narrow").write_text("image_width: 640\nimage_height: 480\nK: [500, 0, 320, 0, 501, 240, 0, 0, 1]\nseq: 3\n")
+    recording = opened(parsed("--camera", "narrow"))
+    assert recording.camera == Camera("own", 500, 501, 320, 240, 640, 480)
+    assert "camera own, by narrow (image_width, image_height, K; not used: seq)" in recording.remarks
+    Path("narrow").rename("K.txt")
+    assert opened(parsed()).camera == recording.camera  # found in the folder of the frames
+
+
+@pytest.mark.parametrize(("option", "name", "fx", "fy"), [
+    (("--fov", "90"), "of 90 degrees", 320, 320), (("--fov", "90,60"), "of 90,60 degrees", 320, 240 * 3**0.5),
+    (("--camera", "d435"), "d435", 384, 384), (("--camera", "D415"), "d415", 616, 616),
+    (("--camera", "kinect1"), "kinect1", 576, 576),
+])
+def test_a_camera_by_its_field_of_view(
+    frames: Path, option: tuple[str, str], name: str, fx: float, fy: float
+) -> None:
+    """The principal point is in the middle; the report says that it is a guess."""
+    recording = opened(parsed(*option))
+    camera = recording.camera
+    assert (camera.name, camera.u0, camera.v0, camera.width, camera.height) == (name, 319.5, 239.5, 640, 480)
+    assert (camera.fx, camera.fy) == (pytest.approx(fx, rel=5e-3), pytest.approx(fy, rel=5e-3))
+    said = f"camera {name}: focal lengths {camera.fx:.0f}, {camera.fy:.0f} px by the field of view alone, often 5% off"
+    assert any(remark.startswith(said) for remark in recording.remarks)
+
+
+def test_a_model_has_frames_of_few_shapes(frames: Path) -> None:
+    with pytest.raises(DataError, match=r"640 x 480 px; depth frames of azure are 10:9, 1:1; .* give --camera FX"):
+        opened(parsed("--camera", "azure"))
+
+
 def test_distortion(frames: Path) -> None:
     """Lens distortion is removed and mentioned in the remarks."""
     recording = opened(parsed("--camera", "sr305", "--distortion=-0.1,0.2,0,0"))
@@ -49,11 +82,14 @@ def test_distortion(frames: Path) -> None:
 @pytest.mark.parametrize(
     ("argv", "what"),
     [
-        (("--camera", "sr306"), "expected nyu, icvl, msra15, kinect2, sr305 or FX,FY,U0,V0"),
-        (("--unit", "0"), "expected a number greater than 0 and at most 10000, found '0'"),
-        (("--rate", "inf"), "expected a number greater than 0 and at most 10000, found 'inf'"),
+        (("--camera", "sr306"), "expected a file, nyu, icvl, msra15, kinect2, sr305, d405, "),
+        (("--unit", "1e-320"), "expected a number greater than 1e-06 and at most 10000, found '1e-320'"),
+        (("--rate", "inf"), "expected a number greater than 1e-06 and at most 10000, found 'inf'"),
         (("--unit", "1e300"), "at most 10000, found '1e300'"),
-        (("--camera", "588,588,1e300,240"), "expected nyu, icvl, msra15, kinect2, sr305 or FX,FY,U0,V0"),
+        (("--camera", "588,588,1e300,240"), "femto, kinect1, or FX,FY,U0,V0 in px"),
+        (("--camera", "1e-320,588,320,240"), "or FX,FY,U0,V0 in px"),
+        (("--fov", "0"), "expected degrees between 1 and 179"),
+        (("--fov", "60", "--camera", "sr305"), "not allowed with argument --fov"),
         (("--distortion", "1,2,3"), "expected 4, 5 or 8 numbers K1,K2,P1,P2"),
         (("--distortion", "a,b,c,d"), "expected 4, 5 or 8 numbers K1,K2,P1,P2"),
     ],

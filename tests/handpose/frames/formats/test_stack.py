@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handpose.frames import camera_file
+from handpose.frames import camera_file, camera_values
 from handpose.frames.formats import stack
 from handpose.frames.formats.stack import open_stack
 from handpose.frames.recording import CameraInfo
@@ -77,7 +77,7 @@ def test_every_word_of_a_camera_json(tmp_path: Path) -> None:
     }
     depth = np.random.default_rng(0).integers(4000, 8000, DEPTH.shape).astype(np.uint16)
     recording = open_stack(save(tmp_path / "a.npz", depth, **said))
-    expected = camera_file.of(said, "")
+    expected = camera_values.find(said, "").info
     assert (recording.camera, recording.unit_mm, recording.rate) == (expected.camera, 0.125, 20)
     straight = {key: value for key, value in said.items() if key not in ("model", "coeffs")}
     plain = open_stack(save(tmp_path / "b.npz", depth, **straight))
@@ -179,8 +179,8 @@ def test_what_is_no_stack(tmp_path: Path, given: Callable[[Path], Path], rejecte
         ("no time", {"time": [0.0, 1.0, np.nan]}, "time[2] is nan; expected finite times, each after the one before"),
         ("two times", {"time": [0.0, 1.0]}, "time is float64 (2,), expected (3,): a time for each frame"),
         ("fx alone", {"fx": 60.0}, "has fx, but not fy and u0 and v0"),
-        ("two units", {"unit_mm": [1.0, 2.0]}, "unit_mm is [1.0, 2.0]; expected a number more than 0 and ..."),
-        ("a text as rate", {"rate": "fast"}, 'rate is "fast"; expected a number more than 0 and at most 10000'),
+        ("two units", {"unit_mm": [1.0, 2.0]}, "unit_mm is [1.0, 2.0]; expected a number more than 1e-06 and ..."),
+        ("a text as rate", {"rate": "fast"}, 'rate is "fast"; expected a number more than 1e-06 and at most 10000'),
         ("a camera's fx alone", {"camera": '{"fx": 1}'}, "camera: has fx, but not fy and u0 and v0"),
         ("two cameras", {"camera": ["a", "b"]}, "camera has the shape (2,), expected one text: a camera.json"),
     )

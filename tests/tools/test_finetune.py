@@ -1,0 +1,198 @@
+"""tools/finetune.py: a classifier for other classes."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+import netlib
+from layers.data.image_data import read_list
+from netlib.proto.binaryproto import write_blob
+from tests.support.bad_input import whole_line
+from tests.support.nets import inputs, ip
+from tests.support.running import Done, run_tool
+
+BODY = """layer { name: "conv" type: "Convolution" bottom: "data" top: "conv"
+    convolution_param { num_output: 4 kernel_size: 3 weight_filler { type: "msra" } } }
+layer { name: "bn" type: "BatchNorm" bottom: "conv" top: "conv" }
+layer { name: "relu" type: "ReLU" bottom: "conv" top: "conv" }
+layer { name: "pool" type: "Pooling" bottom: "conv" top: "pool" pooling_param { pool: AVE global_pooling: true } }
+"""
+SOFTMAX = 'layer { name: "prob" type: "Softmax" bottom: "fc" top: "prob" }'
+NET = inputs(data=(2, 3, 8, 8)) + BODY + ip("fc", "pool", "fc", outputs=7) + SOFTMAX
+COLOURS = {"blue sky": (220, 60, 40), "grass": (40, 200, 60), "Rose": (50, 40, 210)}
+SORTED = ["Rose", "blue sky", "grass"]
+NUMBERS = ("--mean", "104,117,123", "--scale", "0.02")
+
+
+@pytest.fixture(autouse=True)
+def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a net for seven classes, its weights, and ten pictures of each of three colours."""
+    monkeypatch.chdir(tmp_path)
+    write_net(NET)
+    rng = np.random.default_rng(0)
+    for name, colour in COLOURS.items():
+        folder = Path("pictures", name)
+        folder.mkdir(parents=True)
+        (folder / "about.txt").write_text("no picture")
+        for i in range(10):
+            picture = np.clip(colour + rng.normal(0, 20, (9 + i, 12, 3)), 0, 255)
+            cv2.imwrite(str(folder / f"{i} a.png"), picture.astype(np.uint8))
+    return tmp_path
+
+
+def write_net(text: str) -> None:
+    Path("net.prototxt").write_text(text)
+    net = netlib.Net("net.prototxt", netlib.TEST, seed=1)
+    if "bn" in net.params:
+        for blob, value in zip(net.params["bn"], (0.1, 2.0, 1.0)):
+            blob.data[...] = value
+    net.save("net.caffemodel")
+
+
+def tuned(*options: object, status: int = 0) -> Done:
+    given = () if "--scale" in options else NUMBERS
+    return run_tool("finetune", "net.prototxt", "net.caffemodel", "pictures", *given, *options, status=status)
+
+
+def weights() -> Path:
+    (path,) = Path("finetuned").glob("net_iter_*.caffemodel")
+    return path
+
+
+def changed() -> set[str]:
+    """The names of the layers whose parameters are others than before."""
+    old = netlib.Net("net.prototxt", "net.caffemodel", netlib.TEST)
+    new = netlib.Net("finetuned/deploy.prototxt", str(weights()), netlib.TEST)
+    return {name for name, blobs in new.params.items() if name not in old.params or any(
+        not np.array_equal(one.data, other.data) for one, other in zip(blobs, old.params[name]))}
+
+
+def test_new_classes() -> None:
+    """The held-out pictures are classified; the printed command gives the same table."""
+    lines = tuned("--iterations", "300").out.splitlines()
+    assert [line.rsplit(maxsplit=3)[0].strip() for line in lines[1:4]] == SORTED
+    assert lines[4] == "accuracy 1.0000 (6 of 6)"
+    assert Path("finetuned/labels.txt").read_text().splitlines() == SORTED
+    start, _, command = lines[-1].partition("run_net.py ")
+    assert start.startswith("the same again: ") and not lines[5:-1]
+    assert run_tool("run_net", *shlex.split(command)).out.splitlines() == lines[:5]
+    assert changed() == {"fc_new"}  # bit for bit, the statistics of BatchNorm included
+
+
+def test_what_is_held_out() -> None:
+    """By file and by the seed: no picture is in both lists."""
+    lists: list[list[Any]] = []
+    for out, seed in (("a", 1), ("b", 1), ("c", 2)):
+        tuned("--iterations", "1", "--out", out, "--seed", seed, "--held-out", "0.3")
+        train, test = (read_list(Path(out, f"{name}.txt"))[0] for name in ("train", "test"))
+        assert len(train) == 21 and len(test) == 9 and not {*train} & {*test}
+        assert sorted(label for _, label in test) == [0, 0, 0, 1, 1, 1, 2, 2, 2]
+        lists.append(test)
+    assert lists[0] == lists[1] != lists[2]
+
+
+@pytest.mark.parametrize(("freeze", "layers"), [("none", {"conv", "fc_new"}), ("conv", {"fc_new"})])
+def test_frozen_layers(freeze: str, layers: set[str]) -> None:
+    """Bit for bit; BatchNorm keeps its statistics in any case."""
+    tuned("--iterations", "2", "--freeze", freeze)
+    assert changed() == layers
+
+
+@pytest.mark.parametrize("options", [
+    NUMBERS, ("--mean", "90", "--scale", "0.5", "--rgb"), ("--mean-file", "mean.binaryproto", "--scale", "1"),
+    ("--mean-file", "mean.binaryproto", "--scale", "0.1", "--rgb"),
+])
+def test_pictures_are_read_as_netlib_run_reads_them(options: tuple[str, ...]) -> None:
+    """The training net's input is that of the command ``run``, bit for bit."""
+    mean = np.random.default_rng(0).uniform(80, 120, (1, 3, 10, 10)).astype(np.float32)
+    write_blob(mean, "mean.binaryproto")
+    tuned("--iterations", "1", "--batch", "6", *options)
+    net = netlib.Net("finetuned/train.prototxt", netlib.TEST)
+    net.forward()
+    run_tool("run_net", "net.prototxt", "net.caffemodel", "finetuned/test.txt", *options, "--blob", "data", "--out",
+             "data.npy")
+    np.testing.assert_array_equal(net.blobs["data"].data, np.load("data.npy"))
+
+
+def test_a_convolution_as_last_layer_and_a_second_run() -> None:
+    """The head may be a convolution before a pooling; a fine-tuned net can be fine-tuned again."""
+    body, _, pool = BODY.rpartition("layer {")
+    write_net(inputs(data=(1, 3, 8, 8)) + body + """layer { name: "last" type: "Convolution" bottom: "conv" top: "last"
+        convolution_param { num_output: 7 kernel_size: 1 weight_filler { type: "msra" } } }
+        layer {""" + pool.replace('"conv"', '"last"') + SOFTMAX.replace('"fc"', '"pool"'))
+    assert "accuracy" in tuned("--iterations", "1").out
+    done = run_tool("finetune", "finetuned/deploy.prototxt", str(weights()), "pictures", *NUMBERS, "--iterations", "1",
+                    "--out", "again")
+    assert "layer 'last_new' becomes 'last_new_new'" in done.err
+
+
+def test_mirror_images() -> None:
+    tuned("--iterations", "1", "--mirror")
+    text = Path("finetuned/train.prototxt").read_text()
+    assert (text.count("mirror: true"), text.count("mirror: false")) == (1, 1)
+
+
+def bad(name: str) -> tuple[object, ...]:
+    """Make the mistake of this name; returns options."""
+    if name == "one class":
+        for other in SORTED[:2]:
+            Path("pictures", other).rename(f"{other} elsewhere")
+    elif name == "no class":
+        Path("pictures").rename("elsewhere")
+        Path("pictures").mkdir()
+    elif name == "an empty folder":
+        Path("pictures/empty").mkdir()
+    elif name == "a damaged picture":
+        Path("pictures/Rose/3 a.png").write_bytes(b"no picture")
+    elif name == "two outputs":
+        write_net(NET + 'layer { name: "x" type: "Softmax" bottom: "conv" top: "x" }')
+    elif name == "no classifier":
+        write_net(inputs(data=(2, 3, 8, 8)) + BODY)
+    elif name == "a sigmoid":
+        write_net(NET.replace('"Softmax"', '"Sigmoid"'))
+    elif name == "a map":
+        write_net(inputs(data=(2, 3, 8, 8)) + BODY.replace("global_pooling: true", "kernel_size: 2") + """layer {
+            name: "map" type: "Convolution" bottom: "pool" top: "fc" convolution_param { num_output: 7 kernel_size: 1 }
+            }""" + SOFTMAX)
+    elif name == "an unknown layer":
+        return ("--freeze", "cone")
+    elif name == "an earlier run":
+        Path("finetuned").mkdir()
+        Path("finetuned/solver.prototxt").touch()
+    elif name == "a narrow net with a mean image":
+        write_net(NET.replace("dim: 8 dim: 8", "dim: 8 dim: 9"))
+        write_blob(np.zeros((1, 3, 10, 10), np.float32), "mean.binaryproto")
+        return ("--mean-file", "mean.binaryproto", "--scale", "1")
+    return ()
+
+
+@pytest.mark.parametrize(("name", "line"), {
+    "one class": "pictures: one class, 'grass'; expected a folder of pictures for each of two or more classes",
+    "no class": "pictures: no folder in it; expected a folder of pictures ...",
+    "an empty folder": "pictures/empty: 0 pictures (.bmp, ...); expected at least two, one of them to test on",
+    "a damaged picture": "pictures/Rose/3 a.png: ...",
+    "two outputs": "net.prototxt: the net has the outputs prob, x; expected one, ...",
+    "no classifier": "net.prototxt: the last layer with weights: 'bn' has the type BatchNorm; expected ...",
+    "a sigmoid": "net.prototxt: layer 'prob' of type Sigmoid follows the last layer with weights; expected ...",
+    "a map": "net.prototxt: with 3 classes in layer 'map' the output 'prob' has shape (2, 3, 5, 5); expected (N, 3)",
+    "an unknown layer": "net.prototxt: there is no layer 'cone' before 'fc' (did you mean 'conv'?)",
+    "an earlier run": "finetuned: has the result of an earlier run; expected another --out",
+    "a narrow net with a mean image": "net.prototxt: the input has 9 x 8 px; with --mean-file expected a square, ...",
+}.items())
+def test_what_is_refused(name: str, line: str) -> None:
+    """In one line, before anything is trained."""
+    assert re.fullmatch(whole_line(line), tuned(*bad(name), status=1).err.strip())
+    assert not list(Path().glob("finetuned/net_iter*"))
+
+
+@pytest.mark.parametrize("options", [(), ("--mean", "104"), ("--scale", "1")])
+def test_mean_and_scale_are_not_guessed(options: tuple[str, ...]) -> None:
+    done = run_tool("finetune", "net.prototxt", "net.caffemodel", "pictures", *options, status=2)
+    assert "give --mean or --mean-file, and --scale, with which the net was trained" in done.err

@@ -1,0 +1,125 @@
+"""A classifier's deploy net for other classes: the net to train, with frozen layers, and the net to deploy."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from netlib.errors import NetlibError, did_you_mean
+from netlib.net import Net
+from netlib.proto import prototxt, schema
+from netlib.proto.messages import LayerParameter, NetParameter, ParamSpec
+from netlib.proto.prototxt import Field, Message
+
+HEADS = {"InnerProduct": "inner_product_param", "Convolution": "convolution_param"}  # types of the last layer
+AFTER = {"Softmax", "Pooling", "ReLU", "Dropout", "Flatten", "Reshape", "Power", "Split"}  # those that may follow it
+NEW_RATE = 10  # of the new layer, relative to that of the others
+
+
+class NewClasses:
+    """The nets for ``count`` classes.
+
+    net     a deploy net with one input and one output, a probability for each class
+    head    name of its last layer with weights, which is replaced
+    name    name of the new layer, so that old weights are not copied to it
+    logits  name of the blob before the Softmax
+
+    Raises NetlibError for a net of another form.
+    """
+
+    def __init__(self, net: Net, count: int) -> None:
+        self._net, self._count = net, count
+        if len(net.outputs) != 1:
+            raise NetlibError(f"{net.source}: the net has the outputs {', '.join(net.outputs) or 'none'}; expected "
+                              "one, the probabilities of the classes; delete the layers of the others from a copy")
+        specs = [layer.spec for layer in net.layers]
+        at = max((i for i, layer in enumerate(net.layers) if layer.blobs), default=-1)
+        if at < 0 or specs[at].type not in HEADS:
+            found = f"{specs[at].name!r} has the type {specs[at].type}" if at >= 0 else "there is none"
+            raise NetlibError(f"{net.source}: the last layer with weights: {found}; expected {' or '.join(HEADS)}")
+        for spec in specs[at + 1 :]:
+            if spec.type not in AFTER:
+                raise NetlibError(f"{net.source}: layer {spec.name!r} of type {spec.type} follows the last layer with "
+                                  "weights; expected a classifier, which ends in a Softmax")
+        self.head, self._at = specs[at].name, at
+        self.name = next(name for i in range(len(specs) + 1)
+                         if (name := f"{self.head}_new{i or ''}") not in net.layer_dict)
+        ends_in_softmax = specs[-1].type == "Softmax"
+        self.logits = specs[-1].bottom[0] if ends_in_softmax else net.outputs[0]
+        self._body = specs[:-1] if ends_in_softmax else specs
+        shape = Net(self.deploy()).blobs[net.outputs[0]].shape
+        if shape[1:2] != (count,) or any(size > 1 for size in shape[2:]):
+            raise NetlibError(f"{net.source}: with {count} classes in layer {self.head!r} the output "
+                              f"{net.outputs[0]!r} has shape {shape}; expected (N, {count})")
+
+    def deploy(self) -> NetParameter:
+        """The net that classifies images."""
+        return schema.changed(self._net.param, layer=tuple(map(self._renewed, self._net.param.layer)))
+
+    def training(self, data: str, frozen: Sequence[str]) -> NetParameter:
+        """The net to train.
+
+        data    text of the layers that make the blobs ``net.inputs[0]`` and ``label``
+        frozen  names of the layers whose parameters stay as they are
+        """
+        (image,) = self._net.inputs
+        reader = schema.read(prototxt.parse(data), NetParameter).layer
+        loss = prototxt.parse(
+            f'layer {{ name: "loss" type: "SoftmaxWithLoss" bottom: "{self.logits}" bottom: "label" top: "loss" }}'
+            f'layer {{ name: "accuracy" type: "Accuracy" bottom: "{self.logits}" bottom: "label" top: "accuracy" '
+            "include { phase: TEST } }"
+        )
+        body = [self._renewed(_with_statistics(self._frozen(spec) if spec.name in frozen else spec))
+                for spec in self._body if image not in spec.top or spec.bottom]
+        return schema.changed(self._net.param, layer=(*reader, *body, *schema.read(loss, NetParameter).layer))
+
+    def up_to(self, name: str) -> list[str]:
+        """The names of the layers with parameters up to one; without the new one. Raises NetlibError."""
+        layers = self._net.layers[: self._at]
+        names = [layer.name for layer in layers]
+        if name not in names:
+            raise NetlibError(f"{self._net.source}: there is no layer {name!r} before {self.head!r}"
+                              f"{did_you_mean(name, names)}")
+        return [layer.name for layer in layers[: names.index(name) + 1] if layer.blobs]
+
+    def frozen_by_default(self) -> list[str]:
+        """The names of all layers with parameters but the new one."""
+        return [layer.name for layer in self._net.layers[: self._at] if layer.blobs]
+
+    def _renewed(self, spec: LayerParameter) -> LayerParameter:
+        """The layer; in the place of the head the new one."""
+        if spec.name != self.head:
+            return spec
+        block = HEADS[spec.type]
+        filler = prototxt.parse('weight_filler { type: "xavier" }')
+        options = _with(spec.blocks[block], "num_output", prototxt.parse(f"num_output: {self._count}"))
+        rates = tuple(ParamSpec(lr_mult=NEW_RATE * rate, decay_mult=decay) for rate, decay in ((1, 1), (2, 0)))
+        return schema.changed(spec, name=self.name, param=rates[: len(self._net.params[self.head])],
+                              blocks={**spec.blocks, block: _with(options, "weight_filler", filler)})
+
+    def _frozen(self, spec: LayerParameter) -> LayerParameter:
+        """The layer with parameters that are not trained."""
+        count = len(self._net.params[spec.name])
+        given = (*spec.param, *[ParamSpec()] * count)[:count]
+        return schema.changed(spec, param=tuple(schema.changed(one, lr_mult=0.0, decay_mult=0.0) for one in given))
+
+
+def _with_statistics(spec: LayerParameter) -> LayerParameter:
+    """A BatchNorm that keeps its mean and variance; they would follow the new pictures too slowly for phase TEST."""
+    if spec.type != "BatchNorm":
+        return spec
+    options = spec.blocks.get("batch_norm_param", prototxt.parse(""))
+    options = _with(options, "use_global_stats", prototxt.parse("use_global_stats: true"))
+    return schema.changed(spec, blocks={**spec.blocks, "batch_norm_param": options})
+
+
+def _with(options: Message, name: str, new: Message) -> Message:
+    """Options with another value of a field."""
+    kept: list[Field] = [item for item in options.fields if item.name != name]
+    return Message([*new.fields, *kept], options.position)
+
+
+def text_of(net: NetParameter) -> str:
+    """A net as the text of a prototxt."""
+    tree: Any = schema.to_tree(net)
+    return str(tree)
