@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handpose.frames.cameras import CAMERAS, ICVL, KINECT2, NYU, Camera
+from handpose.frames.cameras import ICVL, KINECT2, NYU, Camera
 from handpose.frames.crops import SIZE, crop
-from handpose.output.hand_page.content import body, content, crop_points, hand, skeleton_values
+from handpose.output.hand_page.content import crop_points, hand, skeleton_values
 from layers.hand import skeleton as skeletons
 from tests.handpose.output.hand_page.conftest import skeleton_of
 
@@ -54,15 +54,6 @@ def test_a_hand_as_values(cube: float) -> None:
     assert made["step_mm"] <= cube / 30000 * 2
     np.testing.assert_allclose(np.frombuffer(base64.b64decode(made["crop"]), "<i2") / 32767, seen.ravel(), atol=2e-5)
     assert made["place"]["unit_mm"] == cube / 2 and len(made["inputs"]) == 47
-
-
-def test_a_body_is_in_the_middle_of_the_image() -> None:
-    made = body("hand", HAND, unit_mm=125.0)
-    camera = vars(NYU)
-    assert made["place"] == {"unit_mm": 125.0, "camera": camera, "center_uvd": [320.0, 240.0, 700.0], "cube_mm": 250.0}
-    assert made["poses"] == {} and content([made]) == {
-        "bodies": [made], "cameras": [vars(camera) for camera in CAMERAS.values()], "hands": []
-    }
 
 
 def test_a_skeleton_as_values() -> None:

@@ -15,7 +15,6 @@ from handpose.output.tracks import csv_file
 from handpose.output.tracks.csv_file import CsvWriter
 from handpose.tracking.track import LostHand, TrackedFrame, TrackHeader
 from layers.hand.skeleton import load
-from netlib.errors import DataError
 from tests.support.made_tracks import any_hand, any_skeleton, any_track, header_of
 
 HAND = header_of(load())
@@ -81,18 +80,6 @@ def test_no_hand_no_row(tmp_path: Path) -> None:
             "thumb_error_mm,index_error_mm,middle_error_mm,ring_error_mm,little_error_mm,little_tip_x_mm,"
         )
     )
-
-
-def test_an_interruption_leaves_whole_rows(tmp_path: Path) -> None:
-    """After an error the file has complete rows for the frames so far."""
-    frames = any_track(HAND, 3, 4)
-    rows = written(tmp_path / "whole.csv", HAND, frames)
-    with pytest.raises(DataError), CsvWriter(tmp_path / "cut.csv", HAND) as writer:
-        for frame in frames:
-            writer.write(frame)
-        raise DataError("the camera was unplugged")
-    assert (tmp_path / "cut.csv").read_text() == (tmp_path / "whole.csv").read_text()
-    assert len(rows) == sum(len(frame.hands) + len(frame.lost) for frame in frames)
 
 
 @pytest.mark.parametrize("cell", ["=1+1.png", "+a", "-a", "@a", "\t=a", " =a", "\N{FULLWIDTH EQUALS SIGN}a"])
