@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from handpose.frames import images
-from handpose.frames.cameras import NYU, Camera
+from handpose.frames.cameras import Camera
 from handpose.frames.images import BadFrameError, check_unit, depth_image, without_dropouts
 from handpose.frames.lens import Lens, Undistorter
 from handpose.frames.recording import CameraInfo
@@ -37,16 +37,6 @@ def test_other_formats_than_png(tmp_path: Path) -> None:
     path = tmp_path / "image.png"
     path.write_bytes(cv2.imencode(".bmp", image)[1].tobytes())
     assert (images.read_picture(path).reshape(40, 30, -1)[..., 0] == image).all()
-
-
-def test_a_picture_is_decoded_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A picture is decoded only once, also a frame in NYU's colour packing."""
-    depth = np.random.default_rng(0).integers(0, 3000, (480, 640))
-    cv2.imwrite(str(tmp_path / "frame.png"), images.pack_depth(depth))
-    decode, calls = cv2.imdecode, []
-    monkeypatch.setattr(cv2, "imdecode", lambda *args: calls.append(1) or decode(*args))
-    np.testing.assert_array_equal(images.read_frame(tmp_path / "frame.png", CameraInfo(NYU)), depth)
-    assert len(calls) == 1
 
 
 def test_frames_of_cameras_without_a_size(tmp_path: Path) -> None:

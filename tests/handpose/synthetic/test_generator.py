@@ -29,8 +29,8 @@ from handpose.synthetic.places import PlaceGenerator
 from handpose.synthetic.prior_file import NormalParameter, RangeParameter
 from netlib.errors import DataError
 from netlib.files.paths import ROOT
+from tests.handpose.synthetic.same_frames import assert_equal
 from tests.support.bad_input import bad_inputs
-from tests.support.same_frames import assert_equal
 
 
 def test_arrays(generator: Generator, frames: Frames) -> None:

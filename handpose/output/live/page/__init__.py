@@ -38,4 +38,5 @@ def page(header: TrackHeader, live: bool = False) -> str:
 @functools.cache
 def page_without_token() -> str:
     """The answer to a request without a token: a tab that had one continues with it, any other shows the error."""
-    return assembled("Wrong token", {}, source("without_token.html", FOLDER), "", script_of("without_token", FOLDER))
+    words = "<p>Wrong token. Open the address that the tracker has printed.</p>\n"
+    return assembled("Wrong token", {}, words, "", script_of("without_token", FOLDER))

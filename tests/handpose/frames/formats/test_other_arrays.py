@@ -181,15 +181,6 @@ def test_precedence(tmp_path: Path) -> None:
     assert opened(tmp_path, GIVEN, K=np.zeros((4, 3, 3))).camera == CAMERA  # of each frame: replaced, not refused
 
 
-def test_the_text_of_a_camera_json(tmp_path: Path) -> None:
-    text = camera_file.to_text(CameraInfo(CAMERA, unit_mm=0.25, rate=20.0, time_unit="ms"))
-    recording = opened(tmp_path, UNKNOWN, camera=text, time=1000 * SECONDS, fps=50)
-    assert (recording.camera, recording.unit_mm, recording.rate) == (CAMERA, 0.25, 50)
-    assert recording.remarks == (
-        "rate from 'fps'; parameters from 'camera'; times from 'time', in ms as the file says",
-    )
-
-
 def test_what_is_not_used_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In one warning of the report: also what is too large or of another kind to be a parameter."""
     recording = opened(tmp_path, foo=1, color=np.zeros((4, 48, 64, 3), np.uint8), notes=np.array([None]), time=SECONDS)

@@ -100,7 +100,7 @@ def plug_in(monkeypatch: pytest.MonkeyPatch, *arguments: Any, **more: Any) -> Fa
 def test_frames_as_they_come(monkeypatch: pytest.MonkeyPatch) -> None:
     """Depth is in the camera's unit, with its numbers and times; unplugging the camera ends the recording."""
     module = plug_in(monkeypatch, every())
-    with open_live(None, UNKNOWN) as recording:
+    with open_live("0123", UNKNOWN) as recording:
         assert recording.camera == Camera("Fake D400 0123", 60.5, 61.5, 31.25, 23.75, 64, 48)
         assert (recording.unit_mm, recording.rate, recording.live, recording.count) == (0.1, 30, True, None)
         frames = list(recording)
@@ -122,12 +122,6 @@ def test_its_lens(monkeypatch: pytest.MonkeyPatch) -> None:
     plain = next(iter(open_live(None, CameraInfo(Camera("own", 60.5, 61.5, 31.25, 23.75, 64, 48), Lens()))))
     assert (plain.depth > 0).all()
     assert not np.array_equal(bent.depth, plain.depth)
-
-
-def test_a_camera_by_its_number(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A camera is selected by its serial number."""
-    plug_in(monkeypatch, every())
-    assert open_live("0123", UNKNOWN).name == "Fake D400 0123"
 
 
 @bad_inputs(DataError, {

@@ -92,12 +92,6 @@ def test_camera_json_beside(tmp_path: Path) -> None:
     assert open_stack(save(tmp_path / "take.npy")).unit_mm == 0.5
 
 
-def test_the_rate_is_assumed_and_said(tmp_path: Path) -> None:
-    """The rate is assumed for frames without times, and a remark reports it."""
-    recording = open_stack(save(tmp_path / "take.npy"), CameraInfo(CAMERA, unit_mm=1.0))
-    assert recording.rate == 30 and "30 frames per second assumed" in recording.remarks[-1]
-
-
 @pytest.mark.parametrize("suffix", [".npy", ".npz"])
 def test_one_image(tmp_path: Path, suffix: str) -> None:
     """A single image is a stack of one, with or without its time."""

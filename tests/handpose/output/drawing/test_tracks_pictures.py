@@ -128,18 +128,3 @@ def test_sizes(camera: Camera) -> None:
     assert seen_alone.shape[1] <= 768
     assert abs(seen_alone.shape[1] / seen_alone.shape[0] - camera.width / camera.height) < 0.01
     assert annotated(depth, of(), header, width=640).shape[1] == 640
-
-
-@pytest.mark.parametrize("size", [(640, 1), (1, 480), (1, 1)])
-def test_images_of_a_single_row_or_column(size: tuple[int, int]) -> None:
-    """Images with a single row or column are drawn as well."""
-    header = replace(HEADER, camera=Camera("narrow", 500, 500, 0, 0, *size))
-    assert annotated(np.full(size[::-1], 900, np.float32), of(), header).shape[1] == 1280
-
-
-def test_pictures_are_the_same_every_time() -> None:
-    """Two painters draw identical pictures."""
-    films = [
-        [painter.picture(DEPTH, of(RIGHT, LEFT, time=t)) for t in (0.0, 0.1)] for painter in map(Painter, [HEADER] * 2)
-    ]
-    assert np.array_equal(films[0], films[1])

@@ -165,15 +165,6 @@ def test_the_end(serve: Callable[..., LiveServer], visit: Visit) -> None:
     shown.state("the tracker was stopped")
 
 
-def test_two_pages(server: LiveServer, visit: Visit) -> None:
-    """Two pages show the same frame."""
-    one, other = Shown(server, visit), Shown(server, visit)
-    other.state("connected; no frame yet")
-    one.put(BOTH)
-    for shown in (one, other):
-        shown.state("frame 0, 0.00 s; ")
-
-
 def test_the_token_leaves_the_address(server: LiveServer, browser: Any) -> None:
     """The address bar has no token; a reloaded page continues with it, and another tab shows the error."""
     address = server.page_url.partition("?")[0]

@@ -18,9 +18,7 @@ import pytest
 from handpose.output.live import server as module
 from handpose.output.live.messages import LINES, VIEWS
 from handpose.output.live.server import LiveServer, is_named
-from handpose.output.tracks.json_values import header_values
 from netlib.errors import NetlibError
-from tests.support.tracked_hands import HEADER
 
 Serve = Callable[..., LiveServer]
 
@@ -61,14 +59,6 @@ def test_lines(clients: Clients, serve: Serve) -> None:
         server.put(LINES, "last")
     assert list(client) == ["last"]
     assert (client.protocol.close_code, client.protocol.close_reason) == (1000, "the recording has ended")
-
-
-def test_the_header_is_that_of_a_track(server: LiveServer) -> None:
-    """The header equals the first line of a track as JSON lines."""
-    from websockets.sync.client import connect
-
-    with connect(server.lines_url) as client:
-        assert json.loads(client.recv(timeout=60)) == json.loads(json.dumps(header_values(HEADER)))
 
 
 def test_two_clients(clients: Clients, serve: Serve) -> None:
