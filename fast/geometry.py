@@ -26,6 +26,8 @@ from netlib.system.memory import blocks
 
 MIN_PART = 32  # rows of a part; a multiple of the rows that BLAS computes together, so that all parts round alike
 MIN_BLOCK_COST = 5_000_000  # multiplications of a block, on average, from which blocks run on several threads
+UNPACKED = 1_000_000  # multiplications; OpenBLAS copies the factors of larger products first
+MAX_PARTS = 4  # with more parts, copying the factors is faster
 MAX_OUTLIER = 4000.0  # relative to usual values; the errors of its neighbours are then 5e-4 of usual outputs
 SAMPLE = 256  # sums
 QUARTILE = 0.3186  # of the absolute values of numbers with a normal distribution and standard deviation 1
@@ -205,6 +207,12 @@ def channel_parts(channels: int, group: int, cost: float) -> list[slice]:
         return [slice(0, channels)]
     units = -(-channels // unit)
     return blocks(channels, -(-units // parallel.threads()) * unit)
+
+
+def unpacked_parts(rows: int, inner: int, columns: int) -> int:
+    """Number of parts to split the longest side of a product into, so that OpenBLAS does not copy factors."""
+    parts = max(1, -(-rows * inner * columns // UNPACKED))
+    return parts if parts <= MAX_PARTS and columns % parts == 0 else 1
 
 
 def run_parts(job: Callable[[slice], None], channels: int, group: int, cost: float) -> None:

@@ -21,7 +21,10 @@ class FastReLU(FastLayer, ReLU):
             return
         x, y = bottom[0].data.reshape(-1), top[0].data.reshape(-1)
         for part in blocks(x.size, BLOCK):
-            y[part] = positive(x[part]) + self.slope * negative(x[part]) if self.slope else positive(x[part])
+            if self.slope:
+                np.add(positive(x[part]), self.slope * negative(x[part]), out=y[part])
+            else:
+                x[part].clip(0, np.inf, out=y[part])
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         """Compute dx. The sign of y is not used, because a layer in place may have overwritten y."""

@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 
 from fast.fast_layer import FastLayer
-from fast.geometry import Geometry, check_finite
+from fast.geometry import Geometry, check_finite, unpacked_parts
 from fast.tiles import pitch_of, store_plain, tile_of, tiles_of, untile
 from netlib.blob import Array, Blob, Blobs
 
@@ -149,16 +149,6 @@ def fold(M: Array, w: tuple[int, ...], T: int) -> Array:
     for p in range(T):
         total += M[p, :, :, p : p + kw]
     return total.transpose(0, 3, 1, 2)
-
-
-UNPACKED = 1_000_000  # operations; OpenBLAS copies the factors of larger products first
-MAX_PARTS = 4  # with more parts, copying the factors is faster
-
-
-def unpacked_parts(rows: int, inner: int, columns: int) -> int:
-    """Number of parts to split the longest side of a product into, so that OpenBLAS does not copy factors."""
-    parts = max(1, -(-rows * inner * columns // UNPACKED))
-    return parts if parts <= MAX_PARTS and columns % parts == 0 else 1
 
 
 def stacked_rows(X: Array, kh: int, parts: int) -> Array:

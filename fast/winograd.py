@@ -35,6 +35,10 @@ from netlib.system.memory import blocks
 BLOCK_BYTES = 4 << 20  # of both factors of the products of a block; smaller ones take more calls
 MIN_TILES = 192  # of a block, because BLAS copies the weights for every product
 MIN_PART = 64  # tiles of a thread
+FEW_TILES = 256  # of a batch, up to which transforming the weights takes a large part of the time
+WEIGHT_BYTES = 5 << 19  # of the transformed weights of a block of outputs
+MIN_OUTPUTS = 32  # of such a block
+MIN_COST = 100_000_000  # multiplications of the products, from which several threads save more than their calls take
 KERNEL = 3
 SIDE = TILE + KERNEL - 1  # of the inputs of a tile
 
@@ -63,6 +67,9 @@ class Winograd(Algorithm):
 
     def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
         """Write y."""
+        if 0 < len(x) * math.prod(_tiles(y)) <= FEW_TILES:
+            _correlate_few(g, x, w, after, y)
+            return
         weights = _weights(w, scratch("weights", (SIDE * SIDE, *w.shape[:2]), w.dtype))
 
         def job(part: Part) -> None:
@@ -114,13 +121,32 @@ def _matrix(transform: Callable[[int, Array, Array], None], inputs: int, outputs
     return found[:, 0]
 
 
+def _correlate_few(g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
+    """Write y by blocks of outputs, whose transformed weights stay in the cache."""
+    N, C, O, (R, T) = len(x), x.shape[1], len(w), _tiles(y)
+    V = scratch("shared", (SIDE, SIDE * C * N, R * T), x.dtype)
+
+    def transform(rows: slice) -> None:
+        _inputs(g, x, rows, y.shape[2:], V[..., rows.start * T : rows.stop * T])
+
+    def job(o: slice) -> None:
+        weights = _weights(w[o], scratch("weights", (SIDE * SIDE, o.stop - o.start, C), w.dtype))
+        _correlate(weights, V.reshape(SIDE * SIDE, C, -1), x, after.part(o), y[:, o])
+
+    threads = parallel.threads() if SIDE * SIDE * O * C * N * R * T >= MIN_COST else 1
+    bands = min(threads, R)
+    each = min(max(WEIGHT_BYTES // (SIDE * SIDE * C * w.itemsize), MIN_OUTPUTS), -(-O // threads))
+    parallel.run([partial(transform, rows) for rows in blocks(R, -(-R // bands))], here=threads == 1)
+    parallel.run([partial(job, o) for o in blocks(O, each)], here=threads == 1)
+
+
 def _weights(w: Array, out: Array) -> Array:
     """Write G w Gᵀ of w (O, C, 3, 3) to out (36, O, C)."""
     np.matmul(_gg().astype(w.dtype), w.reshape(-1, KERNEL * KERNEL).T, out=out.reshape(SIDE * SIDE, -1))
     return out
 
 
-def _inputs(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Array:
+def _inputs(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...], V: Array | None = None) -> Array:
     """Bᵀ d B of the tiles of these rows, V (6, 6 C n, tiles of an image), from x (n, C, H, W).
 
     The rows of d are transformed by one product with all tiles, for which each tile is copied with the one to the right
@@ -138,7 +164,8 @@ def _inputs(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Arr
     windows = pairs.reshape(TILE, -1, 2 * TILE)[..., :SIDE]
     np.matmul(_matrix(to_points, SIDE, SIDE).astype(x.dtype), windows.swapaxes(1, 2), out=mixed)
     whole = mixed.reshape(TILE, SIDE * L, (R + 1) * T)
-    V = scratch("inputs", (SIDE, SIDE * L, R * T), x.dtype)
+    if V is None:
+        V = scratch("inputs", (SIDE, SIDE * L, R * T), x.dtype)
     elements = [whole[i % TILE, :, i // TILE * T : (i // TILE + R) * T] for i in range(SIDE)]
     to_points(KERNEL, elements, V)
     return V

@@ -27,7 +27,8 @@ CASES = range(100)
 SMALL_BLOCKS = {"depthwise.MAX_VALUES": 700, "depthwise.BAND_VALUES": 50,
                 "depthwise.MIN_CHANNELS": 2, "rows.BLOCK_BYTES": 3000, "rows.LENGTH": 8,
                 "rows.MIN_ROWS": 2, "winograd.BLOCK_BYTES": 3000,
-                "winograd.MIN_TILES": 6, "winograd.MIN_PART": 4, "geometry.MIN_BLOCK_COST": 0,
+                "winograd.MIN_TILES": 6, "winograd.MIN_PART": 4, "winograd.FEW_TILES": 20, "winograd.WEIGHT_BYTES": 900,
+                "winograd.MIN_OUTPUTS": 1, "winograd.MIN_COST": 0, "geometry.MIN_BLOCK_COST": 0,
                 "row_winograd.BLOCK_BYTES": 3000, "row_winograd.MIN_IMAGES": 1, "columns.COLUMN_BYTES": 3000,
                 "columns.MIN_COLUMNS": 5, "columns.MIN_WINDOWS": 1, "fusing.BLOCK": 100}
 USUAL = [
