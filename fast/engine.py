@@ -69,10 +69,9 @@ class FastEngine(Engine):
             if isinstance(at.layer, FastLayer):
                 at.layer.needs_backward, at.layer.needs_bottom_diff = at.needs_backward, any(at.propagate_down)
         fuse(connections)
-        stored = set(outside)
         known = {step.run.key: step for step in old if isinstance(step, SlicedStep)}
         whole = {step.at: step for step in old if isinstance(step, WholeStep)}
-        runs = plan(connections, lambda blob: blob in stored)
+        runs = plan(connections, set(outside))
         _share_splits(connections, [at for run in runs if run.sliced for at in run.connections])
         return [
             known.get(run.key) or SlicedStep(run) if run.sliced else whole.get(run.order[0]) or WholeStep(run.order[0])

@@ -11,7 +11,7 @@ whole batch. Two optimisations apply to hidden blobs, both exact:
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 
 from fast.fast_layer import FastLayer
@@ -40,14 +40,17 @@ class Run:
         """What makes two runs of one net equal."""
         return *self.connections, *self.hidden, *self.tiles.items()
 
-    def outside(self, blobs: str) -> list[Blob]:
-        """The whole blobs that the run reads (``"bottom"``) or writes (``"top"``)."""
-        secret = set(self.hidden)
-        return [b for at in self.connections for b in getattr(at, blobs) if b not in secret]
+    def read(self) -> list[Blob]:
+        """The stored blobs that the run reads."""
+        return [blob for at in self.connections for blob in at.bottom if blob not in self.hidden]
+
+    def written(self) -> list[Blob]:
+        """The stored blobs that the run writes."""
+        return [blob for at in self.connections for blob in at.top if blob not in self.hidden]
 
 
-def plan(connections: Sequence[Connection], stored: Callable[[Blob], bool]) -> list[Run]:
-    """Arrange the layers of a net. Blobs for which ``stored`` is true are never hidden."""
+def plan(connections: Sequence[Connection], stored: Set[Blob]) -> list[Run]:
+    """Arrange the layers of a net. The blobs in ``stored`` are never hidden."""
     runs: list[Run] = []
     row: list[Connection] = []  # consecutive layers that could run in slices together
     users = {key: len(uses) for key, uses in uses_of(connections).items()}
@@ -67,20 +70,16 @@ class Use:
     """One layer that reads or writes a blob."""
 
     at: Connection
-    reads: bool = False
-    writes: bool = False
+    reads: bool
+    writes: bool
 
 
 def uses_of(connections: Sequence[Connection]) -> dict[Blob, list[Use]]:
     """Map each blob to the layers that use it, in order."""
     uses: dict[Blob, list[Use]] = {}
     for at in connections:
-        for half, blobs in (("reads", at.bottom), ("writes", at.top)):
-            for blob in blobs:
-                known = uses.setdefault(blob, [])
-                if not known or known[-1].at is not at:
-                    known.append(Use(at))
-                setattr(known[-1], half, True)
+        for blob in dict.fromkeys(at.blobs):
+            uses.setdefault(blob, []).append(Use(at, blob in at.bottom, blob in at.top))
     return uses
 
 
@@ -101,7 +100,7 @@ def _fits(row: list[Connection], at: Connection) -> bool:
     return row[0].bottom[0].shape[0] == at.bottom[0].shape[0]
 
 
-def _runs_for(row: list[Connection], users: Mapping[Blob, int], stored: Callable[[Blob], bool]) -> list[Run]:
+def _runs_for(row: list[Connection], users: Mapping[Blob, int], stored: Set[Blob]) -> list[Run]:
     """Plan the runs of a row of layers, in slices if this is faster. ``users`` is the number of users of each blob."""
     end = _end_of_run(row, users, stored)
     row, rest = row[:end], row[end:]
@@ -115,7 +114,7 @@ def _runs_for(row: list[Connection], users: Mapping[Blob, int], stored: Callable
     return [Run(row, order, hidden, tiles, sliced=True), *map(whole, rest)]
 
 
-def _end_of_run(row: list[Connection], users: Mapping[Blob, int], stored: Callable[[Blob], bool]) -> int:
+def _end_of_run(row: list[Connection], users: Mapping[Blob, int], stored: Set[Blob]) -> int:
     """Number of layers at the start of the row that may run in slices.
 
     A layer that overwrites a stored blob in place must not run twice (the net may compute hidden blobs again), unless
@@ -131,7 +130,7 @@ def _end_of_run(row: list[Connection], users: Mapping[Blob, int], stored: Callab
             below = set(at.bottom)
             for blob in (top for top in at.top if top in below):
                 own = uses[blob]
-                outside = len(own) < users[blob] or stored(blob)
+                outside = len(own) < users[blob] or blob in stored
                 last = max(last, len(row) if outside else place[own[-1].at])
         last_use.append(last)
     end = len(row)
@@ -140,11 +139,11 @@ def _end_of_run(row: list[Connection], users: Mapping[Blob, int], stored: Callab
     return end
 
 
-def _hidden_blobs(row: list[Connection], users: Mapping[Blob, int], stored: Callable[[Blob], bool]) -> list[Blob]:
+def _hidden_blobs(row: list[Connection], users: Mapping[Blob, int], stored: Set[Blob]) -> list[Blob]:
     """Blobs that only the layers of the row read and write."""
     uses = uses_of(row)
     written = dict.fromkeys(blob for at in row for blob in at.top)
-    return [blob for blob in written if len(uses[blob]) == users[blob] and not stored(blob)]
+    return [blob for blob in written if len(uses[blob]) == users[blob] and blob not in stored]
 
 
 def _pool_first(row: list[Connection], hidden: list[Blob]) -> list[Connection]:

@@ -153,7 +153,7 @@ class SlicedStep(Step):
         self._lanes: list[Lane] = []
         self._recent: dict[tuple[tuple[int, ...], ...], list[Lane]] = {}
         self._whole: list[WholeStep] = []  # if the layers run on the whole batch
-        read, self._outputs = run.outside("bottom"), run.outside("top")
+        read, self._outputs = run.read(), run.written()
         self._inputs = [b for b in dict.fromkeys(read) if not self._users[b][0].writes]
         down = {b for at in run.connections for b, wanted in zip(at.bottom, at.propagate_down) if wanted}
         self._outside = [*read, *self._outputs]
