@@ -122,7 +122,7 @@ def test_a_device_by_its_identifier(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @bad_inputs(DataError, {
     "no focal length": (([[0.0] * 3] * 3, UNKNOWN),
-                        "OAK-D 14442C1: camera 'OAK-D 14442C1': fx is 0.0, expected more than 0 px"),
+                        "OAK-D 14442C1: camera 'OAK-D 14442C1': fx is 0.0, expected more than 1e-06 px"),
     "another size": ((MATRIX, CameraInfo(Camera("own", 60, 60, 32, 24, 640, 480))),
                      "OAK-D 14442C1: 64 x 48 pixels; camera own has 640 x 480"),
     "no depth": ((MATRIX, None), "OAK-D 14442C1: no frame of depth; has it two cameras?"),

@@ -136,7 +136,7 @@ def test_its_lens(monkeypatch: pytest.MonkeyPatch, model: str, numbers: dict[str
     "another lens": (("KANNALA_BRANDT4", {}), "Femto CP1: distortion model 'KANNALA_BRANDT4' is not known; known: ..."),
     "another format": (("NONE", {"format": "RLE"}), "Femto CP1: its depth comes as RLE; expected Y16"),
     "no focal length": (("NONE", {"intrinsic": SimpleNamespace(fx=0.0, fy=0.0, cx=0, cy=0, width=64, height=48)}),
-                        "Femto CP1: camera 'Femto CP1': fx is 0.0, expected more than 0 px"),
+                        "Femto CP1: camera 'Femto CP1': fx is 0.0, expected more than 1e-06 px"),
     "another size": (("NONE", {"intrinsic": SimpleNamespace(fx=6.0, fy=6.0, cx=0, cy=0, width=99, height=48)}),
                      "Femto CP1: frames of 64 x 48 pixels; its camera has 99 x 48"),
 })
