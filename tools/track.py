@@ -70,12 +70,16 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--frames", type=count, metavar="N", help="maximum number of frames")
     add_engine(parser)
     args = parser.parse_args(argv)
-    return guarded(lambda args: run(args, parser), args)
+
+    def settled(args: argparse.Namespace) -> int:
+        settle_outputs(args, parser)  # may find no working directory
+        return run(args)
+
+    return guarded(settled, args)
 
 
-def run(args: argparse.Namespace, parser: argparse.ArgumentParser) -> int:
+def run(args: argparse.Namespace) -> int:
     """Track the recording."""
-    settle_outputs(args, parser)
     talk = sys.stderr if args.json == "-" else sys.stdout
     with opened(args) as recording:
         refuse_inputs(args, recording)

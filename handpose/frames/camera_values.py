@@ -19,13 +19,13 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple, NoReturn
 
-from handpose.frames.cameras import MIN_RANGE_MM, Camera, View
+from handpose.frames.cameras import MIN_FOCAL_PX, MIN_RANGE_MM, Camera, View
 from handpose.frames.lens import Lens, lens_of
 from handpose.frames.recording import CameraInfo
 from netlib.errors import DataError, did_you_mean
 
 RANGES = {  # exclusive lower and inclusive upper bounds
-    "fx": (1e-6, 1e6), "fy": (1e-6, 1e6), "u0": (-1e6, 1e6), "v0": (-1e6, 1e6), "unit_mm": (1e-6, 1e4),
+    "fx": (MIN_FOCAL_PX, 1e6), "fy": (MIN_FOCAL_PX, 1e6), "u0": (-1e6, 1e6), "v0": (-1e6, 1e6), "unit_mm": (1e-6, 1e4),
     "rate": (1e-6, 1e4), "width": (0, 1 << 14), "height": (0, 1 << 14), "min_range_mm": (0, 1e4),
 }
 MIN_RANGE = "min_range_mm"

@@ -25,6 +25,7 @@ from netlib.errors import DataError
 
 Array = NDArray[np.float64]
 
+MIN_FOCAL_PX = 1e-6  # with less, points have no finite pixels
 MIN_RANGE_MM = 200.0  # default; the cameras named below, and most others, measure from 200 mm or farther
 
 
@@ -43,8 +44,9 @@ class Camera:
 
     def __post_init__(self) -> None:
         for name in ("fx", "fy"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise ValueError(f"camera {self.name!r}: {name} is {getattr(self, name)}, expected more than 0 px")
+            if not MIN_FOCAL_PX < getattr(self, name) < math.inf:
+                raise ValueError(f"camera {self.name!r}: {name} is {getattr(self, name)}, expected more than "
+                                 f"{MIN_FOCAL_PX:g} px")
         for name in ("u0", "v0"):
             if not math.isfinite(getattr(self, name)):
                 raise ValueError(

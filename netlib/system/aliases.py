@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import importlib.abc
 import importlib.machinery
@@ -9,6 +10,7 @@ import importlib.util
 import sys
 import types
 from collections.abc import Sequence
+from pathlib import Path
 
 
 class Alias(importlib.abc.MetaPathFinder, importlib.abc.Loader):
@@ -20,12 +22,17 @@ class Alias(importlib.abc.MetaPathFinder, importlib.abc.Loader):
     def find_spec(
         self, name: str, path: Sequence[str] | None, target: types.ModuleType | None = None
     ) -> importlib.machinery.ModuleSpec | None:
-        """Spec of ``name``, if it belongs to the alias and its target exists."""
+        """Spec of ``name``, if it belongs to the alias and its target exists, or a folder on sys.path has it.
+
+        Forks add modules to the package caffe; those of a fork's python/caffe that a script has on its path are found.
+        """
         if name != self.name and not name.startswith(f"{self.name}."):
             return None
-        if importlib.util.find_spec(self._target_of(name)) is None:
-            return None
-        return importlib.machinery.ModuleSpec(name, self)
+        with contextlib.suppress(ModuleNotFoundError):  # of a package that only the fork has
+            if importlib.util.find_spec(self._target_of(name)) is not None:
+                return importlib.machinery.ModuleSpec(name, self)
+        package = Path(*name.split(".")[:-1])
+        return importlib.machinery.PathFinder.find_spec(name, [str(folder / package) for folder in map(Path, sys.path)])
 
     def create_module(self, spec: importlib.machinery.ModuleSpec) -> types.ModuleType:
         """Import and return the target."""

@@ -38,6 +38,19 @@ def test_it_wins_over_what_else_is_called_caffe(tmp_path: Path) -> None:
     assert "netlib.caffe.pycaffe.Net" in run(code, tmp_path)
 
 
+def test_modules_that_a_fork_adds_to_the_package(tmp_path: Path) -> None:
+    """Those of python/caffe of a fork are found on the path, and import netlib.caffe as caffe; ours come first."""
+    for name, text in (("__init__", "1 / 0"), ("io", "1 / 0"), ("model_libs", "import caffe; from caffe import layers"),
+                       ("sub/__init__", ""), ("sub/deep", "import caffe; phase = caffe.TEST")):
+        path = tmp_path / "python" / "caffe" / f"{name}.py"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    code = "import sys, netlib; netlib.install_as_caffe(); sys.path.insert(0, 'python')\n"
+    code += "import caffe, caffe.model_libs, caffe.sub.deep\n"
+    code += "print(caffe.model_libs.caffe is caffe, caffe.sub.deep.phase, caffe.io.__name__)"
+    assert run(code, tmp_path) == "True 1 netlib.caffe.io"
+
+
 def test_what_is_not_there_is_missing_as_ever(tmp_path: Path) -> None:
     """A missing module raises an ImportError with the name as written."""
     code = "import netlib; netlib.install_as_caffe()\ntry:\n    import caffe.nothing\nexcept ImportError as e: print(e)"

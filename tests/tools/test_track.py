@@ -182,7 +182,7 @@ def test_which_hand_is_known(hand: str) -> None:
 def test_names_of_outputs(source: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Default output names are derived from the source and never equal a camera file."""
     seen: list[argparse.Namespace] = []
-    monkeypatch.setattr(track, "guarded", lambda run, args: seen.append(args) or 0)
+    monkeypatch.setattr(track, "run", lambda args: seen.append(args) or 0)
     Path("here").mkdir()
     monkeypatch.chdir("here")
     run_tool("track", source)

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from handpose.frames.cameras import CAMERAS, NYU, Camera
+from handpose.frames.cameras import CAMERAS, NYU, VIEWS, Camera, View
+from netlib.errors import DataError
 
 
 def test_axes() -> None:
@@ -32,3 +33,21 @@ def test_minimum_range() -> None:
     depth = np.array([[0, 199, 200, 900, -1]], np.int16)
     np.testing.assert_array_equal(NYU.in_range(depth), [[0, 0, 200, 900, -1]])
     assert replace(NYU, min_range_mm=100.0).in_range(depth) is depth
+
+
+@pytest.mark.parametrize("name", ["fx", "fy"])
+@pytest.mark.parametrize("value", [0.0, -1.0, 1e-320, np.inf, np.nan])
+def test_focal_lengths_that_no_camera_has(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=f"camera 'nyu': {name} is .*, expected more than 1e-06 px"):
+        replace(NYU, **{name: value})
+
+
+@pytest.mark.parametrize("view", VIEWS.values(), ids=VIEWS)
+def test_models_by_their_field_of_view(view: View) -> None:
+    """In frames of one shape it does not depend on their size; other shapes are refused."""
+    size = {"azure": (640, 576), "femto": (640, 576)}.get(view.name, (640, 480))
+    large, small = view.at(*size), view.at(*(n // 2 for n in size))
+    assert large.fx == large.fy == pytest.approx(2 * small.fx) and 350 < large.fx < 650
+    assert (large.u0, large.v0) == ((size[0] - 1) / 2, (size[1] - 1) / 2)
+    with pytest.raises(DataError, match=rf"frames of 300 x 100 px; depth frames of {view.name} are "):
+        view.at(300, 100)

@@ -128,7 +128,7 @@ def test_its_lens(monkeypatch: pytest.MonkeyPatch) -> None:
     "another serial number": (("999", 60.5, UNKNOWN),
         "realsense: camera 999 cannot be started: No device connected; connected: 0123 (no other program may use it)"),
     "no focal length": ((None, 0.0, UNKNOWN),
-                        "Fake D400 0123: camera 'Fake D400 0123': fx is 0.0, expected more than 0 px"),
+                        "Fake D400 0123: camera 'Fake D400 0123': fx is 0.0, expected more than 1e-06 px"),
     "another size": ((None, 60.5, CameraInfo(Camera("own", 60, 60, 32, 24, 640, 480))),
                      "Fake D400 0123: 64 x 48 pixels; camera own has 640 x 480"),
 })
