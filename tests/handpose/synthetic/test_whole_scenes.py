@@ -60,7 +60,7 @@ def test_solids_agree_with_steps_along_the_rays(kind: int) -> None:
 
 def test_left_hands_are_mirrored_right_hands() -> None:
     sampler = SceneGenerator().sampler
-    right, left = (whole_scenes._draw_hands(np.random.default_rng(5), sampler, np.array([side])) for side in (1.0, -1.0))
+    right, left = (whole_scenes._draw_hands(np.random.default_rng(5), sampler, np.array([s])) for s in (1.0, -1.0))
     rays = np.linspace(-0.3, 0.3, 61)[None]
     images = [render(hand.own.moved((0, 0, 500)), rays, rays, [np.inf])[0] for hand in (right, left)]
     np.testing.assert_allclose(images[0][:, ::-1], images[1], rtol=1e-4)
