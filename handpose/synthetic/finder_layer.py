@@ -36,6 +36,7 @@ class FinderScenes(Layer):
     """Scenes and what the finder is to say about them."""
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
+        """Read the seed. Raises LayerError."""
         if len(top) != 6:
             raise self.fail(f"has {len(top)} tops, expected 6: frame, class, heat, vote, own, right")
         if not self.param_str.isdecimal():
@@ -44,11 +45,13 @@ class FinderScenes(Layer):
         self.number = 0
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
+        """Shape the tops for a block of scenes."""
         channels, steps = (4, 1, 1, 3, 3, 1), (1, 2, 4, 4, 4, 4)
         for blob, count, step in zip(top, channels, steps):
             blob.reshape(BLOCK, count, HEIGHT // step, WIDTH // step)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
+        """Draw the next block."""
         scenes = self.generator.block(self.number)
         for blob, values in zip(top, (channels_of(scenes.depth), *targets_of(scenes))):
             blob.data[...] = values
@@ -57,9 +60,11 @@ class FinderScenes(Layer):
             self.number %= TEST_BLOCKS
 
     def state(self) -> dict[str, Any]:
+        """The number of the next block."""
         return {"number": self.number}
 
     def restore(self, state: dict[str, Any]) -> None:
+        """Continue with the block of a state; with the first one after a layer of another type."""
         self.number = int(state.get("number", 0))
 
 
