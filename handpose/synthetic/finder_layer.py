@@ -19,17 +19,15 @@ from typing import Any
 
 import numpy as np
 
-from handpose.body.render import Floats
-from handpose.synthetic.whole_scenes import BLOCK, FOCAL_PX, HEIGHT, WIDTH, SceneGenerator, Scenes
+from handpose.estimate.finder import FOCAL_PX, VOTE_MM, channels_of
+from handpose.synthetic.whole_scenes import BLOCK, HEIGHT, WIDTH, SceneGenerator, Scenes
 from netlib import TEST, Layer
 from netlib.blob import Array, Blobs
 
 UNKNOWN = -1
 TEST_BLOCKS = 16
-VOTE_MM = 100.0
 LONGEST_VOTE = 2.5  # a farther surface is an error of the sensor
 PALM_MM = 22.0  # deviation of the heat around a palm
-BEYOND_MM, MIDDLE_MM = 4000.0, 600.0
 
 
 class FinderScenes(Layer):
@@ -66,26 +64,6 @@ class FinderScenes(Layer):
     def restore(self, state: dict[str, Any]) -> None:
         """Continue with the block of a state; with the first one after a layer of another type."""
         self.number = int(state.get("number", 0))
-
-
-def channels_of(depth: Floats, focal: float = FOCAL_PX) -> Floats:
-    """Frames (N, H, W) in mm as the net's input (N, 4, H, W): read or not, logarithm of depth, slopes across and down.
-
-    A slope is the sine of the surface's angle to the image plane, 0 beside pixels without a reading.
-    """
-    read = (depth > 0) & (depth < BEYOND_MM)
-    z = np.where(read, depth, np.float32(MIDDLE_MM))
-    out = np.zeros((len(depth), 4, *depth.shape[1:]), np.float32)
-    out[:, 0] = read
-    out[:, 1] = np.clip(np.log(z / MIDDLE_MM), -1.5, 1.5)
-    for channel, axis in ((2, 2), (3, 1)):
-        before, at, after = ([slice(None)] * 3 for _ in range(3))
-        before[axis], at[axis], after[axis] = slice(None, -2), slice(1, -1), slice(2, None)
-        first, here, last = tuple(before), tuple(at), tuple(after)
-        slope = (z[last] - z[first]) * (0.5 * focal) / z[here]
-        slope /= np.sqrt(1 + slope * slope)
-        out[:, channel][here] = slope * (read[first] & read[here] & read[last])
-    return out
 
 
 def targets_of(scenes: Scenes) -> tuple[Array, Array, Array, Array, Array]:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.body.render import Capsules, Floats, in_front, render
+from handpose.estimate.finder import FOCAL_PX
 from handpose.synthetic import prior_file
 from handpose.synthetic.frame_errors import measure
 from handpose.synthetic.generator import Split, check_source, numbers_of
@@ -24,7 +25,7 @@ from handpose.synthetic.surface_prior import SurfacePrior, draw_capsules
 from netlib.blob import Array
 
 OTHER, HAND, PERSON = 0, 1, 2  # classes of pixels
-HEIGHT, WIDTH, FOCAL_PX = 128, 160, 160.0
+HEIGHT, WIDTH = 128, 160
 BLOCK = 16  # scenes that share a random generator
 STREAM = 2  # apart from the random numbers of hands and of places
 

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from handpose.synthetic.finder_layer import UNKNOWN, VOTE_MM, channels_of, targets_of
+from handpose.estimate.finder import VOTE_MM, channels_of
+from handpose.synthetic.finder_layer import UNKNOWN, targets_of
 from handpose.synthetic.whole_scenes import BLOCK, SceneGenerator
 from netlib import TRAIN, Net
 
@@ -28,13 +29,6 @@ def test_votes_lead_to_palms_and_heat_is_highest_there() -> None:
     assert (right[own[:, :1] == 0] == UNKNOWN).all()
 
 
-def test_channels_of_a_plane() -> None:
-    depth = np.full((1, 8, 8), 600.0, np.float32)
-    depth[0, 0, 0] = 0
-    channels = channels_of(depth)
-    assert channels[0, 0].sum() == 63 and not channels[0, 1:].any()
-
-
 def test_the_net_trains_on_the_scenes_of_its_number() -> None:
     net = Net(NET, TRAIN)
     assert sum(blob.count for layer in net.layers for blob in layer.blobs) < 300000
@@ -42,4 +36,7 @@ def test_the_net_trains_on_the_scenes_of_its_number() -> None:
     net.backward()
     np.testing.assert_array_equal(net.blobs["frame"].data, channels_of(SceneGenerator(1).block(0).depth))
     assert len(net.blobs["frame"].data) == BLOCK and net.layers[0].state() == {"number": 1}
+    net.layers[0].restore({"number": 5})
+    net.forward()
+    np.testing.assert_array_equal(net.blobs["frame"].data, channels_of(SceneGenerator(1).block(5).depth))
     assert all(np.abs(blob.diff).max() > 0 for layer in net.layers for blob in layer.blobs)
