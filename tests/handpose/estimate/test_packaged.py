@@ -17,9 +17,11 @@ from hypothesis import strategies as st
 
 import netlib
 from handpose.estimate.packaged import (
+    HAND_FINDER,
     HAND_LOCATOR,
     SYNTHETIC_HAND,
     checked_weights,
+    load_finder,
     load_locator,
     load_predictor,
     read_card,
@@ -52,15 +54,16 @@ def test_the_packaged_model() -> None:
     assert load_predictor().plan is PLANS["accurate"] and load_predictor(fit="no", hand="left").fitter is None
 
 
-def test_the_packaged_locator() -> None:
-    """The locator is smaller, and its net uses all weights."""
-    weights = checked_weights(read_card(HAND_LOCATOR))
-    assert weights.stat().st_size < 0.3 * MEGABYTE
-    ignored, missing = netlib.Net(HAND_LOCATOR / "deploy.prototxt", netlib.TEST).copy_from(weights)
+@pytest.mark.parametrize(("folder", "most"), [(HAND_LOCATOR, 0.3), (HAND_FINDER, 3.0)])
+def test_the_packaged_detectors(folder: Path, most: float) -> None:
+    """They are smaller (MB), and their nets use all weights."""
+    weights = checked_weights(read_card(folder))
+    assert weights.stat().st_size < most * MEGABYTE
+    ignored, missing = netlib.Net(folder / "deploy.prototxt", netlib.TEST).copy_from(weights)
     assert not ignored and not missing
 
 
-@pytest.mark.parametrize("load", [load_predictor, load_locator])
+@pytest.mark.parametrize("load", [load_predictor, load_locator, load_finder])
 def test_weights_are_read_once(
     monkeypatch: pytest.MonkeyPatch, forget_weights: Callable[[], None], load: Callable[[], object]
 ) -> None:
