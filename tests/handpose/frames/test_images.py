@@ -1,4 +1,4 @@
-"""handpose/frames/images.py; more of it in the tests of tools/predict.py"""
+"""handpose/frames/images.py"""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from handpose.frames import images
-from handpose.frames.cameras import NYU, Camera
+from handpose.frames.cameras import NYU, SR305, Camera
 from handpose.frames.images import BadFrameError, check_unit, depth_image, without_dropouts
 from handpose.frames.lens import Lens, Undistorter
 from handpose.frames.recording import CameraInfo
@@ -54,6 +54,21 @@ def test_frames_of_cameras_without_a_size(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "frame.png"), np.full((30, 40), 500, np.uint16))
     own = Camera("own", 300.0, 300.0, 20.0, 15.0, 0, 0)
     assert (images.read_frame(tmp_path / "frame.png", CameraInfo(own, unit_mm=0.5)) == 250).all()
+
+
+def test_units_of_a_frame(tmp_path: Path) -> None:
+    """The default unit of SR305 is 0.125 mm."""
+    cv2.imwrite(str(tmp_path / "frame.png"), np.full((480, 640), 8000, np.uint16))
+    for unit, depth in ((None, 1000), (0.1, 800)):
+        assert (images.read_frame(tmp_path / "frame.png", CameraInfo(SR305, unit_mm=unit)) == depth).all()
+
+
+def test_crops_are_normalised(tmp_path: Path) -> None:
+    """Gray 0 is the near plane -1, 255 the far plane 1; other sizes are resized by nearest neighbour."""
+    image = np.kron(np.array([[0, 255]] * 2, np.uint8), np.ones((32, 32), np.uint8))
+    cv2.imwrite(str(tmp_path / "crop.png"), image)
+    crop = images.read_crop(tmp_path / "crop.png")
+    assert crop.shape == (128, 128) and (crop[:, :64] == -1).all() and (crop[:, 64:] == 1).all()
 
 
 def test_a_frame_with_distortion_and_exchanged_bytes(tmp_path: Path) -> None:
