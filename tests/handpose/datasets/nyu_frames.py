@@ -1,0 +1,41 @@
+"""Frames and labels in NYU's format, as the data set has them, for tests."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from handpose.datasets import matlab_file, matlab_worker, nyu_files
+from handpose.frames.cameras import NYU
+from handpose.frames.images import pack_depth
+
+
+def read_matlab_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read MATLAB files in this process; test_matlab_file.py tests the separate process."""
+
+    def run_here(path: Path, names: Sequence[str]) -> bytes:
+        out = io.BytesIO()
+        matlab_worker.main(str(path), names, out)
+        return out.getvalue()
+
+    monkeypatch.setattr(matlab_file, "_run_worker", run_here)
+
+
+def hand(count: int) -> np.ndarray:
+    """Annotated joints (count, 36, 3) in px and mm at the image centre, 800 mm away."""
+    return np.tile([320.0, 240.0, 800.0], (count, 36, 1)) + np.random.default_rng(0).normal(0, 5, (count, 36, 3))
+
+
+def write_labels(folder: Path, uvd: np.ndarray) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    nyu_files.write_annotation(folder / nyu_files.ANNOTATION, NYU.unproject(uvd), "NYU")
+
+
+def write_frame(path: Path, depth: np.ndarray) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    assert cv2.imwrite(str(path), pack_depth(depth))
