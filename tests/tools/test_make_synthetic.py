@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import resource
 import shutil
 import signal
 import subprocess
@@ -12,7 +11,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-import cv2
 import h5py
 import numpy as np
 import pytest
@@ -22,7 +20,7 @@ from handpose.datasets import nyu_files, parts
 from handpose.synthetic import files
 from handpose.synthetic.generator import Generator
 from layers.hand.skeleton import NYU_HAND
-from tests.support.running import Done, run_python, run_tool, wait_until
+from tests.support.running import Done, run_tool, wait_until
 
 TOOL = Path(__file__).parents[2] / "tools" / "make_synthetic.py"
 
@@ -87,18 +85,14 @@ def test_depth_can_be_mapped(tmp_path: Path) -> None:
         np.testing.assert_array_equal(mapped, depth[:])
 
 
-def test_second_run_keeps_everything(made: dict[str, Made], tmp_path: Path) -> None:
-    """A second run changes no file and reports that all exist."""
+def test_what_a_second_run_keeps(made: dict[str, Made], tmp_path: Path) -> None:
+    """The same arguments change no file, a larger number of frames keeps unchanged files, another seed replaces all."""
     shutil.copytree(made["files"].folder, tmp_path, dirs_exist_ok=True)
     run_tool("make_synthetic", *arguments(tmp_path))  # rewrites the lists with the new paths
     before = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
-    assert "exist already" in run_tool("make_synthetic", *arguments(tmp_path)).out
+    done = run_tool("make_synthetic", *arguments(tmp_path))
+    assert done.out == f"{tmp_path}: 70 train and 10 test frames (synthetic, seed 0) exist already\n"
     assert {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == before
-
-
-def test_other_parameters_are_made_again(made: dict[str, Made], tmp_path: Path) -> None:
-    """A larger number of frames keeps unchanged files; another seed replaces all."""
-    shutil.copytree(made["files"].folder, tmp_path, dirs_exist_ok=True)
     first = (tmp_path / "train_000.h5").read_bytes()
     run_tool("make_synthetic", *arguments(tmp_path, train=81))
     assert (tmp_path / "train_000.h5").read_bytes() == first
@@ -114,34 +108,16 @@ def test_workers_change_no_byte(made: dict[str, Made], tmp_path: Path) -> None:
         assert (tmp_path / name).read_bytes() == (made["files"].folder / name).read_bytes()
 
 
-@pytest.mark.parametrize("name", ["train_001.h5", "elsewhere.h5"])
-def test_real_data_is_left_alone(tmp_path: Path, name: str) -> None:
-    """Data made from NYU are not replaced without --force, neither directly nor in a list."""
-    with h5py.File(tmp_path / name, "w") as file:
+def test_other_data_are_left_alone(tmp_path: Path) -> None:
+    """Data made from NYU and files that are not HDF5 are not replaced; --force replaces data."""
+    with h5py.File(tmp_path / "train_001.h5", "w") as file:
         file.attrs["made_from"] = "NYU"
-    (tmp_path / "train.txt").write_text(f"{tmp_path / name}\n")
-    error = run_tool("make_synthetic", *arguments(tmp_path), status=1).err
-    assert error.count("\n") == 1 and "made from NYU" in error and "--force" in error
-    assert names(tmp_path) == sorted([name, "train.txt"])
+    (error,) = run_tool("make_synthetic", *arguments(tmp_path), status=1).err.splitlines()
+    assert "made from NYU" in error and "--force" in error and names(tmp_path) == ["train_001.h5"]
     run_tool("make_synthetic", *arguments(tmp_path, "--force", train=41))
-
-
-def test_unknown_file_is_left_alone(tmp_path: Path) -> None:
-    """A file that is not HDF5 is not replaced."""
     (tmp_path / "test_000.h5").write_text("my notes")
-    assert "not a readable HDF5 file" in run_tool("make_synthetic", *arguments(tmp_path), status=1).err
+    assert "not a readable HDF5 file" in run_tool("make_synthetic", *arguments(tmp_path, train=41), status=1).err
     assert (tmp_path / "test_000.h5").read_text() == "my notes"
-
-
-def test_a_list_of_others_is_left_alone(tmp_path: Path) -> None:
-    """A list of unknown files is not replaced, even if they are missing; own files may have paths from elsewhere."""
-    (tmp_path / "train.txt").write_text("real/train_000.h5\n")
-    done = run_tool("make_synthetic", *arguments(tmp_path, train=5), status=1)
-    assert "train.txt: names 'real/train_000.h5', which is not there" in done.err
-    assert names(tmp_path) == ["train.txt"]
-    run_tool("make_synthetic", *arguments(tmp_path, "--force", train=5))
-    (tmp_path / "train.txt").write_text(f"{tmp_path.name}/train_000.h5\n")
-    run_tool("make_synthetic", *arguments(tmp_path, train=5))
 
 
 def test_failure_leaves_no_half_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -162,53 +138,23 @@ def test_failure_leaves_no_half_file(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert "made 40 of them" in run_tool("make_synthetic", *arguments(tmp_path)).out
 
 
-def test_small_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Insufficient disk space is reported before the work."""
-    monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(10**6, 0, 10**6))  # type: ignore[attr-defined]
-    assert "needs 5 MB, 1 MB are free" in run_tool("make_synthetic", *arguments(tmp_path), status=1).err
-
-
-def test_disk_that_fills(tmp_path: Path) -> None:
-    """A failed write inside HDF5 is reported on one line with its reason and leaves no file."""
-
-    def limit() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (4_000_000, 4_000_000))
-
-    command = [TOOL, *arguments(tmp_path / "out")]
-    done = run_python(*command, status=1, preexec_fn=limit)
-    assert done.out == ""
-    assert done.err == f"{tmp_path / 'out'}: File too large\n"
-    assert names(tmp_path / "out") == []
-
-
 def test_folder_that_cannot_be(tmp_path: Path) -> None:
     """A file in place of the output folder gives a one-line error."""
     (tmp_path / "file").write_text("")
     assert run_tool("make_synthetic", *arguments(tmp_path / "file"), status=1).err.count("\n") == 1
 
 
-@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="root may write anywhere")
-def test_read_only_folder(tmp_path: Path) -> None:
-    """A read-only folder is reported."""
-    tmp_path.chmod(0o555)
-    assert "Permission denied" in run_tool("make_synthetic", *arguments(tmp_path), status=1).err
-
-
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_signals(tmp_path: Path, number: signal.Signals, status: int) -> None:
-    """Ctrl-C and SIGTERM end the run and its workers with one line, leaving only complete files."""
+def test_ctrl_c(tmp_path: Path) -> None:
+    """Ctrl-C ends the run and its workers with one line, leaving only complete files."""
     out = tmp_path / "out"
     command = [sys.executable, str(TOOL), "--out", str(out), "--train", "100000", "--workers", "2"]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     ) as process:
         wait_until(lambda: list(out.glob(".*.tmp")), process)
-        if number == signal.SIGINT:
-            os.killpg(process.pid, number)  # as a terminal does: to all processes
-        else:
-            process.send_signal(number)
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all processes
         stdout, stderr = process.communicate(timeout=300)
-    assert (process.returncode, stdout) == (status, "")
+    assert (process.returncode, stdout) == (130, "")
     assert stderr == "stopped; whole files are kept, and the next run continues after them\n"
     assert all(name.startswith("train_") and name.endswith(".h5") for name in names(out))
 
@@ -217,13 +163,7 @@ def test_signals(tmp_path: Path, number: signal.Signals, status: int) -> None:
     "wrong", [("--train", "0"), ("--workers", "-1"), ("--seed", "x"), ("--seed", "4294967296"), ("--tset", "5")]
 )
 def test_usage(wrong: tuple[str, str]) -> None:
-    """Invalid options give exit status 2 and are named."""
     assert wrong[0] in run_tool("make_synthetic", *wrong, status=2).err
-
-
-def test_help() -> None:
-    """--help shows a command that can be copied."""
-    assert "python tools/make_synthetic.py --out data/nyu" in run_tool("make_synthetic", "--help").out
 
 
 # ------------------------------------------------------------------------------------------ NYU's format
@@ -248,20 +188,10 @@ def test_raw_files(made: dict[str, Made]) -> None:
     assert "70 train and 3 test frames (synthetic, seed 0) in NYU's format" in done.out
 
 
-def test_raw_images_are_solid(made: dict[str, Made]) -> None:
-    """The hand has no grid of holes, although the crop uses every other pixel."""
-    for i in range(5):
-        seen = (nyu_files.read_nyu_depth(made["raw"].folder / "train" / frame_name(i)) > 0).astype(np.uint8)
-        closed = cv2.morphologyEx(seen, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-        assert (closed > seen).sum() < 0.03 * seen.sum()
-
-
 def test_raw_keeps_what_is_there(tmp_path: Path) -> None:
     """A second run keeps the files; fewer frames remove the others; without labels the split is written again."""
     run_tool("make_synthetic", *raw(tmp_path))
-    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "train").iterdir()}
-    assert "exist already" in run_tool("make_synthetic", *raw(tmp_path)).out
-    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "train").iterdir()} == before
+    assert "exist already in NYU's format" in run_tool("make_synthetic", *raw(tmp_path)).out
     run_tool("make_synthetic", *raw(tmp_path, train=2))
     assert len(names(tmp_path / "train")) == 4
     (tmp_path / "train" / nyu_files.ANNOTATION).unlink()
@@ -277,17 +207,6 @@ def test_raw_leaves_real_data_alone(tmp_path: Path) -> None:
     assert error.count("\n") == 1 and "did not make" in error
     assert (tmp_path / "train" / frame_name(0)).read_text() == "a real frame"
     run_tool("make_synthetic", *raw(tmp_path, "--force"))
-
-
-def test_raw_workers_change_no_byte(made: dict[str, Made], tmp_path: Path) -> None:
-    """Images and labels of two processes equal those of one."""
-    assert run_tool("make_synthetic", *raw(tmp_path, train=70)[:-1], "2").err == ""
-    for name in (frame_name(0), frame_name(69)):
-        assert (made["raw"].folder / "train" / name).read_bytes() == (tmp_path / "train" / name).read_bytes()
-    a, b = (
-        nyu_files.read_annotation(folder / "train" / nyu_files.ANNOTATION) for folder in (made["raw"].folder, tmp_path)
-    )
-    np.testing.assert_array_equal(a.xyz, b.xyz)
 
 
 def test_places(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -25,6 +26,15 @@ def test_the_crop_of_the_image_is_the_crop() -> None:
         assert image.shape == (480, 640) and np.array_equal(image, np.rint(image))
         again = crop(image, scene.center_uvd[n], scene.cube_mm)
         assert np.abs(again - scene.depth[n]).max() * scene.cube_mm / 2 <= 0.5 + 1e-3
+
+
+def test_the_image_of_a_hand_is_solid() -> None:
+    """The hand has no grid of holes, although the crop uses every other pixel."""
+    scene = Generator(seed=1).scene(0)
+    for n in range(5):
+        seen = (whole_image(scene, n) > 0).astype(np.uint8)
+        closed = cv2.morphologyEx(seen, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+        assert (closed > seen).sum() < 0.03 * seen.sum()
 
 
 @pytest.mark.parametrize(("u", "v"), [(8, 240), (320, 8), (11, 11), (14, 23)])
