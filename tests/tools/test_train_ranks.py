@@ -115,11 +115,6 @@ def test_caffes_command(small):
         assert done.stderr.count("2 ranks × 8 = 16 per step") == done.stderr.count("lr = 0.001") == 1, done.stderr
         weights.append(Path("snapshots/small_iter_20.caffemodel").read_bytes())
     assert weights[0] == weights[1]
-    done = ranks_started.run(2, CAFFE, "train", "-solver", "missing.prototxt")
-    assert done.returncode == 1
-    assert [line for line in done.stderr.splitlines() if "missing.prototxt" in line] == [
-        "missing.prototxt: cannot read the prototxt: No such file or directory"
-    ]
 
 
 def test_exact(small, work):
@@ -187,25 +182,36 @@ def test_a_rank_that_hangs(small):
     assert whole_snapshot() == 40
 
 
-@pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGTERM])
-def test_one_process_of_a_training_is_stopped(small, sent):
-    """A killed rank ends all through the launcher; SIGTERM to one rank ends all after a snapshot. The last snapshot is
-    complete in each case.
-    """
+def test_one_process_of_a_training_is_stopped(small):
+    """SIGTERM to one rank ends all after a snapshot, which is complete."""
     with ranks_started.started(2, TRAIN, "solver.prototxt", "--patience", "600") as process:
         lines = ranks_started.lines_until(process, "Snapshotting to binary proto file snapshots/small_iter_40")
-        os.kill(int(Path("pid.1").read_text()), sent)
-        rest = process.communicate(timeout=ranks_started.TIMEOUT_S)[0]
-    assert process.returncode == 143 if sent == signal.SIGTERM else process.returncode != 0
+        os.kill(int(Path("pid.1").read_text()), signal.SIGTERM)
+        rest = ends(process, 128 + signal.SIGTERM)
     assert ours(rest) == [], lines
-    assert whole_snapshot() >= 20
+    assert whole_snapshot() >= 40
+
+
+def nan(folder):
+    """Write NaN into rows that are read after some steps."""
+    with h5py.File(folder / "d2.h5", "a") as file:
+        file["y"][:19] = np.nan
+
+
+def other_net(folder):
+    """Make a layer wider."""
+    (folder / "small.prototxt").write_text(NET.replace("num_output: 20", "num_output: 21"))
+
+
+def no_file(folder):
+    """Remove one of three data files."""
+    (folder / "d1.h5").unlink()
 
 
 def test_what_one_rank_finds_ends_all(small):
-    """NaN, other data, another prototxt and a missing file give one line that names the rank; nothing is written."""
+    """NaN, another prototxt and a missing file give one line that names the rank; nothing is written."""
     for break_it, said in (
         (nan, r"rank 1: iteration \d+: the loss is nan; .* top blob 'y' of layer 'data'.*"),
-        (other_rows, r'rank 1 has another data in layer \'data\' than rank 0: \[\["d1.h5", 9, .*\]\], not .*'),
         (other_net, r"rank 1 has another net prototxt than rank 0: .*; expected the same on all"),
         (no_file, r"rank 1: list.txt: names 'd1.h5', which does not exist; .*"),
     ):
@@ -217,25 +223,3 @@ def test_what_one_rank_finds_ends_all(small):
         (line,) = ours(done.stderr)
         assert re.fullmatch(said, line), line
         assert not list(Path().rglob("*.solverstate"))
-
-
-def nan(folder):
-    """Write NaN into rows that are read after some steps."""
-    with h5py.File(folder / "d2.h5", "a") as file:
-        file["y"][:19] = np.nan
-
-
-def other_rows(folder):
-    """Change the values of a data file, but not the number of rows."""
-    with h5py.File(folder / "d1.h5", "a") as file:
-        file["x"][...] += 1
-
-
-def other_net(folder):
-    """Make a layer wider."""
-    (folder / "small.prototxt").write_text(NET.replace("num_output: 20", "num_output: 21"))
-
-
-def no_file(folder):
-    """Remove one of three data files."""
-    (folder / "d1.h5").unlink()
