@@ -40,17 +40,7 @@ def test_the_mean(images):
     lines = done.out.splitlines()
     assert lines[0] == "Number of channels: 3"
     assert lines[1:] == [f"mean_value channel [{c}]: {images[:, c].mean():.6g}" for c in range(3)]
-
-
-def test_a_net_that_subtracts_it_has_the_mean_zero(images):
-    """After subtracting the mean image, the mean over all images is 0 for every pixel."""
-    run_tool("compute_image_mean", "db", "mean.binaryproto")
-    net = netlib.Net(prototxt.parse("""layer { name: "d" type: "Data" top: "x"
-        data_param { source: "db" batch_size: 7 backend: LMDB }
-        transform_param { mean_file: "mean.binaryproto" } }"""), netlib.TEST)
-    x = net.forward()["x"]
-    assert np.abs(x).mean() > 10
-    assert np.abs(x.mean(axis=0)).max() < 1e-4
+    assert run_tool("compute_image_mean", "db").out == done.out  # without a file
 
 
 def test_floats_and_pictures(tmp_path, images, rng):
@@ -87,12 +77,6 @@ def test_gray(images, pictures):
     expected = np.mean([cv2.imread(f"p/{n}.png", cv2.IMREAD_GRAYSCALE) for n in range(len(images))], axis=0)
     run_tool("compute_image_mean", "--gray", "-root_folder=p/", "list.txt", "mean.binaryproto")
     assert np.allclose(read_blob("mean.binaryproto"), expected[None, None], rtol=1e-6)
-
-
-def test_without_a_file(images, tmp_path):
-    """Without an output file only the numbers are printed."""
-    assert len(run_tool("compute_image_mean", "db").out.splitlines()) == 4
-    assert [path.name for path in tmp_path.iterdir()] == ["db"]
 
 
 def test_mistakes(tmp_path, images, pictures):

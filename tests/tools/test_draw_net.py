@@ -24,21 +24,15 @@ def test_a_picture(tmp_path):
 
 
 def test_graphvizs_own_language_needs_no_graphviz(tmp_path, monkeypatch):
-    """A .dot file is written without the program dot, like a .raw file."""
+    """A .dot file is written without the program dot, like a .raw file; layers of older prototxts are drawn."""
     pytest.importorskip("pydot")
     monkeypatch.setenv("PATH", str(tmp_path))
-    for name in ("net.dot", "net.raw"):
-        run_tool("draw_net", NET, tmp_path / name)
-    assert (tmp_path / "net.dot").read_text() == (tmp_path / "net.raw").read_text()
-    assert "the formats raw and dot do not need it" in run_tool("draw_net", NET, tmp_path / "a.png", status=1).err
-
-
-def test_old_formats(tmp_path):
-    """Layers of older prototxts are drawn; Caffe's tool ignores them."""
-    pytest.importorskip("pydot")
     (tmp_path / "old.prototxt").write_text(OLD)
-    run_tool("draw_net", tmp_path / "old.prototxt", tmp_path / "old.raw")
-    assert '"ip\\n(InnerProduct)" -> ip [label=3];' in (tmp_path / "old.raw").read_text()
+    for name in ("net.dot", "net.raw"):
+        run_tool("draw_net", tmp_path / "old.prototxt", tmp_path / name)
+    assert (tmp_path / "net.dot").read_text() == (tmp_path / "net.raw").read_text()
+    assert '"ip\\n(InnerProduct)" -> ip [label=3];' in (tmp_path / "net.raw").read_text()
+    assert "the formats raw and dot do not need it" in run_tool("draw_net", NET, tmp_path / "a.png", status=1).err
 
 
 def test_mistakes(tmp_path):

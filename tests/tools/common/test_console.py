@@ -10,7 +10,6 @@ from pathlib import Path
 import cv2
 import pytest
 from hypothesis import given
-from hypothesis import strategies as st
 
 import netlib
 from netlib.errors import NetlibError
@@ -39,40 +38,29 @@ def fails(error: BaseException) -> Callable[[Namespace], int]:
     [
         (NetlibError("net.prototxt: no layer 'a\nb'"), 1, "net.prototxt: no layer 'a\\nb'\n"),
         (NetlibError("a.txt: cannot read the list: gone"), 1, "a.txt: cannot read the list: gone\n"),
-        (
-            NetlibError("data/nyu/train.txt: cannot read the list: gone"),
-            1,
-            "data/nyu/train.txt: cannot read the list: gone; generate synthetic hands with 'python "
-            "tools/make_synthetic.py', or read the NYU data set with 'python tools/prepare_nyu.py NYU_ROOT'\n",
-        ),
+        (NetlibError("data/nyu/train.txt: cannot read the list: gone"), 1,
+         "data/nyu/train.txt: cannot read the list: gone; generate synthetic hands with 'python "
+         "tools/make_synthetic.py', or read the NYU data set with 'python tools/prepare_nyu.py NYU_ROOT'\n"),
         (FileNotFoundError(2, "No such file or directory", "a\x1bb"), 1, "a\\x1bb: No such file or directory\n"),
         (OutOfMemoryError("9.4 MB for an array"), 1, "9.4 MB for an array\n"),
         (MemoryError(), 1, "not enough memory; use a smaller batch_size\n"),
         (cv2.error("std::bad_alloc"), 1, "not enough memory; use a smaller batch_size\n"),
-        (
-            cv2.error("OpenCV(5.0.0) alloc.cpp:73: error: (-4:Insufficient memory) Failed to allocate 9 bytes"),
-            1,
-            "not enough memory; use a smaller batch_size\n",
-        ),
+        (cv2.error("OpenCV(5.0.0) alloc.cpp:73: error: (-4:Insufficient memory) Failed to allocate 9 bytes"), 1,
+         "not enough memory; use a smaller batch_size\n"),
         (ImportError("lib.so: failed to map segment", name="av"), 1, "cannot load av: lib.so: failed to map segment\n"),
-        (
-            RuntimeError("can't start new thread"),
-            1,
-            "cannot start a thread: too many, or not enough memory; use fewer --threads\n",
-        ),
+        (RuntimeError("can't start new thread"), 1,
+         "cannot start a thread: too many, or not enough memory; use fewer --threads\n"),
         (KeyboardInterrupt(), 130, "interrupted\n"),
     ],
 )
 def test_each_mistake_is_one_line(
     error: BaseException, status: int, line: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Each error is printed on one line and determines the exit status."""
     assert guarded(fails(error), Namespace()) == status
     assert capsys.readouterr() == ("", line)
 
 
 def test_a_tool_that_is_done() -> None:
-    """The tool's own status becomes the exit status."""
     assert guarded(lambda args: args.status, Namespace(status=3)) == 3
 
 
@@ -84,13 +72,8 @@ def test_a_name_stays_in_its_line(name: str) -> None:
         patch.setattr(console, "print", lambda *words, sep, file: lines.append(words), raising=False)
         say(f"wrote {name}")
     assert all(str(word).isprintable() for word in lines[0])
-    assert all(line.isprintable() for line in aligned([["a", name], [name, "b"]]).split("\n"))
-
-
-@given(st.lists(ANY_TEXT, min_size=2, max_size=2))
-def test_a_table_has_a_line_for_each_row(cells: list[str]) -> None:
-    """The number of lines of a table does not depend on its content."""
-    assert aligned([cells, cells, cells]).count("\n") == 2
+    rows = aligned([["a", name], [name, "b"]]).split("\n")
+    assert len(rows) == 2 and all(row.isprintable() for row in rows)
 
 
 def test_a_table() -> None:
