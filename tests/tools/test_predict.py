@@ -106,25 +106,19 @@ def table(path):
 # ------------------------------------------------------------------------------------------- crops
 
 
-def test_joints_and_picture(snapshot):
-    """JSON has 31 joints in mm, scaled by the cube, and the picture is written to --out."""
-    (found,) = predicted("crop.png")
-    assert cv2.imread(found["picture"]) is not None and found["picture"] == "p/crop_hand.png"
-    assert len(found["joints"]) == 31 and found["image"] == "crop.png"
-    (smaller,) = predicted("crop.png", "--cube", "261")
-    assert smaller["joints"]["palm"] == pytest.approx(np.array(found["joints"]["palm"]) * 0.87, abs=0.02)
-
-
-def test_json_of_crops(snapshot):
-    """Without frames and a fit, JSON has neither a camera nor angles; each of the images is a frame."""
+def test_crops(snapshot):
+    """Joints are in mm, scaled by the cube; without frames and a fit, JSON has neither a camera nor angles."""
     text = run_tool("predict", *OWN, "crop.png", "crop.png", "--out", "p", "--json").out
-    first, second = hands_of(text)
-    document = json.loads(text)
+    document, (first, second) = json.loads(text), hands_of(text)
     assert document["camera"] is None and document["source"] == "2 images"
     assert [(found["number"], found["time_s"]) for found in (first, second)] == [(0, None), (1, None)]
     unknown = {"confidence", "error_mm", "angles_rad", "translations_mm", "bones_mm"}
     assert {key for key, value in document["frames"][0]["hands"][0].items() if value is None} == unknown
     assert first["origin_mm"] == [0, 0, 0] and first["crop"] == {"center_uvd": None, "cube_mm": 300}
+    assert cv2.imread(first["picture"]) is not None and first["picture"] == "p/crop_hand.png"
+    assert len(first["joints"]) == 31 and first["image"] == "crop.png"
+    (smaller,) = predicted("crop.png", "--cube", "261")
+    assert smaller["joints"]["palm"] == pytest.approx(np.array(first["joints"]["palm"]) * 0.87, abs=0.02)
     Path("a.json").write_text(text)
     with pytest.raises(DataError, match="predicted from crops without a camera"):
         read_track("a.json")
@@ -173,14 +167,20 @@ def test_another_format_of_a_crop(snapshot):
 
 def test_a_whole_frame(frame):
     """The most likely position is cropped; the centre is given in px and in mm, and joints from the camera."""
-    (found,) = predicted("frame.png", *KINECT, "--refine", "0")
-    center = KINECT2.project(packaged.load_locator().hands(frame, KINECT2).center[0])
-    assert found["center_uvd"] == pytest.approx(center, abs=0.01)
-    assert found["origin_mm"] == pytest.approx((30, -20, 700), abs=60)
-    first, *joints = run_tool("predict", *OWN, "frame.png", *KINECT, *CENTER).out.splitlines()
+    options = ["frame.png", *KINECT, "--out", "p", "--json", "hands.json", "--csv", "hands.csv"]
+    first, *joints = run_tool("predict", *OWN, *options, "--refine", "0").out.splitlines()
     place = r"at -?\d+, -?\d+, \d{3} mm"
     assert re.fullmatch(f"frame.png: right hand; {place}, joints in mm from the camera, cube 300 mm; picture .*", first)
     assert len(joints) == 31 and all(abs(float(line.split()[-1]) - 700) < 300 for line in joints)
+    (found,) = hands_of(Path("hands.json").read_text())
+    center = KINECT2.project(packaged.load_locator().hands(frame, KINECT2).center[0])
+    assert found["center_uvd"] == pytest.approx(center, abs=0.01)
+    assert found["origin_mm"] == pytest.approx((30, -20, 700), abs=60)
+    (row,) = table("hands.csv")
+    assert [row[name] for name in COLUMNS[:4]] == ["frame.png", "right", "", ""]
+    numbers = [float(row[f"{name}_{axis}_mm"]) for name in found["joints"] for axis in "xyz"]
+    assert numbers == pytest.approx(np.ravel(found["positions_mm"]), abs=0.011)
+    assert len(row) == 4 + 5 + 93  # without a fit there are no angles
 
 
 def test_json_of_frames_is_read_as_a_track(frame):
@@ -209,17 +209,6 @@ def test_joints_of_another_format(frame, name, count):
     assert lines[1].startswith(f"  {name}: ") and lines[1].endswith(about)
     key, digits = {"mediapipe": ("landmarks", 4), "nyu": ("positions_mm", 1)}.get(name, ("positions_m", 4))
     assert lines[2].split()[1:4] == [f"{value:.{digits}f}" for value in found[name][key][0]]
-
-
-def test_a_table_of_frames(frame):
-    """--csv writes a row per image with camera coordinates of the joints; without a fit there are no angles."""
-    found = predicted("frame.png", "frame.png", *KINECT, *CENTER, "--csv", "hands.csv")
-    rows = table("hands.csv")
-    assert [[row[name] for name in COLUMNS[:4]] for row in rows] == [["frame.png", "right", "", ""]] * 2
-    for row, values in zip(rows, found):
-        joints = np.array([[float(row[f"{name}_{axis}_mm"]) for axis in "xyz"] for name in values["joints"]])
-        assert joints == pytest.approx(np.array(values["positions_mm"]), abs=0.011)
-    assert len(rows[0]) == 4 + 5 + 93
 
 
 def test_a_camera_by_its_numbers_or_its_file(snapshot):
@@ -264,15 +253,6 @@ def test_the_crop_is_moved_as_often_as_refine_says(frame, monkeypatch):
         (found,) = predicted("frame.png", *KINECT, *options)
         assert found["center_uvd"] == [250 + 5 * times, 200, 700]
     assert sides == ["left", "right", "right", "right"]
-
-
-def test_a_camera_that_is_likely_wrong(frame):
-    """An implausible camera gives one warning; a correct one gives none."""
-    for camera, count in (("kinect2", 0), ("5,5,255.4,206.3", 1)):
-        argv = [*OWN, "--out", "p", "frame.png", "--camera", camera, "--center", "260,210,700"]
-        lines = run_tool("predict", *argv).err.splitlines()
-        assert len(lines) >= count and all(line.startswith("warning: frame.png: ") for line in lines)
-        assert sum("check fx and fy" in line for line in lines) == count
 
 
 # ------------------------------------------------------------------------------------------- mistakes
@@ -327,10 +307,15 @@ def test_mistakes(snapshot, argv, message):
     assert {path: path.read_bytes() for path in Path().rglob("*.*")} == before
 
 
-def test_a_frame_in_another_unit(frame):
-    """If no hand is found, the error names the unit or the byte order that may be wrong."""
+def test_what_is_likely_wrong(frame):
+    """If no hand is found, the error names the unit that may be wrong; an implausible camera gives a warning."""
     cv2.imwrite("fifths.png", frame * 5)
     assert re.search("the unit, 1 mm, may be wrong: .*--unit 0.2 ", mistake("fifths.png", *KINECT))
+    for camera, count in (("kinect2", 0), ("5,5,255.4,206.3", 1)):
+        argv = [*OWN, "--out", "p", "frame.png", "--camera", camera, "--center", "260,210,700"]
+        lines = run_tool("predict", *argv).err.splitlines()
+        assert all(line.startswith("warning: frame.png: ") for line in lines)
+        assert sum("check fx and fy" in line for line in lines) == count
 
 
 @pytest.mark.parametrize(
@@ -349,10 +334,6 @@ def test_a_frame_in_another_unit(frame):
 )
 def test_usage(argv, message):
     assert message in run_tool("predict", *OWN, "a.png", "b.png", *argv.split(), status=2).err
-
-
-def test_a_net_without_its_weights():
-    """--model without --weights is rejected, as the packaged weights do not apply."""
     assert "--model needs --weights" in run_tool("predict", "a.png", "--model", "net.prototxt", status=2).err
 
 
