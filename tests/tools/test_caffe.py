@@ -206,24 +206,6 @@ def test_without_a_command():
 @pytest.mark.parametrize(
     ("argv", "message"),
     [
-        (["train"], "train needs -solver"),
-        (["train", "-solver", "s", "-snapshot", "a", "-weights", "b"], "-snapshot includes weights"),
-        (["test", "-model", "m"], "test needs -weights"),
-        (["time"], "time needs -model"),
-        (["tarin", "-solver", "s"], "invalid choice: 'tarin'"),
-        (["train", "-solver", "s", "-sigint_effect", "die"], "invalid choice: 'die'"),
-        (["train", "-slover", "s"], "unrecognized arguments: --slover"),
-        (["test", "-iterations", "0"], "expected an integer of at least 1, found '0'"),
-    ],
-)
-def test_wrong_usage(argv, message):
-    """A usage error prints argparse's message and gives status 2."""
-    assert message in run_tool("caffe", *argv, status=2).err
-
-
-@pytest.mark.parametrize(
-    ("argv", "message"),
-    [
         (["train", "-solver", "nothing"], "nothing: cannot read the prototxt: No such file or directory"),
         (["test", "-model", "net.prototxt", "-weights", "no"], "no: cannot read weights: No such file or directory"),
         (["time", "-model", "solver_adam.prototxt"], "solver_adam.prototxt:1:1: error: this is a solver"),

@@ -33,14 +33,12 @@ def test_finding_words() -> None:
 
 
 @pytest.mark.parametrize(
-    ("argv", "status", "message"),
+    ("argv", "message"),
     [
-        (["camra"], 1, "camra: no such page (did you mean 'camera'?)"),
-        (["freeze"], 1, "docs.py --find \"freeze\"' the lines with these words"),
-        (["--find", "xyzzy!"], 1, "no page contains 'xyzzy!'"),
-        (["camera", "--find", "x"], 2, "expected either a page or --find"),
+        (["camra"], "camra: no such page (did you mean 'camera'?)"),
+        (["freeze"], "docs.py --find \"freeze\"' the lines with these words"),
+        (["--find", "xyzzy!"], "no page contains 'xyzzy!'"),
     ],
 )
-def test_mistakes(argv: list[str], status: int, message: str) -> None:
-    """Unknown pages and words give one line."""
-    assert message in run_tool("docs", *argv, status=status).err
+def test_mistakes(argv: list[str], message: str) -> None:
+    assert message in run_tool("docs", *argv, status=1).err

@@ -43,4 +43,3 @@ def test_mistakes(tmp_path):
     done = run_tool("draw_net", tmp_path / "none.prototxt", tmp_path / "net.raw", status=1)
     assert "none.prototxt: cannot read the prototxt" in done.err
     assert [path.name for path in tmp_path.iterdir()] == ["bad.prototxt"]
-    run_tool("draw_net", NET, "net.png", "--phase", "DEPLOY", status=2)

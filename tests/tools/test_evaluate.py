@@ -85,23 +85,6 @@ def test_pictures(files):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["near.txt"], "argument --predictions: expected NAME=FILE, found 'near.txt'"),
-        (["=near.txt"], "expected NAME=FILE, found '=near.txt'"),
-        (["A="], "expected NAME=FILE, found 'A='"),
-        (["A=near.txt", "A=far.txt"], "--predictions: the name 'A' is given 2 times"),
-        (["A=near.txt", "--plot", "a.jpg"], "--plot must end in .png, .svg, .pdf, found a.jpg"),
-        (["A=near.txt", "--format", "xyd"], "invalid choice: 'xyd'"),
-        (["A=near.txt", "--angles"], "--angles applies only to nyu"),
-    ],
-)
-def test_wrong_usage(files, arguments, message):
-    """Invalid arguments are rejected before any file is read."""
-    assert message in run(*arguments, status=2).err.splitlines()[-1]
-
-
-@pytest.mark.parametrize(
     ("argv", "message"),
     [
         ("A=no.txt", "no.txt: cannot read the joints: No such file or directory"),

@@ -185,18 +185,3 @@ def test_other_data_are_not_replaced(data, name):
     (line,) = run_tool("fit_pose", "data/train.txt", "--out", "angles", status=1).err.splitlines()
     assert re.match(rf"angles/{name}: .*companion of .*; move .* away, or choose another --out$", line)
     assert [path.read_text() for path in Path("angles").iterdir()] == ["notes"]
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ("--ridge -1", "argument --ridge: expected a number of at least 0, found '-1'"),
-        ("--swarm --no-limits", "--swarm does not support --no-limits and --ridge"),
-        ("--swarm --ridge 1", "--swarm does not support --no-limits and --ridge"),
-        ("--particles 64", "--particles applies only with --swarm"),
-        ("--generations 64", "--generations applies only with --swarm"),
-        ("--swarm --starts 4", "--starts does not apply with --swarm"),
-    ],
-)
-def test_usage(options, message):
-    assert message in run_tool("fit_pose", "uvd.txt", *options.split(), status=2).err

@@ -318,25 +318,6 @@ def test_what_is_likely_wrong(frame):
         assert sum("check fx and fy" in line for line in lines) == count
 
 
-@pytest.mark.parametrize(
-    ("argv", "message"),
-    [
-        ("--camera kinect3", "or FX,FY,U0,V0 in px, the intrinsics from its SDK, found 'kinect3'"),
-        *((f"{option} {value}", f"{option} applies only to full frames, with --camera") for option, value in
-          (("--center", "1,2"), ("--unit", "1"), ("--distortion", "0,0,0,0"), ("--swap-bytes", ""), ("--refine", "2"))),
-        ("--camera nyu --center 1", "expected U,V or U,V,D (px, px, mm), found '1'"),
-        ("--camera nyu" + 3 * " --center 1,2",
-         "--center is given 3 times for 2 images; expected once, or once per image"),
-        ("--refine 101", "expected an integer of at most 100, found '101'"),
-        ("--cube 0.3", "argument --cube: expected a number of at least 50 and at most 10000 mm, found '0.3'"),
-        ("--hand either", "--hand either needs a fit; use --hand right or left"),
-    ],
-)
-def test_usage(argv, message):
-    assert message in run_tool("predict", *OWN, "a.png", "b.png", *argv.split(), status=2).err
-    assert "--model needs --weights" in run_tool("predict", "a.png", "--model", "net.prototxt", status=2).err
-
-
 # ------------------------------------------------------------------------------------- a page for the browser
 
 

@@ -93,6 +93,8 @@ def test_other_centres(root):
     with h5py.File(root.parent / "out" / "test_000.h5") as file:
         np.testing.assert_allclose(file["center_uvd"][:], centers[file["index"][:]])
     assert "centres of centers_test.npy" in done.out
+    error = prepare(root, "--splits", "test", "--center", "none.txt", status=1).err
+    assert error == "none.txt: cannot read the centres: No such file or directory\n"
 
 
 # ------------------------------------------------------------------------------------------------ the run
@@ -206,11 +208,3 @@ def test_check(root):
     assert prepare(root, status=1)[1:] == ("", problems.replace(missing, f"warning: {missing}"))
     assert not (root.parent / "out").exists()
     assert run_tool("prepare_nyu", root / "no", "--check", status=1).err == f"{root}/no: no such folder\n"
-
-
-def test_usage(root):
-    """One file of centres cannot serve two splits, and other invalid options are rejected."""
-    error = prepare(root, "--splits", "test", "--center", "none.txt", status=1).err
-    assert error == "none.txt: cannot read the centres: No such file or directory\n"
-    for wrong in (["--center", "c.txt"], ["--workers", "0"], ["--splits", "val"]):
-        assert wrong[0] in prepare(root, *wrong, status=2).err

@@ -79,9 +79,3 @@ def test_mistakes(frames: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     (line,) = run_tool("show_data", *argv.split(), "--out", "out.png", status=1).err.splitlines()
     assert message in line and not Path("out.png").exists()
     run_tool("show_data", "nan.h5", "--out", "out.png", "--plain")
-
-
-@pytest.mark.parametrize("name", [".png", "a.gif"])
-def test_pictures_of_no_name_or_another_kind(frames: Path, tmp_path: Path, name: str) -> None:
-    """A missing name or an unsupported suffix is a usage error."""
-    run_tool("show_data", frames, "--out", tmp_path / name, status=2)

@@ -93,6 +93,71 @@ def test_every_command_that_runs_nets_can_refuse_code(name: str) -> None:
     assert ("--no-python-layers" in helps(name)) == runs_nets
 
 
+EVALUATE = "nyu --groundtruth t.txt --predictions"
+
+
+@pytest.mark.parametrize(
+    ("name", "argv", "message"),
+    [
+        ("caffe", "train", "train needs -solver"),
+        ("caffe", "train -solver s -snapshot a -weights b", "-snapshot includes weights"),
+        ("caffe", "test -model m", "test needs -weights"),
+        ("caffe", "time", "time needs -model"),
+        ("caffe", "tarin -solver s", "invalid choice: 'tarin'"),
+        ("caffe", "train -solver s -sigint_effect die", "invalid choice: 'die'"),
+        ("caffe", "train -slover s", "unrecognized arguments: --slover"),
+        ("caffe", "test -iterations 0", "expected an integer of at least 1, found '0'"),
+        ("compute_image_mean", "", "the following arguments are required: INPUT"),
+        ("compute_image_mean", "db m more", "unrecognized arguments: more"),
+        ("compute_image_mean", "-backend leveldb db", "argument --backend: invalid choice: 'leveldb'"),
+        ("compute_image_mean", "-resize_width=3 list.txt", "-resize_width and -resize_height must be given together"),
+        ("docs", "camera --find x", "expected either a page or --find"),
+        ("draw_net", "net.prototxt net.png --phase DEPLOY", "invalid choice: 'DEPLOY'"),
+        ("evaluate", f"{EVALUATE} a.txt", "argument --predictions: expected NAME=FILE, found 'a.txt'"),
+        ("evaluate", f"{EVALUATE} =a.txt", "expected NAME=FILE, found '=a.txt'"),
+        ("evaluate", f"{EVALUATE} A=", "expected NAME=FILE, found 'A='"),
+        ("evaluate", f"{EVALUATE} A=a.txt A=b.txt", "--predictions: the name 'A' is given 2 times"),
+        ("evaluate", f"{EVALUATE} A=a.txt --plot a.jpg", "--plot must end in .png, .svg, .pdf, found a.jpg"),
+        ("evaluate", f"{EVALUATE} A=a.txt --format xyd", "invalid choice: 'xyd'"),
+        ("evaluate", f"{EVALUATE} A=a.txt --angles".replace("nyu", "icvl"), "--angles applies only to nyu"),
+        ("fit_pose", "uvd.txt --ridge -1", "argument --ridge: expected a number of at least 0, found '-1'"),
+        ("fit_pose", "uvd.txt --swarm --no-limits", "--swarm does not support --no-limits and --ridge"),
+        ("fit_pose", "uvd.txt --swarm --ridge 1", "--swarm does not support --no-limits and --ridge"),
+        ("fit_pose", "uvd.txt --particles 64", "--particles applies only with --swarm"),
+        ("fit_pose", "uvd.txt --generations 64", "--generations applies only with --swarm"),
+        ("fit_pose", "uvd.txt --swarm --starts 4", "--starts does not apply with --swarm"),
+        ("make_synthetic", "--train 0", "--train"),
+        ("make_synthetic", "--workers -1", "--workers"),
+        ("make_synthetic", "--seed 4294967296", "--seed"),
+        ("make_synthetic", "--tset 5", "--tset"),
+        ("make_synthetic", "--places --recipe cameras", "--recipe applies only to hands; --places has fixed cameras"),
+        ("make_synthetic", "--body b --recipe cameras", "--recipe applies only to hands; other bodies are"),
+        ("predict", "a.png --model net.prototxt", "--model needs --weights"),
+        ("predict", "a.png --fit no --hand either", "--hand either needs a fit; use --hand right or left"),
+        ("predict", "a.png --camera kinect3", "or FX,FY,U0,V0 in px, the intrinsics from its SDK, found 'kinect3'"),
+        *(("predict", f"a.png {option}", f"{option.split()[0]} applies only to full frames, with --camera")
+          for option in ("--center 1,2", "--unit 1", "--distortion 0,0,0,0", "--swap-bytes", "--refine 2")),
+        ("predict", "a.png --camera nyu --center 1", "expected U,V or U,V,D (px, px, mm), found '1'"),
+        ("predict", "a.png b.png --camera nyu" + 3 * " --center 1,2",
+         "--center is given 3 times for 2 images; expected once, or once per image"),
+        ("predict", "a.png --refine 101", "expected an integer of at most 100, found '101'"),
+        ("predict", "a.png --cube 0.3", "argument --cube: expected a number of at least 50 and at most 10000 mm"),
+        ("prepare_nyu", "root --center c.txt", "--center FILE applies to one split: select it with --splits, or use"),
+        ("prepare_nyu", "root --workers 0", "--workers"),
+        ("prepare_nyu", "root --splits val", "--splits"),
+        ("show_data", "a.h5 --out .png", "expected a file name with suffix .png, .jpg"),
+        ("show_data", "a.h5 --out a.gif", "expected a file name with suffix .png, .jpg"),
+        ("test_net", "net.prototxt w --iterations 0", "at least 1"),
+        ("train", "", "the following arguments are required: SOLVER"),
+        ("train", "s --max-iter 0", "expected an integer of at least 1"),
+        ("train", "s --snapshot a --weights b", "--snapshot includes weights; expected either it or --weights"),
+    ],
+)
+def test_wrong_usage(name: str, argv: str, message: str) -> None:
+    """Wrong arguments are rejected before a file is read."""
+    assert message in run_tool(name, *argv.split(), status=2).err.splitlines()[-1]
+
+
 PYTHON = """
 layer { name: "x" type: "Input" top: "depth" input_param { shape { dim: 1 } } }
 layer { name: "own" type: "Python" bottom: "depth" top: "pred" python_param { module: "gadget" layer: "Own" } }

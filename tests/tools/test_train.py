@@ -7,7 +7,6 @@ import shutil
 import signal
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 
@@ -165,27 +164,6 @@ def test_mistakes(work):
     assert mistake().startswith("solver.prototxt:2:14: error: unknown field 'lr_polizy' (did you mean")
     Path("solver.prototxt").unlink()
     assert mistake() == "solver.prototxt: cannot read the prototxt: No such file or directory"
-
-
-def test_usage():
-    for argv in ([], ["s", "--max-iter", "0"], ["s", "--snapshot", "a", "--weights", "b"]):
-        run_tool("train", *argv, status=2)
-
-
-def test_nan_in_the_data_stops(work, small_data):
-    """A frame with NaN stops training with the name of the blob, and no snapshot is written."""
-    with h5py.File(small_data / "train_000.h5") as file:
-        arrays = {name: file[name][...] for name in ("depth", "joint")}
-    arrays["depth"][5, 0, 3, 3] = np.nan
-    with h5py.File("nan.h5", "w") as file:
-        for name, array in arrays.items():
-            file[name] = array
-    (work / "nan.txt").write_text("nan.h5\n")
-    net = (work / "net.prototxt").read_text().replace(f"{small_data}/train.txt", "nan.txt")
-    (work / "net.prototxt").write_text(net.replace("shuffle: true", ""))
-    line = mistake()
-    assert "iteration 0: the loss is nan" in line and "top blob 'depth' of layer 'data'" in line
-    assert not list(work.glob("snapshots/*iter*"))
 
 
 def test_a_full_disk_ends_the_log_not_the_training(work):
