@@ -36,7 +36,6 @@ def written(folder: Path, log: str, **changes: str) -> str:
 
 @pytest.fixture
 def short(tmp_path: Path) -> str:
-    """A solver of three iterations."""
     return written(tmp_path, "sigint.log", max_iter="3", test_interval="9", test_initialization="false")
 
 
@@ -188,7 +187,6 @@ def test_time_of_a_phase(tmp_path, flags, loss):
 
 
 def test_device_query_and_gpu():
-    """device_query and -gpu are answered with one line each about the CPU."""
     assert texts(log_of("device_query", "-gpu", "all")) == ["This runs on the CPU; there is no GPU to query"]
     mine = texts(log_of("time", "-model", "net.prototxt", "-gpu", "0,1", "-iterations", "1"))
     assert mine[:2] == ["Use CPU.", "-gpu 0,1 is accepted, but this runs on the CPU"]
@@ -198,7 +196,6 @@ def test_device_query_and_gpu():
 
 
 def test_without_a_command():
-    """Without a command the usage is printed, with Caffe's exit status."""
     out = run_tool("caffe").out
     assert "{train,test,time,device_query}" in out and "--sighup_effect {stop,snapshot,none}" in out
 

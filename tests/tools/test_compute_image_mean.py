@@ -80,7 +80,6 @@ def test_gray(images, pictures):
 
 
 def test_mistakes(tmp_path, images, pictures):
-    """Errors are one line each, and no mean is written."""
     write_database(tmp_path / "sizes", [datum(np.zeros(shape, np.uint8), 0) for shape in ((1, 1, 2), (1, 2, 1))])
     write_database(tmp_path / "bad", [number(1, 1) + number(2, 1) + number(3, 2) + content(4, b"abc")])
     write_database(tmp_path / "empty", [])
@@ -88,7 +87,7 @@ def test_mistakes(tmp_path, images, pictures):
     (tmp_path / "missing.txt").write_text("0.png 1\n7.png 2\n")
     root = "-root_folder=p/"
     refused = (["sizes", "m"], ["bad", "m"], ["empty", "m"], ["none", "m"], ["db", "db"], [root, "list.txt", "m"],
-               [root, "missing.txt", "m"], [root, "list.txt", "p/3.png"])
+               [root, "missing.txt", "m"], [root, "list.txt", "p/3.png"], ["list.txt", "list.txt"])
     assert "".join(run_tool("compute_image_mean", *argv, status=1).err for argv in refused).splitlines() == [
         "sizes: entry '00000001': the image (C, H, W) is (1, 2, 1), the first (1, 1, 2); expected equal shapes; "
         "-resize_width and -resize_height resize the images of a list",
@@ -100,6 +99,7 @@ def test_mistakes(tmp_path, images, pictures):
         "-resize_width and -resize_height resize the images of a list",
         "p/7.png: cannot read the image: No such file or directory",
         "p/3.png: is read in this run; expected another output",
+        "list.txt: is read in this run; expected another output",
     ]
     assert not (tmp_path / "m").exists()
     error = run_tool("compute_image_mean", "-gray", "db", status=2).err

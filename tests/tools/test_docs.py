@@ -9,7 +9,6 @@ from tests.tools.conftest import ROOT
 
 
 def test_the_pages_are_listed() -> None:
-    """Every page has a line with its title."""
     lines = run_tool("docs").out.splitlines()
     assert {line.split()[0] for line in lines} == {
         *(path.stem for path in (ROOT / "docs").glob("*.md")), "hands.schema.json"
@@ -21,7 +20,6 @@ def test_the_pages_are_listed() -> None:
 
 @pytest.mark.parametrize("name", ["camera", "camera.md", "docs/camera.md"])
 def test_a_page(name: str) -> None:
-    """A page is printed as it is."""
     assert run_tool("docs", name).out == (ROOT / "docs" / "camera.md").read_text(encoding="utf-8")
 
 

@@ -36,7 +36,6 @@ def test_graphvizs_own_language_needs_no_graphviz(tmp_path, monkeypatch):
 
 
 def test_mistakes(tmp_path):
-    """Errors are one line, and nothing is written."""
     (tmp_path / "bad.prototxt").write_text('layer { nam: "x" }')
     error = run_tool("draw_net", tmp_path / "bad.prototxt", tmp_path / "net.raw", status=1).err
     assert "bad.prototxt:1:9: error: unknown field 'nam' (did you mean 'name'?)" in error and error.count("\n") == 1

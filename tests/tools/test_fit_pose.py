@@ -24,7 +24,6 @@ FILES = ["part_0.h5", "part_1.h5"]
 
 @pytest.fixture(scope="module")
 def inputs():
-    """Poses of hands with the packaged bones."""
     prior = prior_file.load().but(scale_std=0, bone_std=0)
     return BodySampler(prior).draw(np.random.default_rng(2), FRAMES).inputs
 
@@ -179,7 +178,6 @@ def test_mistakes(joints, data, tmp_path, argv, message):
 
 @pytest.mark.parametrize("name", [*FILES, "train.txt"])
 def test_other_data_are_not_replaced(data, name):
-    """Another file in place of angles or of their list is not replaced."""
     Path("angles").mkdir()
     Path("angles", name).write_text("notes")
     (line,) = run_tool("fit_pose", "data/train.txt", "--out", "angles", status=1).err.splitlines()

@@ -38,7 +38,6 @@ def arguments(out: Path, *more: str, train: int = 70) -> list[str]:
 
 
 def names(folder: Path) -> list[str]:
-    """Return the names of all files in a folder, including hidden ones."""
     return sorted(path.name for path in folder.iterdir())
 
 
@@ -83,7 +82,6 @@ def test_what_a_second_run_keeps(made: tuple[Path, Done], tmp_path: Path) -> Non
 
 
 def test_workers_change_no_byte(made: tuple[Path, Done], tmp_path: Path) -> None:
-    """Files of two processes equal those of one, byte for byte."""
     run_tool("make_synthetic", *arguments(tmp_path)[:-1], "2")
     for name in ("train_000.h5", "train_001.h5", "test_000.h5"):
         assert (tmp_path / name).read_bytes() == (made[0] / name).read_bytes()
@@ -138,7 +136,6 @@ def test_ctrl_c(tmp_path: Path) -> None:
 
 
 def raw(out: Path, *more: str, train: int = 5) -> list[str]:
-    """Return the arguments of a small run with --raw."""
     return ["--raw", "--out", str(out), "--train", str(train), "--test", "3", "--workers", "1", *more]
 
 
@@ -177,7 +174,6 @@ def test_raw_leaves_real_data_alone(tmp_path: Path) -> None:
 
 
 def test_places(tmp_path: Path) -> None:
-    """--places writes training data for a locator."""
     out = str(tmp_path / "places")
     done = run_tool("make_synthetic", "--places", "--out", out, "--train", "5", "--test", "3", "--workers", "1")
     assert done.out.startswith(f"{out}: 5 train and 3 test places (synthetic, seed 0); made 8 of them in")

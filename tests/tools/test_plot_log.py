@@ -22,7 +22,6 @@ I20261121 01:57:02.9 1 solver.cpp:327] Iteration 6, loss = nan
 
 @pytest.fixture
 def figures(monkeypatch):
-    """Collect the figures that the tool writes."""
     shown = []
     write = plot_log.outputs.write_figure
 
@@ -90,7 +89,6 @@ def test_a_picture_that_cannot_be_written(tmp_path, monkeypatch):
 
 
 def test_caffes_own_log(caffe_data):
-    """A log recorded from Caffe is read completely."""
     log = plot_log.read_log(caffe_data / "logs" / "deepmodel_train.log")
     assert len(log.loss) == 51 and log.loss[-1] == (50, 0.990677)
     assert log.test["DeepHandModelxyzloss"][-1] == (50, 1.02335)
@@ -106,7 +104,6 @@ def test_caffes_own_log(caffe_data):
     ],
 )
 def test_mistakes(tmp_path, monkeypatch, argv, message):
-    """Errors are one line, and no file is written."""
     monkeypatch.chdir(tmp_path)
     Path("a.svg").write_text(LOG)
     Path("hello.txt").write_text("hello")

@@ -93,13 +93,11 @@ def predicted(*arguments):
 
 
 def mistake(*arguments):
-    """Return the one line that an error prints."""
     (line,) = run_tool("predict", *OWN, *arguments, status=1).err.splitlines()
     return line
 
 
 def table(path):
-    """Return the rows of a CSV file as dictionaries."""
     return list(csv.DictReader(Path(path).read_text(encoding="utf-8").splitlines()))
 
 

@@ -65,7 +65,6 @@ def test_frames(root):
 
 
 def test_net_learns_from_them(root):
-    """The net for ICVL reads the files, and its loss decreases."""
     prepare(root)
     text = (ROOT / "prototxt" / "icvl_train_test.prototxt").read_text().replace("data/icvl", str(root.parent / "out"))
     text = text.replace("batch_size: 512", "batch_size: 20").replace("batch_size: 228", "batch_size: 12")

@@ -48,7 +48,6 @@ def test_plain_draws_no_hands(frames: Path, tmp_path: Path) -> None:
 
 
 def test_more_columns_than_frames(frames: Path, tmp_path: Path) -> None:
-    """Columns beyond the number of frames are not drawn."""
     for columns in ("5", "100000"):
         run_tool("show_data", frames, "--out", tmp_path / f"{columns}.png", "--columns", columns)
     assert (tmp_path / "5.png").read_bytes() == (tmp_path / "100000.png").read_bytes()
@@ -68,7 +67,6 @@ def test_more_columns_than_frames(frames: Path, tmp_path: Path) -> None:
     ],
 )
 def test_mistakes(frames: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, argv: str, message: str) -> None:
-    """Errors are one line each."""
     monkeypatch.chdir(tmp_path)
     write_hdf5("flat.h5", depth=np.zeros((3, 4)))
     with h5py.File("a.h5") as file:

@@ -34,7 +34,6 @@ def examples(doc: str, name: str) -> list[list[str]]:
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_main(name: str) -> None:
-    """``main(argv=None)`` returns the exit status."""
     module = importlib.import_module(f"tools.{name}")
     (argv,) = inspect.signature(module.main).parameters.values()
     assert (argv.name, argv.default) == ("argv", None)

@@ -26,7 +26,6 @@ def train(*argv, status=0):
 
 
 def mistake(*argv):
-    """Return the one line that an error prints."""
     lines = [line for line in train(*argv, status=1).err.splitlines() if not re.match(STAMP + "|[a-z_]+:", line)]
     assert len(lines) == 1, lines
     return lines[0]
@@ -151,7 +150,6 @@ def test_missing_data_says_how_to_make_it(tmp_path, monkeypatch):
 
 
 def test_mistakes(work):
-    """Each error is one line with its position."""
     train("--max-iter", "3")
     state, model = "snapshots/net_iter_3.solverstate", "snapshots/net_iter_3.caffemodel"
     assert "this is a weights file" in mistake("--snapshot", model)

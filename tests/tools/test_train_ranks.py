@@ -199,12 +199,10 @@ def nan(folder):
 
 
 def other_net(folder):
-    """Make a layer wider."""
     (folder / "small.prototxt").write_text(NET.replace("num_output: 20", "num_output: 21"))
 
 
 def no_file(folder):
-    """Remove one of three data files."""
     (folder / "d1.h5").unlink()
 
 

@@ -24,7 +24,6 @@ def frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def parsed(*argv: str) -> argparse.Namespace:
-    """Parse the source options alone."""
     parser = argparse.ArgumentParser()
     add_source_options(parser)
     return parser.parse_args(["*.png", *argv])
