@@ -88,12 +88,6 @@ def test_a_picture_that_cannot_be_written(tmp_path, monkeypatch):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.log", "log.png"]
 
 
-def test_caffes_own_log(caffe_data):
-    log = plot_log.read_log(caffe_data / "logs" / "deepmodel_train.log")
-    assert len(log.loss) == 51 and log.loss[-1] == (50, 0.990677)
-    assert log.test["DeepHandModelxyzloss"][-1] == (50, 1.02335)
-
-
 @pytest.mark.parametrize(
     ("argv", "message"),
     [

@@ -81,14 +81,6 @@ def test_net_learns_from_them(root):
     assert solver.test_nets[0].forward()["joint_loss"].shape == ()
 
 
-def test_shipped_net_finds_its_hand(tmp_path, monkeypatch, root):
-    """The skeleton's path is relative to the net's file, so any working directory works."""
-    monkeypatch.chdir(tmp_path)
-    run_tool("prepare_icvl", root, "--splits", "test")  # to data/icvl
-    net = netlib.Net(str(ROOT / "prototxt" / "icvl_train_test.prototxt"), netlib.TEST)
-    assert net.blobs["pred"].shape == (228, 48) and net.params["DoF"][0].shape == (47, 1024)  # those of NYU's net
-
-
 def test_bad_frames(root):
     """Missing, truncated, 8-bit and wrong-sized frames, and frames without a hand, are left out."""
     depth = root / "Training" / "Depth" / "labels"
