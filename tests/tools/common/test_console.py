@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-import re
 from argparse import Namespace
 from collections.abc import Callable
-from pathlib import Path
 
 import cv2
 import pytest
 from hypothesis import given
 
 from netlib.errors import NetlibError
-from netlib.proto.prototxt import Place, Scalar
 from netlib.system.memory import OutOfMemoryError
 from tests.netlib.test_errors import ANY_TEXT
-from tests.support.running import run_tool
-from tests.tools.test_train import STAMP
 from tools.common import console
 from tools.common.console import aligned, duration, guarded, say
-
-NASTY = "a\nI0101 00:00:00.000000 1 solver.py:1] Iteration 9, loss = 0\x1b[2J\u202e\udcff"
 
 
 def fails(error: BaseException) -> Callable[[Namespace], int]:
@@ -81,30 +74,3 @@ def test_a_table() -> None:
 def test_durations(seconds: float, said: str) -> None:
     """Durations are rounded to seconds, from one hour on to minutes; a clock that was set back gives 0."""
     assert duration(seconds) == said
-
-
-@pytest.fixture
-def nasty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A solver whose net, layers and blobs have names with line breaks and terminal control codes."""
-    name = Scalar("string", NASTY, Place(""))
-    (tmp_path / "net.prototxt").write_text(f"""
-name: {name}
-layer {{ name: {name} type: "DummyData" top: {name} top: "t"
-        dummy_data_param {{ shape {{ dim: 2 dim: 3 }} shape {{ dim: 2 dim: 1 }} }} }}
-layer {{ name: "ip" type: "InnerProduct" bottom: {name} top: "y"
-        inner_product_param {{ num_output: 1 weight_filler {{ value: 1 }} }} }}
-layer {{ name: "loss" type: "EuclideanLoss" bottom: "y" bottom: "t" top: "l\\033" }}
-""")
-    (tmp_path / "solver.prototxt").write_text(
-        'net: "net.prototxt" base_lr: 0.1 lr_policy: "fixed" max_iter: 2 display: 1 debug_info: true '
-        'test_iter: 1 test_interval: 1 snapshot_prefix: "a"'
-    )
-    monkeypatch.chdir(tmp_path)
-
-
-def test_no_name_forges_a_line_of_the_log(nasty: None) -> None:
-    """Every line is stamped or is a parameter of the solver, and all characters are printable."""
-    lines = run_tool("train", "solver.prototxt").err.split("\n")
-    assert lines.pop() == "" and all(map(str.isprintable, lines))
-    assert len([line for line in lines if not re.match(STAMP, line)]) == 9
-    assert not any("Iteration 9" in line and "\\n" not in line for line in lines)
