@@ -52,31 +52,28 @@ def test_log_is_caffes(work):
     assert "made from synthetic" in log and log == done.err
 
 
+ZERO = """
+layer { name: "x" type: "DummyData" top: "x" dummy_data_param { shape { dim: 4 dim: 2 } } }
+layer { name: "zero" type: "InnerProduct" bottom: "x" top: "zero" inner_product_param { num_output: 3 } }
+layer { name: "fixed" type: "InnerProduct" bottom: "zero" top: "fixed" param { lr_mult: 0 }
+        inner_product_param { num_output: 3 } }
+layer { name: "filled" type: "InnerProduct" bottom: "fixed" top: "filled"
+        inner_product_param { num_output: 2 weight_filler { type: "xavier" } } }
+layer { name: "loss" type: "Reduction" bottom: "filled" top: "loss" loss_weight: 1 }
+"""
+
+
 def test_weights_of_zero_are_reported(tmp_path, monkeypatch):
     """A layer without a filler is reported if it learns and no file has its weights."""
     monkeypatch.chdir(tmp_path)
-    layers = [
-        f'layer {{ name: "{name}" type: "InnerProduct" bottom: "{bottom}" top: "{name}" {more} }}'
-        for name, bottom, more in (
-            ("zero", "x", "inner_product_param { num_output: 3 }"),
-            ("fixed", "zero", "param { lr_mult: 0 } inner_product_param { num_output: 3 }"),
-            ("filled", "fixed", 'inner_product_param { num_output: 2 weight_filler { type: "xavier" } }'),
-        )
-    ]
-    data = 'layer { name: "x" type: "DummyData" top: "x" dummy_data_param { shape { dim: 4 dim: 2 } } }'
-    loss = 'layer { name: "loss" type: "Reduction" bottom: "filled" top: "loss" loss_weight: 1 }'
-    Path("net.prototxt").write_text(" ".join([data, *layers, loss]))
-    Path("s.prototxt").write_text('net: "net.prototxt" base_lr: 1 lr_policy: "fixed" max_iter: 1 snapshot_prefix: "n"')
-
-    def reported(*argv):
-        return re.findall(r"layer '(\w+)': its weights start at 0", run_tool("train", "s.prototxt", *argv).err)
-
-    assert reported() == ["zero"]
+    Path("net.prototxt").write_text(ZERO)
+    Path("solver.prototxt").write_text('net: "net.prototxt" base_lr: 1 lr_policy: "fixed" max_iter: 1')
     net = netlib.Net("net.prototxt", netlib.TRAIN)
     net.params["zero"][0].data[...] = 1
     net.save("w.caffemodel")
-    assert reported("--weights", "w.caffemodel") == []
-    assert reported("--snapshot", "n_iter_1.solverstate") == []
+    for argv, reported in (([], ["zero"]), (["--weights", "w.caffemodel"], []),
+                           (["--snapshot", "solver_iter_1.solverstate"], [])):
+        assert re.findall(r"layer '(\w+)': its weights start at 0", train(*argv).err) == reported
 
 
 def test_threads_are_those_of_the_engine(work, other_engine):
