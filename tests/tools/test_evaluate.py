@@ -74,9 +74,8 @@ def test_pictures(files):
     captured = run(*(f"_$n_{i}$=near.txt" for i in range(9)), "--plot", "a.png", "--json")
     assert captured.err == "wrote a.png\n" and json.loads(captured.out)
     assert cv2.imread("a.png").std() > 10
-    for name, start in (("a.SVG", b"<?xml"), (".pdf", b"%PDF")):
-        run("Far=far.txt", "--plot", name)
-        assert (files / name).read_bytes().startswith(start)
+    run("Far=far.txt", "--plot", ".SVG")
+    assert (files / ".SVG").read_bytes().startswith(b"<?xml")
     assert not list(files.glob(".*.tmp"))
 
 
@@ -87,7 +86,6 @@ def test_pictures(files):
         ("A=near.txt B=.", ".: cannot read the joints: Is a directory; expected a file"),
         ("A=short.txt", "short.txt: 19 frames, the ground truth truth.txt has 20"),
         ("A=near.txt --plot no/a.png", "no/a.png: cannot write the image: No such file or directory"),
-        ("A=near.txt --plot folder.png", "folder.png: cannot write the image: Is a directory"),
         ("A=near.png --plot near.png", "near.png: is read in this run; expected another output"),
         ("A=near.txt --groundtruth near.png --plot near.png", "near.png: is read in this run; expected another output"),
     ],
@@ -98,7 +96,6 @@ def test_mistakes(files, argv, message):
     near = (files / "near.txt").read_text()
     (files / "near.png").write_text(near)
     (files / "short.txt").write_text("".join(near.splitlines(keepends=True)[:-1]))
-    (files / "folder.png").mkdir()
     assert run(*argv.split(), status=1)[1:] == ("", f"{message}\n")
     assert (files / "near.png").read_text() == near and not list(files.glob(".*.tmp"))
 
