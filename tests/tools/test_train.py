@@ -35,21 +35,13 @@ def weights(path):
     return {f"{name}/{i}": v for name, arrays in snapshot.read_weights(path).items() for i, v in arrays.items()}
 
 
-def test_log_is_caffes(work):
-    """The log has Caffe's lines for iterations, losses, outputs and learning rates."""
+def test_log(work):
+    """The log has the lines of standard error, with glog's stamps; tests/caffe compares them with Caffe's."""
     done = train("--log", "train.log")
     log = (work / "train.log").read_text()
-    number = r"[-+\d.e]+"
-    for line in (
-        rf"Iteration 4 \({number} iter/s, {number}s/2 iters\), loss = {number}\n",
-        rf"    Train net output #0: joint_loss = {number} \(\* 1 = {number} loss\)\n",
-        r"Iteration 3, Testing net \(#0\)\n",
-        rf"    Test net output #1: limit_loss = {number} \(\* 1 = {number} loss\)\n",
-        r"Iteration 2, lr = 0\.003\n",
-        r"Optimization Done\.\n",
-    ):
+    assert log == done.err and "made from synthetic" in log
+    for line in (r"Iteration 4 \([-+\d.e]+ iter/s, ", r"Iteration 3, Testing net \(#0\)\n", r"Optimization Done\.\n"):
         assert re.search(STAMP + line, log)
-    assert "made from synthetic" in log and log == done.err
 
 
 ZERO = """
