@@ -43,18 +43,6 @@ def test_the_mean(images):
     assert run_tool("compute_image_mean", "db").out == done.out  # without a file
 
 
-def test_floats_and_pictures(tmp_path, images, rng):
-    """The mean of floats and of encoded images is computed as well."""
-    floats = rng.normal(size=(2, 1, 3, 4)).astype(np.float32)
-    write_database(tmp_path / "floats", [datum(one, 0) for one in floats])
-    run_tool("compute_image_mean", "floats", "floats.binaryproto")
-    assert np.allclose(read_blob("floats.binaryproto")[0], floats.mean(axis=0), atol=1e-7)
-    files = [cv2.imencode(".png", image.transpose(1, 2, 0))[1].tobytes() for image in images]
-    write_database(tmp_path / "files", [datum(content, 0) for content in files])
-    run_tool("compute_image_mean", "files", "files.binaryproto")
-    assert np.allclose(read_blob("files.binaryproto")[0], images.mean(axis=0), rtol=1e-6)
-
-
 def test_a_list_has_the_mean_of_the_database_of_its_images(images, pictures):
     """Lists are those of ImageData layers: with and without labels, relative to the working directory or the list."""
     done = run_tool("compute_image_mean", "-root_folder=p/", "list.txt", "mean.binaryproto")

@@ -153,6 +153,9 @@ def test_the_files_of_a_list(data, tmp_path):
           for option in ("--swarm", "--frames 1", "--format xyz")),
         ("data/train.txt --out words.txt", "words.txt: is a file; expected a folder"),
         ("train.txt --out data", "data/part_0.h5: would replace the data themselves; choose another --out"),
+        ("uvd.txt --out uvd.txt", "uvd.txt: is read in this run; expected another output"),
+        ("uvd.txt --skeleton nyu.prototxt --out nyu.prototxt", "nyu.prototxt: is read in this run; expected another"),
+        ("train.txt --out .", "train.txt: is read in this run; expected another output"),
         ("uvd.txt --skeleton gone.prototxt", "gone.prototxt: cannot read"),
         ("uvd.txt --skeleton two.prototxt", "skeleton 'two' has 2 joints, expected the 31 of NYU's hand"),
         ("uvd.txt --out words.txt/angles.h5", "words.txt: is a file; expected a folder"),
@@ -167,6 +170,7 @@ def test_mistakes(joints, data, tmp_path, argv, message):
         "gone_h5.txt": "gone.h5\n",
         "nothdf5.txt": "short.txt\n",
         "train.txt": Path("data/train.txt").read_text(),
+        "nyu.prototxt": skeletons.NYU_HAND.read_text(),
         "two.prototxt": 'name: "two" joint { name: "a" } joint { name: "b" parent: "a" }',
     }.items():
         (tmp_path / name).write_text(text)

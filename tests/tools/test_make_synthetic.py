@@ -7,7 +7,6 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import h5py
@@ -16,7 +15,6 @@ import pytest
 
 from handpose.body.nyu import CENTER_JOINT, frame_name
 from handpose.datasets import nyu_files, parts
-from handpose.synthetic import files
 from handpose.synthetic.generator import Generator
 from layers.hand.skeleton import NYU_HAND
 from tests.handpose.datasets.nyu_frames import read_matlab_here
@@ -98,23 +96,6 @@ def test_other_data_are_left_alone(tmp_path: Path) -> None:
     assert "not a readable HDF5 file" in run_tool("make_synthetic", *arguments(tmp_path, train=41), status=1).err
     assert (tmp_path / "test_000.h5").read_text() == "my notes"
     assert run_tool("make_synthetic", *arguments(tmp_path / "test_000.h5"), status=1).err.count("\n") == 1
-
-
-def test_failure_leaves_no_half_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A run that fails in its second file keeps only the first; the next run completes the data."""
-    whole = files.generate
-
-    def failing(count: int, generator: Generator, workers: int, start: int) -> Iterator[object]:
-        yield from whole(10 if start else count, generator, workers, start)
-        if start:
-            raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(files, "generate", failing)
-    error = run_tool("make_synthetic", *arguments(tmp_path), status=1).err
-    assert error == f"{tmp_path}: No space left on device\n"
-    assert names(tmp_path) == ["train_000.h5"]
-    monkeypatch.setattr(files, "generate", whole)
-    assert "made 40 of them" in run_tool("make_synthetic", *arguments(tmp_path)).out
 
 
 def test_ctrl_c(tmp_path: Path) -> None:

@@ -92,11 +92,7 @@ def test_bad_frames(root):
     _, out, err = prepare(root, "--splits", "train")
     kinds = "1 no depth around the hand, 1 no such file, 1 truncated, damaged or no PNG, 2 wrong size or type of image"
     assert f"train: 15 frames (ICVL), 5 bad frames left out: {kinds}" in out
-    for i in range(1, 6):
-        assert f"train frame {i}: {depth}/image_000{i}.png: " in err
-    shutil.rmtree(root.parent / "out")
-    assert "image_0001.png: no such file" in prepare(root, "--splits", "train", "--strict", status=1).err
-    assert [path.name for path in (root.parent / "out").iterdir()] == []
+    assert all(f"train frame {i}: {depth}/image_000{i}.png: " in err for i in range(1, 6))
 
 
 def test_check(root):

@@ -1,5 +1,6 @@
 """tools/show_data.py: images of data sets."""
 
+import shutil
 from pathlib import Path
 
 import cv2
@@ -58,10 +59,14 @@ def test_more_columns_than_frames(frames: Path, tmp_path: Path) -> None:
     [
         ("missing.txt", "missing.txt"),
         ("missing.h5", "cannot read the HDF5 file"),
-        (".", "no PNG pictures in this folder"),
+        ("empty", "no PNG pictures in this folder"),
         ("flat.h5", "data set 'depth' has shape (3, 4), expected square crops"),
         ("nan.h5", "nan.h5: frame 4: its joints are not finite; use --plain to omit hands"),
         ("a.h5 --skeleton one.prototxt", "frames have 31 joints, one.prototxt has 1"),
+        ("crops --out crops/0.png", "crops/0.png: is read in this run; expected another output"),
+        ("crops --frames 2 --out crops/1.png", "crops/1.png: is read in this run; expected another output"),
+        ("list.png --out list.png", "list.png: is read in this run; expected another output"),
+        ("list.png --out b.png", "b.png: is read in this run; expected another output"),
         ("a.h5 --zoom 200", "128000 x 25600 pixels; expected at most"),
         (f"a.h5 --zoom {2**63 - 1}", "pixels; expected at most"),
     ],
@@ -74,6 +79,13 @@ def test_mistakes(frames: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
         joints[4, 1] = np.nan
         write_hdf5("nan.h5", depth=file["depth"][...], joint=joints)
     Path("one.prototxt").write_text('joint { name: "only" }')
-    (line,) = run_tool("show_data", *argv.split(), "--out", "out.png", status=1).err.splitlines()
-    assert message in line and not Path("out.png").exists()
+    Path("list.png").write_text("b.png\n")
+    shutil.copy("a.h5", "b.png")
+    for folder in ("crops", "empty"):
+        Path(folder).mkdir()
+    for n in range(3):
+        cv2.imwrite(f"crops/{n}.png", np.full((128, 128), 127, np.uint8))
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
+    (line,) = run_tool("show_data", "--out", "out.png", *argv.split(), status=1).err.splitlines()
+    assert message in line and {path: path.read_bytes() for path in tmp_path.rglob("*.*")} == before
     run_tool("show_data", "nan.h5", "--out", "out.png", "--plain")

@@ -1,10 +1,9 @@
-"""Requirements of all tools: independence, main(argv), and commands in the help that run."""
+"""Requirements of all tools: help, commands in it that run, usage errors, and nets from untrusted sources."""
 
 from __future__ import annotations
 
 import functools
 import importlib
-import inspect
 import re
 import shlex
 import subprocess
@@ -30,14 +29,6 @@ def examples(doc: str, name: str) -> list[list[str]]:
     lines = doc.replace("\\\n", " ").splitlines()
     found = [re.search(rf"python tools/{name}\.py([^|]*)", line) for line in lines]
     return [shlex.split(match[1]) for match in found if match]
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-def test_main(name: str) -> None:
-    module = importlib.import_module(f"tools.{name}")
-    (argv,) = inspect.signature(module.main).parameters.values()
-    assert (argv.name, argv.default) == ("argv", None)
-    assert inspect.signature(module.main).return_annotation == "int"
 
 
 @pytest.mark.parametrize("name", COMMANDS)
