@@ -40,6 +40,7 @@ def test_log(work):
     done = train("--log", "train.log")
     log = (work / "train.log").read_text()
     assert log == done.err and "made from synthetic" in log
+    assert re.search(STAMP + r"Network initialization done: \d+ parameters, seed 1\n", log)
     for line in (r"Iteration 4 \([-+\d.e]+ iter/s, ", r"Iteration 3, Testing net \(#0\)\n", r"Optimization Done\.\n"):
         assert re.search(STAMP + line, log)
 

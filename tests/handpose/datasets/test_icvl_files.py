@@ -92,7 +92,7 @@ def test_what_is_missing(copy: Path) -> None:
     ("image", "reported", "fatal"),
     [
         (np.full((480, 640), 400, np.uint16), "640 x 480 pixels, expected 320 x 240", True),
-        (np.full((240, 320), 200, np.uint8), "wrong size or type of image", True),
+        (np.full((240, 320), 200, np.uint8), "expected 16-bit grey", True),
         (None, "truncated, damaged or no PNG", False),
     ],
 )
