@@ -17,12 +17,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from handpose import CAMERAS, Tracker, load_predictor
-from handpose.body.gestures.over_time import GestureReader
-from handpose.body.gestures.shapes import GESTURES
+from handpose.body.gestures import GESTURES, GestureReader
 from handpose.sequences.gestures import fingers_of
 from handpose.sequences.movements import Movement
-from handpose.sequences.recordings import SyntheticRecording
-from handpose.sequences.scripts import SHOWING
+from handpose.sequences.recordings import SHOWING, SyntheticRecording
 from handpose.tracking.track import TrackedFrame, TrackHeader
 from tools.common.arguments import add_engine, seconds, seed
 from tools.common.console import DONE, aligned, say

@@ -28,10 +28,8 @@ import numpy as np
 from handpose import CAMERAS, Camera, Tracker, load_predictor
 from handpose.body.sides import SIDES
 from handpose.frames.recording import DepthFrame
-from handpose.scoring.matching import BOUND_MM, match
-from handpose.scoring.tracks import TrackScores, score
-from handpose.sequences.recordings import SyntheticRecording
-from handpose.sequences.scripts import SCRIPTS
+from handpose.scoring.tracks import BOUND_MM, TrackScores, match, score
+from handpose.sequences.recordings import SCRIPTS, SyntheticRecording
 from handpose.tracking.track import TrackedFrame
 from netlib.blob import Array
 from netlib.errors import DataError

@@ -31,7 +31,7 @@ import numpy as np
 
 from handpose import NYU, load_predictor
 from handpose.output.drawing import strokes
-from handpose.output.drawing.labels import percent
+from handpose.output.drawing.view import percent
 from handpose.output.tracks.predictions import document, frame_values
 from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic.scenes import draw_scenes

@@ -2,7 +2,7 @@
 """Generate a synthetic depth recording of moving hands with ground truth, for testing trackers.
 
     python tools/make_recording.py minute --out takes/minute
-    python tools/make_recording.py moving --camera kinect2 --hand left --rate 60 --seconds 10 --seed 3 --out left.mkv
+    python tools/make_recording.py moving --camera kinect2 --hand left --rate 60 --seconds 10 --seed 3 --out left.npz
 
 SCRIPT is one of
     rest        a hand at rest, so that all changes are noise
@@ -16,7 +16,7 @@ SCRIPT is one of
     desk        both hands of a person at a table, seen from above
     minute      all of these but desk
 
---out is a folder of 16-bit PNG, FILE.npz or FILE.mkv, as written by tools/record.py. The ground truth is a track in
+--out is a folder of 16-bit PNG or FILE.npz, as written by tools/record.py. The ground truth is a track in
 OUT.truth.json, as written by tools/track.py. Frames where it reports a hand as lost because it is "partly in sight"
 have no correct answer for a tracker. The seed determines everything; noise is that of the camera.
 """
@@ -25,7 +25,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -39,8 +38,7 @@ tools.begin(__name__)
 from handpose import CAMERAS, NYU, RecordingWriter
 from handpose.body.sides import SIDES
 from handpose.output.tracks.json_file import JsonWriter
-from handpose.sequences.recordings import SyntheticRecording
-from handpose.sequences.scripts import SCRIPTS
+from handpose.sequences.recordings import SCRIPTS, SyntheticRecording
 from netlib.errors import NetlibError
 from netlib.files import atomic, make_folder
 from tools.common.arguments import parser_of, seconds, seed
@@ -54,7 +52,7 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
     parser.add_argument("script", metavar="SCRIPT", choices=SCRIPTS, help=", ".join(SCRIPTS))
-    parser.add_argument("--out", required=True, metavar="FOLDER|FILE.npz|FILE.mkv", type=Path, help="output")
+    parser.add_argument("--out", required=True, metavar="FOLDER|FILE.npz", type=Path, help="output")
     parser.add_argument("--camera", type=camera, default=NYU, metavar="NAME|FX,FY,U0,V0",
                         help=f"{', '.join(CAMERAS)}, or four numbers in px (default: nyu)")
     parser.add_argument("--rate", type=rate, default=30.0, metavar="HZ",
@@ -70,8 +68,8 @@ def main(argv: list[str] | None = None) -> int:
 def run(args: argparse.Namespace) -> int:
     """Generate the recording."""
     if not args.out.name:
-        raise NetlibError(f"{args.out}: expected the name of a new folder, FILE.npz or FILE.mkv")
-    truth = args.out.with_name(f"{args.out.stem if args.out.suffix in ('.npz', '.mkv') else args.out.name}.truth.json")
+        raise NetlibError(f"{args.out}: expected the name of a new folder or FILE.npz")
+    truth = args.out.with_name(f"{args.out.stem if args.out.suffix == '.npz' else args.out.name}.truth.json")
     if truth.exists() and not args.force:
         raise NetlibError(f"{truth}: exists already; choose another --out, or replace it with --force")
     with atomic.error_names(truth):
@@ -81,28 +79,22 @@ def run(args: argparse.Namespace) -> int:
         args.script, args.camera, rate=args.rate, seconds=args.seconds, seed=args.seed,
         sensor=None if args.clean else "camera's", mirrored=args.hand not in (None, SCRIPTS[args.script].roles[0].side),
     )
-    before = _identity(args.out)
-    writer = RecordingWriter(args.out, recording.camera, recording.unit_mm, recording.rate, replace=args.force,
-                             whole=True)
+    writer = RecordingWriter(args.out, recording.camera, recording.unit_mm, recording.rate, replace=args.force)
     try:
         with (
             Stopper() as stopper,
             JsonWriter(truth, recording.header) as track,
             _discarded_by_errors(track),
-            contextlib.ExitStack() as replacing,
             writer,
             _discarded_by_errors(writer),
             ProgressBar(recording.count, what="recording") as progress,
         ):
-            try:
-                for frame in recording:
-                    stopper.check()
-                    writer.write(frame)
-                    track.write(recording.truth(frame.number))
-                    progress(1)
-            finally:
-                if writer.count:
-                    replacing.enter_context(_put_aside(truth, args.out, before))
+            truth.unlink(missing_ok=True)  # never that of another recording
+            for frame in recording:
+                stopper.check()
+                writer.write(frame)
+                track.write(recording.truth(frame.number))
+                progress(1)
     except StoppedError:
         say(f"stopped; {args.out} and {truth} have {writer.count} frames", file=sys.stderr)
         return 128 + stopper.signum
@@ -124,35 +116,6 @@ def _discarded_by_errors(output: RecordingWriter | JsonWriter) -> Iterator[None]
     except BaseException:
         output.discard()
         raise
-
-
-@contextlib.contextmanager
-def _put_aside(truth: Path, recording: Path, before: tuple[int, int] | None) -> Iterator[None]:
-    """Context manager: rename an old ground truth, and restore it after an error if the recording is still ``before``.
-
-    The recording is replaced before its ground truth, so a run killed in between leaves a recording without one.
-    """
-    if not truth.exists():
-        yield
-        return
-    with atomic.error_names(truth), atomic.temporary(truth) as old:
-        os.replace(truth, old)
-        try:
-            yield
-        except StoppedError:
-            raise
-        except BaseException:
-            if _identity(recording) == before:
-                os.replace(old, truth)
-            raise
-
-
-def _identity(path: Path) -> tuple[int, int] | None:
-    try:
-        stat = path.stat()
-    except OSError:
-        return None
-    return stat.st_dev, stat.st_ino
 
 
 if __name__ == "__main__":

@@ -8,23 +8,15 @@ HDF5Data layers read. Existing files with the same content are kept: a second ru
 run continues. Data of another origin, of another body, or locator crops in place of frames are replaced only with
 --force.
 
-    python tools/make_synthetic.py --raw --out data/nyu_raw --train 200 --test 100
-
-writes the same frames in the format of the NYU data set, for tools/prepare_nyu.py: full depth images in train/ and
-test/, and joint_data.mat with the labels. Depths are rounded to millimetres.
-
     python tools/make_synthetic.py --places --train 240000 --test 6000
 
 writes training data of the locator (models/hand_locator): small crops of scenes, with and without a hand.
 
 --recipe nyu          NYU's camera, distances and poses: the default
-         other_flesh  the same with hands whose surface differs from the model of the fit, and more noise, for testing
          any_roll     hands rotated by any angle, 250 to 1200 mm away
          cameras      as any_roll, with hands of many people, sleeves, and Kinect, RealSense and time-of-flight cameras:
                       for training with your own camera
          people       as cameras, with adults and children, any viewpoint and any direction of the arm
-         cluttered    as people, with walls, objects, wide forearms, specks, filtered depth, and fingers whose joints
-                      bend independently
          one_hand     one hand, with NYU's orientations, and in the test split a second, smaller one: the setting of the
                       paper
          many_hands   the same poses, with hands of many people
@@ -51,7 +43,6 @@ tools.begin(__name__)
 from handpose.synthetic import recipes
 from handpose.synthetic.files import DataSet
 from handpose.synthetic.generator import Generator, Recipe, Split
-from handpose.synthetic.nyu_format import RawDataSet
 from handpose.synthetic.places import PlaceGenerator
 from netlib import engine
 from netlib.errors import NetlibError
@@ -64,11 +55,10 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
     kind = parser.add_mutually_exclusive_group()
-    kind.add_argument("--raw", action="store_true", help="write images and labels in the format of the NYU data set")
     kind.add_argument("--places", action="store_true", help="write crops of scenes, with and without a hand")
     kind.add_argument("--body", metavar="PRIOR", type=Path, help="draw the body of this prior file instead of hands")
-    parser.add_argument("--out", type=Path, help="output folder (default: data/nyu; data/nyu_raw, data/places; with "
-                        "--body data/ and the skeleton's name)")
+    parser.add_argument("--out", type=Path, help="output folder (default: data/nyu; data/places; with --body "
+                        "data/ and the skeleton's name)")
     parser.add_argument(
         "--train", type=count, default=20000, metavar="N", help="frames or crops (default: %(default)s)"
     )
@@ -96,31 +86,24 @@ def run(args: argparse.Namespace) -> int:
     counts: dict[Split, int] = {"train": args.train, "test": args.test}
     what = "places" if args.places else "frames"
     summary = f"{out}: {args.train} train and {args.test} test {what} (synthetic, seed {args.seed})"
-    where = " in NYU's format" if args.raw else ""
-    data: DataSet | RawDataSet
-    if args.raw:
-        data = RawDataSet(out, args.seed, counts, recipe, args.force)
-    elif args.places:
+    if args.places:
         data = DataSet(out, [(PlaceGenerator(args.seed, split), n) for split, n in counts.items()], args.force)
     else:
         data = DataSet(out, [(Generator(args.seed, split, recipe), n) for split, n in counts.items()], args.force)
     if data.is_whole:
-        say(f"{summary} exist already{where}")
+        say(f"{summary} exist already")
         return DONE
     begun = time.perf_counter()
-
-    kept = "whole splits are" if args.raw else "whole files are"
-    status = fill_folder(out, kept, data.missing_frames, lambda advance: data.write(args.workers, advance))
+    status = fill_folder(out, "whole files are", data.missing_frames, lambda advance: data.write(args.workers, advance))
     if status == DONE:
-        made = ", made" if args.raw else f"; made {data.missing_frames} of them"
-        say(f"{summary}{where}{made} in {duration(time.perf_counter() - begun)}")
+        say(f"{summary}; made {data.missing_frames} of them in {duration(time.perf_counter() - begun)}")
     return status
 
 
 def _folder(args: argparse.Namespace, recipe: Recipe) -> str:
     """The subfolder of data/ for the frames. Raises NetlibError if a body's name cannot be a folder."""
     if not args.body:
-        return "places" if args.places else "nyu_raw" if args.raw else "nyu"
+        return "places" if args.places else "nyu"
     name = recipe.prior.body().name
     if re.fullmatch(r"\w[\w.-]*", name):
         return name

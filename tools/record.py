@@ -2,12 +2,12 @@
 """Record a depth camera, or convert a recording to a format that can be replayed.
 
     python tools/record.py realsense --out takes/wave --seconds 20
-    python tools/record.py take.bag --out take.mkv
+    python tools/record.py take.bag --out take.npz
     python tools/record.py "frames/left_*.png" --camera sr305 --rate 60 --out left.npz
 
-SOURCE is a folder of 16-bit PNG or a quoted pattern of their names, an array file (.npy, .npz, .h5), a video (.mkv,
-also of an Azure Kinect), a ROS bag, or a camera: realsense, orbbec, oak, ros2:TOPIC. --out is a folder of 16-bit PNG,
-named by their times, with a camera.json, or FILE.npz, or FILE.mkv, a lossless video. The output is undistorted.
+SOURCE is a folder of 16-bit PNG or a quoted pattern of their names, an array file (.npy, .npz), a ROS bag, or
+realsense, a connected camera. --out is a folder of 16-bit PNG, named by their times, with a camera.json, or FILE.npz.
+The output is undistorted.
 
 Ctrl-C ends a recording and keeps it. Nothing is overwritten without --force.
 """
@@ -41,7 +41,7 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
     add_source_options(parser)
-    parser.add_argument("--out", required=True, metavar="FOLDER|FILE.npz|FILE.mkv", type=Path, help="output")
+    parser.add_argument("--out", required=True, metavar="FOLDER|FILE.npz", type=Path, help="output")
     parser.add_argument("--seconds", type=seconds, metavar="S", help="maximum duration")
     parser.add_argument("--frames", type=count, metavar="N", help="maximum number of frames")
     parser.add_argument("--out-unit", type=real(0, MAX_UNIT_MM, above=True), metavar="MM",

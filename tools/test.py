@@ -35,9 +35,18 @@ from handpose.datasets.examples import spread
 from handpose.estimate.nets import hand_layer
 from handpose.fit.search import PLANS
 from handpose.output.drawing import sheets
-from handpose.scoring.held_out import Predictions, deploy_of, errors_by_joint, figures_of, fit_all, predict_all
+from handpose.scoring.held_out import (
+    Predictions,
+    centers_of,
+    crops_of,
+    data_layer,
+    deploy_of,
+    errors_by_joint,
+    figures_of,
+    fit_all,
+    predict_all,
+)
 from handpose.scoring.metrics import joint_errors
-from handpose.scoring.test_sets import centers_of, crops_of, data_layer
 from layers.hand import skeleton as skeletons
 from netlib.files.paths import ROOT
 from netlib.net import Net

@@ -2,16 +2,16 @@
 """Track hands in a depth recording: joints, angles, handedness and confidence for every frame.
 
     python tools/track.py takes/wave --json wave.json --video wave.mp4
-    python tools/track.py take.mkv --bvh wave.bvh --csv wave.csv --sheet wave.png
+    python tools/track.py take.bag --csv wave.csv --sheet wave.png
     python tools/track.py "frames/left_*.png" --camera sr305 --json left.json
     python tools/track.py realsense --json - | my_program
     python tools/track.py realsense --serve
     python tools/track.py takes/wave --look first.png
 
-SOURCE is a folder of 16-bit PNG or a quoted pattern of their names, an array file (.npy, .npz, .h5), a video (.mkv,
-also of an Azure Kinect), a ROS bag, or a camera: realsense, orbbec, oak, ros2:TOPIC. Camera, unit and distortion come
-from it, from a camera.json next to it, or from options; a report on the first frames shows them and warns about likely
-mistakes. --look stops after it, with a figure of the first hand.
+SOURCE is a folder of 16-bit PNG or a quoted pattern of their names, an array file (.npy, .npz), a ROS bag, or
+realsense, a connected camera. Camera, unit and distortion come from it, from a camera.json next to it, or from options;
+a report on the first frames shows them and warns about likely mistakes. --look stops after it, with a figure of the
+first hand.
 
 Each hand is tracked from its last pose; while there are fewer than --hands, the image is searched for more. Handedness
 is decided in the first frames and size in the first seconds of a track, and both are kept. Angles and palm poses are

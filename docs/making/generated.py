@@ -14,10 +14,10 @@ import textwrap
 from exercises.check import steps
 from exercises.table import EXERCISES
 from handpose.body.joint_formats.formats import FORMATS, FormatName
-from handpose.body.joint_formats.points import POINTS
+from handpose.body.joint_formats.frames import POINTS
 from netlib.files.paths import ROOT
 
-FORMAT_TITLES: dict[FormatName, str] = {"mediapipe": "MediaPipe", "openxr": "OpenXR", "mano": "MANO"}
+FORMAT_TITLES: dict[FormatName, str] = {"mediapipe": "MediaPipe", "mano": "MANO"}
 
 
 def code(name: str, *names: str) -> None:

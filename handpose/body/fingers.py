@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.body.joint_formats.points import FINGERS as LONG_FINGERS
+from handpose.body.joint_formats.frames import FINGERS as LONG_FINGERS
 from handpose.body.model import Surface
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array

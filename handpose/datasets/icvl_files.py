@@ -1,6 +1,11 @@
-"""The files of the ICVL hand posture data set: a folder per split, with the folder Depth and text files of joints.
+"""The ICVL hand posture data set (Tang et al., 2014): its files, and where its joints lie on the model.
 
-Files, pictures and joints are as published; ICVL shows the mirror image of NYU's hand (``handpose.datasets.icvl``).
+More than 300,000 training frames (the recorded ones and copies turned in the image plane) and 702 + 894 test frames of
+two sequences, 320 x 240, with 16 joints: the palm, and root, mid and tip of each finger from the thumb on. There is a
+folder per split, with the folder Depth and text files of joints.
+
+Files, pictures and joints are as published. ICVL shows the mirror image of NYU's hand; the skeleton
+``prototxt/hand/icvl.prototxt`` is the mirrored one.
 """
 
 from __future__ import annotations
@@ -13,15 +18,35 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.datasets.flaws import Flaw, recognise
-from handpose.datasets.icvl import CENTER_JOINT, CUBE_MM, JOINTS, TEST_FRAMES, TRAIN_FRAMES
-from handpose.datasets.published_frames import PublishedFrames, read_centers
+from handpose.datasets.published_frames import Flaw, PublishedFrames, read_centers, recognise
 from handpose.frames.cameras import ICVL
 from handpose.frames.images import WRONG_SIZE, BadFrameError, read_png
 from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.files import read_text
 from netlib.files.paths import names_in
+
+TRAIN_FRAMES = 300_000  # at least
+TEST_FRAMES = (702, 894)  # numbers of frames of the two test sequences
+
+CUBE_MM = 250.0  # edge of the cube around the hand
+CENTER_JOINT = 0  # the palm, at which crops are centred unless other centres are given
+
+FINGERS = ("thumb", "index", "middle", "ring", "little")
+JOINTS = ("palm", *(f"{finger}_{part}" for finger in FINGERS for part in ("root", "mid", "tip")))
+
+# For each joint, the one or two joints of the model's 31 in whose middle it is. A "tip" of ICVL lies in the last
+# phalanx: along NYU's fingers, scaled to ICVL's, it is the DIP point, and not the tip.
+MODEL_JOINTS: dict[str, tuple[str, ...]] = {
+    "palm": ("palm",),
+    "thumb_root": ("thumb_pip",),
+    "thumb_mid": ("thumb_dip",),
+    "thumb_tip": ("thumb_tip",),
+}
+for _finger in FINGERS[1:]:
+    MODEL_JOINTS[f"{_finger}_root"] = (f"{_finger}_base",)
+    MODEL_JOINTS[f"{_finger}_mid"] = (f"{_finger}_pip_a", f"{_finger}_pip_b")
+    MODEL_JOINTS[f"{_finger}_tip"] = (f"{_finger}_dip",)
 
 ANNOTATION: dict[str, tuple[str, ...]] = {
     "train": ("Training/labels.txt",),

@@ -8,7 +8,7 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from handpose.body.nyu import (
     ANNOTATED_JOINTS,
@@ -21,18 +21,16 @@ from handpose.body.nyu import (
     cube_of_test_frame,
     frame_name,
 )
-from handpose.datasets.flaws import Flaw, recognise
-from handpose.datasets.matlab_file import read_variables
-from handpose.datasets.published_frames import PublishedFrames, read_centers
+from handpose.datasets.published_frames import Flaw, PublishedFrames, read_centers, recognise
 from handpose.frames.cameras import NYU
 from handpose.frames.images import WRONG_SIZE, BadFrameError, read_png, unpack_depth
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
-from netlib.files import atomic, hdf5
+from netlib.files import hdf5
 from netlib.files.paths import names_in
 
 ANNOTATION = "joint_data.mat"  # in the folder of the depth frames of each split
-SYNTHETIC = "synthetic"  # value of made_from in folders by make_synthetic.py --raw
+SYNTHETIC = "synthetic"  # value of made_from in folders of rendered frames, whose cubes are all of one size
 
 
 def read_nyu_depth(path: str | Path) -> NDArray[np.float32]:
@@ -87,10 +85,15 @@ def read_annotation(path: Path) -> NyuAnnotation:
 
 def _read_matlab(path: Path) -> dict[str, Any]:
     """The variables of a file of version 5."""
-    found = read_variables(path, ("joint_uvd", "joint_xyz"), ("made_from",))
+    import scipy.io  # imported here: it takes a tenth of a second
+
+    if scipy.io.matlab.matfile_version(str(path))[0] == 0:
+        raise DataError(f"{path}: a MATLAB file of version 4, or none; expected version 5 or 7.3")
+    _check_names(path, [name for name, _, _ in scipy.io.whosmat(str(path))])
+    found = scipy.io.loadmat(str(path), variable_names=["joint_uvd", "joint_xyz", "made_from"])
     if "made_from" in found:
         found["made_from"] = np.ravel(found["made_from"])[0]
-    return found
+    return dict(found)
 
 
 def _read_hdf5(path: Path) -> dict[str, Any]:
@@ -124,29 +127,6 @@ def _check_axes(path: Path, uvd: Array, xyz: Array) -> None:
         hint = "; its y axis points down, expected up" if (upside_down < 5).all() else ""
         raise DataError(f"{path}: joint_xyz is not where joint_uvd is, off by x {difference[0]:.0f}, "
                         f"y {difference[1]:.0f}, z {difference[2]:.0f} mm with NYU's camera{hint}")
-
-
-# Annotated joints that the model lacks, and the two joints between which a synthetic annotation puts them.
-_STAND_INS = {26: (25, 27), 29: (28, 28), 33: (32, 32), 35: (32, 32)}
-
-
-def annotation_of(joints: ArrayLike, center: ArrayLike) -> Array:
-    """The 36 annotated joints in mm for model joints (N, 31, 3) and crop centres (N, 3); others are interpolated."""
-    joints = np.asarray(joints, dtype=np.float64)
-    xyz = np.zeros((len(joints), ANNOTATED_JOINTS, 3))
-    xyz[:, list(ANNOTATION_OF_JOINT)] = joints
-    xyz[:, CENTER_JOINT] = center
-    for j, (a, b) in _STAND_INS.items():
-        xyz[:, j] = (xyz[:, a] + xyz[:, b]) / 2
-    return xyz
-
-
-def write_annotation(path: Path, xyz: Array, made_from: str) -> None:
-    """Write a ``joint_data.mat`` of one camera, version 5, atomically; xyz (N, 36, 3) mm, camera axes."""
-    import scipy.io  # imported here: it takes a tenth of a second
-
-    variables = {"joint_uvd": NYU.project(xyz)[None], "joint_xyz": xyz[None], "made_from": made_from}
-    atomic.replace(path, lambda temporary: scipy.io.savemat(str(temporary), variables, appendmat=False))
 
 
 # ---------------------------------------------------------------------------------------------- the frames

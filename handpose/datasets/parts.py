@@ -1,18 +1,16 @@
 """Data sets on disk: HDF5 files that are complete or absent.
 
 A data set consists of a few files ("parts") of some thousand frames each, and a list that names them, which HDF5Data
-reads. A part is laid out by HDF5, filled by plain writes under a temporary name, synced and then renamed. It stores its
-*recipe*, a text of everything that it depends on: a part with the right recipe is kept, so an interrupted run continues
-where it stopped.
+reads. A part is written under a temporary name, synced and then renamed. It stores its *recipe*, a text of everything
+that it depends on: a part with the right recipe is kept, so an interrupted run continues where it stopped.
 """
 
 from __future__ import annotations
 
 import errno
-import io
 import os
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -140,135 +138,53 @@ def write_part(
     """Write the rows that ``pieces`` yield; returns their number, at most ``part.rows``.
 
     columns     arrays without rows, of the shapes and types of those in ``pieces``
-    attributes  called for the attributes of the file before the pieces, and again after them if their rows are fewer
+    attributes  called for the attributes of the file after the last piece
     """
     written = 0
 
     def fill(path: Path) -> None:
         nonlocal written
-        written = _fill(path, part.rows, columns, pieces, {**attributes(), "recipe": part.recipe})
+        with _created(path, part.rows, columns) as file:
+            for piece in pieces:
+                count = len(next(iter(piece.values())))
+                for name, rows in piece.items():
+                    file[name][written : written + count] = rows
+                written += count
+            file.attrs.update({**attributes(), "recipe": part.recipe})
         if written < part.rows:
-            _shorten(path, written, columns, {**attributes(), "recipe": part.recipe})
+            _shorten(path, written, columns)
 
     atomic.replace(part.path, fill)
     return written
 
 
-def _shorten(path: Path, rows: int, columns: Columns, attributes: Mapping[str, object]) -> None:
-    """Keep the first ``rows`` rows of a file; HDF5 cannot truncate data sets, so they are copied."""
+def _created(path: Path, rows: int, columns: Columns) -> h5py.File:
+    """A new file of data sets without content; they begin on whole pages, which is fastest for reads and memory maps.
+
+    Raises OSError if the disk has no room for the rows, since HDF5 does not survive a failing write.
+    """
+    with path.open("wb") as stream:
+        if hasattr(os, "posix_fallocate"):
+            try:
+                os.posix_fallocate(stream.fileno(), 0, rows * row_bytes(columns) + _PAGE)
+            except OSError as error:
+                if error.errno not in (errno.EINVAL, errno.EOPNOTSUPP):  # some file systems cannot
+                    raise
+    file = h5py.File(path, "w", alignment_threshold=1 << 16, alignment_interval=4096)
+    for name, array in columns.items():
+        file.create_dataset(name, (rows, *array.shape[1:]), array.dtype)
+    return file
+
+
+def _shorten(path: Path, rows: int, columns: Columns) -> None:
+    """Keep the first ``rows`` rows of a file; HDF5 cannot truncate contiguous data sets, so they are copied."""
 
     def fill(short: Path) -> None:
-        with path.open("rb") as file:
-            _fill(short, rows, columns, _rows(file, _offsets(path), columns, rows), attributes)
+        with h5py.File(path, "r") as whole, _created(short, rows, columns) as file:
+            file.attrs.update(whole.attrs)
+            for name in columns:
+                for first in range(0, rows, _COPY):
+                    last = min(first + _COPY, rows)
+                    file[name][first:last] = whole[name][first:last]
 
     atomic.replace(path, fill, sync=False)
-
-
-def _fill(path: Path, rows: int, columns: Columns, pieces: Iterable[Columns], attributes: Mapping[str, object]) -> int:
-    """Let HDF5 lay out the file, and fill it by plain writes: a failing write within HDF5 can crash the process.
-
-    Returns the number of rows.
-    """
-    with path.open("wb") as file:
-        _reserve(file.fileno(), rows * row_bytes(columns) + _PAGE)
-    offsets = _lay_out(path, rows, columns, attributes)
-    done = 0
-    with path.open("r+b") as file:
-        _reserve(file.fileno(), path.stat().st_size)
-        for piece in pieces:
-            count = len(next(iter(piece.values())))
-            if not count:
-                continue
-            for name, array in piece.items():
-                file.seek(offsets[name] + done * array[0].nbytes)
-                file.write(np.ascontiguousarray(array).data)
-            done += count
-    return done
-
-
-def _lay_out(path: Path, rows: int, columns: Columns, attributes: Mapping[str, object]) -> dict[str, int]:
-    """Write the file with empty data sets; returns their offsets."""
-    plist = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
-    plist.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
-    plist.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
-    # Data sets begin on whole pages, which is fastest for reads and memory maps.
-    image = _Sparse()
-    with h5py.File(image, "w", alignment_threshold=1 << 16, alignment_interval=4096) as file:
-        for name, value in attributes.items():
-            file.attrs[name] = value
-        for name, array in columns.items():
-            file.create_dataset(name, (rows, *array.shape[1:]), array.dtype, dcpl=plist)
-    with path.open("r+b") as out:
-        for first, piece in image.pieces:
-            out.seek(first)
-            out.write(piece)
-        out.truncate(image.size)
-    return _offsets(path)
-
-
-class _Sparse(io.RawIOBase):
-    """A file in memory that keeps only what is written, so that it can be larger than the memory.
-
-    pieces  offsets and bytes, in the order of writing
-    size    in bytes
-    """
-
-    def __init__(self) -> None:
-        self.pieces: list[tuple[int, bytes]] = []
-        self.size = self._at = 0
-
-    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        self._at = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: self.size}[whence]
-        return self._at
-
-    def tell(self) -> int:
-        return self._at
-
-    def write(self, content: Any) -> int:
-        piece = bytes(content)
-        self.pieces.append((self._at, piece))
-        self._at += len(piece)
-        self.size = max(self.size, self._at)
-        return len(piece)
-
-    def readinto(self, buffer: Any) -> int:
-        out = memoryview(buffer).cast("B")
-        count = max(0, min(len(out), self.size - self._at))
-        out[:count] = bytes(count)
-        for first, piece in self.pieces:
-            begin, end = max(first, self._at), min(first + len(piece), self._at + count)
-            if begin < end:
-                out[begin - self._at : end - self._at] = piece[begin - first : end - first]
-        self._at += count
-        return count
-
-    def truncate(self, size: int | None = None) -> int:
-        self.size = self._at if size is None else size
-        return self.size
-
-
-def _offsets(path: Path) -> dict[str, int]:
-    with h5py.File(path, "r", locking=False) as file:
-        return {name: file[name].id.get_offset() for name in file}
-
-
-def _rows(file: Any, offsets: Mapping[str, int], columns: Columns, rows: int) -> Iterator[Columns]:
-    """The first ``rows`` rows of an open file, in pieces."""
-    for first in range(0, rows, _COPY):
-        count = min(_COPY, rows - first)
-        piece = {}
-        for name, array in columns.items():
-            row = int(np.prod(array.shape[1:])) * array.dtype.itemsize
-            file.seek(offsets[name] + first * row)
-            piece[name] = np.frombuffer(file.read(count * row), array.dtype).reshape(count, *array.shape[1:])
-        yield piece
-
-
-def _reserve(handle: int, size: int) -> None:
-    """Reserve the disk space before computing the rows."""
-    if hasattr(os, "posix_fallocate"):
-        try:
-            os.posix_fallocate(handle, 0, size)
-        except OSError as error:
-            if error.errno not in (errno.EINVAL, errno.EOPNOTSUPP):  # some file systems cannot
-                raise

@@ -38,8 +38,8 @@ TOGETHER = 64  # crops in one pass of the network
 FARTHER_MM = 100.0
 SURE = 1e-5  # probabilities are clipped to [SURE, 1 - SURE]
 
-# Tuned on synthetic frames in NYU's format (tools/make_synthetic.py --raw): half of the centres are within 31 mm of the
-# true one, nine of ten within 55 mm.
+# Tuned on whole images of rendered hands: half of the centres are within 31 mm of the true one, nine of ten within
+# 55 mm.
 FRONT_MM2 = 1500.0  # minimum visible area of the nearest object; less is noise
 SLAB_MM = 160.0  # depth range behind the front that contains the hand
 REACH_MM = 125.0  # radius about the centre of mass: the hand, and little of the forearm

@@ -12,7 +12,6 @@ distortion      of the lens: as above, or the coefficients alone. RealSense's mo
                 also be keys next to fx
 name            of the camera
 time_unit       of the times in the names of the frames or in their file: s, ms, us, ns, or frames for numbers
-swap_bytes      true if the two bytes of every stored value are exchanged
 """
 
 from __future__ import annotations
@@ -46,7 +45,7 @@ INTRINSICS, SIZE = ("fx", "fy", "u0", "v0"), ("width", "height")
 BROWN = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")  # in OpenCV's order
 LENS = ("distortion", "model", "coefficients", *BROWN)
 IGNORED = ("codx", "cody", "metric_radius")  # Azure's: 0, 0, and the valid radius of its inverse
-KNOWN = (*RANGES, "name", *LENS, *IGNORED, "time_unit", "swap_bytes")
+KNOWN = (*RANGES, "name", *LENS, *IGNORED, "time_unit")
 KEYS = (*KNOWN, *SAME)  # all valid keys
 
 
@@ -85,7 +84,8 @@ def to_text(given: CameraInfo) -> str:
     said |= {key: float(getattr(given, key)) for key in ("unit_mm", "rate") if getattr(given, key) is not None}
     if given.lens is not None and not given.lens.is_straight:
         said["distortion"] = {"model": given.lens.model, "coefficients": list(map(float, given.lens.coefficients))}
-    said |= {key: getattr(given, key) for key in ("time_unit", "swap_bytes") if getattr(given, key) is not None}
+    if given.time_unit is not None:
+        said["time_unit"] = given.time_unit
     return json.dumps(said, indent=1)
 
 
@@ -108,7 +108,7 @@ def of(values: dict[str, Any], where: str) -> CameraInfo:
     elif stray := [key for key in (*SIZE, "name", MIN_RANGE) if key in said.values]:
         said.refuse(f"has {stray[0]}, but not fx, fy, u0, v0")
     unit, rate = (said.number(key) if key in said.values else None for key in ("unit_mm", "rate"))
-    return CameraInfo(camera, _lens(said), unit, rate, where, said.time_unit(), said.swap_bytes())
+    return CameraInfo(camera, _lens(said), unit, rate, where, said.time_unit())
 
 
 def _lens(said: _Said) -> Lens | None:
@@ -194,12 +194,6 @@ class _Said:
         value = self.values.get("time_unit")
         if value not in (None, *TIME_UNITS):
             self.refuse(f"time_unit is {_shown(value)}; expected {', '.join(TIME_UNITS)}")
-        return value
-
-    def swap_bytes(self) -> bool | None:
-        value = self.values.get("swap_bytes")
-        if not isinstance(value, bool | None):
-            self.refuse(f"swap_bytes is {_shown(value)}; expected true or false")
         return value
 
 

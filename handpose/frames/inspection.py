@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from handpose.frames.cameras import MIN_RANGE_MM, UNIT_MM, Camera
 from handpose.frames.places import FAR_MM
-from handpose.frames.raw import MAX_UINT16
 from handpose.frames.recording import DepthFrame, Recording
 from netlib.errors import DataError
 
@@ -30,12 +29,8 @@ HAND_MM = (40.0, 600.0)  # range of widths of a hand with its forearm
 MAX_MEDIAN_MM = 15_000.0  # depth cameras measure a whole image nearer
 SATURATED = 0.05  # share of one value, the largest, which then means no reading
 UNITS = (1.0, 0.125, 0.25, 0.1, 0.2, 0.5, 1000.0, 10.0)  # mm, of existing cameras and files, the most likely first
-SAME_BYTE, OTHER_BYTE = 0.5, 0.2  # shares of pixel pairs that show exchanged bytes
-MIN_PAIRS = 100  # pixel pairs that suffice for a share
 RATES = (1.0, 1000.0)  # frames per second of depth cameras
-MIN_RATE, MAX_RATE = 4.0, 250.0  # usual ones
 OFF_RATE = 0.2  # tolerance of a rate
-EXCHANGED = "neighbouring pixels mostly agree in the low byte of their values, so the bytes may be exchanged"
 VIEW_DEGREES = (20.0, 130.0)
 OFF_MIDDLE = 0.2  # maximum distance of a principal point from the middle, as a share of the size
 
@@ -52,7 +47,7 @@ class Inspection:
     view      (2,) angle of view in degrees, horizontal and vertical
     nearest   distance and width in mm of the nearest object, None without one
     warnings  likely errors and what to do about them, one line each
-    doubt     why the unit or the byte order may be wrong if no hand is found, else empty
+    doubt     why the unit may be wrong if no hand is found, else empty
     """
 
     name: str
@@ -86,13 +81,12 @@ def inspect(recording: Recording, frames: int = FRAMES) -> Inspection:
     values = np.concatenate([frame.depth[frame.depth > 0] for frame in seen])
     low, middle, high = np.percentile(values, (1, 50, 99)).tolist() if len(values) else (0.0, 0.0, 0.0)
     near = next((found for frame in seen if (found := nearest_thing(frame.depth, camera)) is not None), None)
-    exchanged = any(_bytes_are_exchanged(frame.depth, recording.unit_mm) for frame in seen)
     warnings = [
         *recording.warnings,
         *_of_camera(camera),
         *_of_values(seen, bool(len(values))),
         *_of_times(seen, recording.rate),
-        *(_of_depths(near, recording.unit_mm, values, camera, exchanged) if near else ()),
+        *(_of_depths(near, recording.unit_mm, values, camera) if near else ()),
     ]
     return Inspection(
         name=recording.name,
@@ -109,7 +103,7 @@ def inspect(recording: Recording, frames: int = FRAMES) -> Inspection:
         view=_view_of(camera),
         nearest=near,
         warnings=tuple(warnings),
-        doubt=_doubt(near, recording.unit_mm, exchanged) if near else "",
+        doubt=_doubt(near, recording.unit_mm) if near else "",
     )
 
 
@@ -120,17 +114,16 @@ def warnings_of(depth: NDArray[np.float32], camera: Camera, unit_mm: float, unit
     """
     near = None if unit_is_known else nearest_thing(depth, camera)
     values = depth[depth > 0]
-    exchanged = near is not None and _bytes_are_exchanged(depth, unit_mm)
-    return [*_of_camera(camera), *(_of_depths(near, unit_mm, values, camera, exchanged) if near else ())]
+    return [*_of_camera(camera), *(_of_depths(near, unit_mm, values, camera) if near else ())]
 
 
 def doubt_of(depth: NDArray[np.float32], camera: Camera, unit_mm: float | None = None) -> str:
-    """Why the unit or the byte order of a frame (height, width) in mm without a hand may be wrong; else empty.
+    """Why the unit of a frame (height, width) in mm without a hand may be wrong; else empty.
 
     The default unit is that of the camera.
     """
-    near, unit = nearest_thing(depth, camera), unit_mm or UNIT_MM.get(camera.name, 1.0)
-    return _doubt(near, unit, _bytes_are_exchanged(depth, unit)) if near else ""
+    near = nearest_thing(depth, camera)
+    return _doubt(near, unit_mm or UNIT_MM.get(camera.name, 1.0)) if near else ""
 
 
 def nearest_thing(depth: NDArray[np.float32], camera: Camera) -> tuple[float, float] | None:
@@ -187,9 +180,9 @@ def _of_values(seen: tuple[DepthFrame, ...], any_read: bool) -> Iterator[str]:
 
 
 def _of_depths(
-    nearest: tuple[float, float], unit_mm: float, values: NDArray[np.floating], camera: Camera, exchanged: bool
+    nearest: tuple[float, float], unit_mm: float, values: NDArray[np.floating], camera: Camera
 ) -> Iterator[str]:
-    wrong = list(_of_unit(nearest, unit_mm, values)) if not exchanged else [f"{EXCHANGED}; check --swap-bytes"]
+    wrong = list(_of_unit(nearest, unit_mm, values))
     yield from wrong
     share = 0.0 if wrong else float(np.mean(values < camera.min_range_mm))
     if share > MIN_NEAR_SHARE:
@@ -204,18 +197,9 @@ def _of_times(seen: tuple[DepthFrame, ...], rate: float | None) -> Iterator[str]
         return
     step = float(np.median(np.diff([frame.time for frame in seen])))
     if not 1 / RATES[1] <= step <= 1 / RATES[0]:
-        yield f"a frame comes every {step:g} s{_other_time_unit(step, rate)}; check --time-unit or --rate"
+        yield f"a frame comes every {step:g} s; check --time-unit or --rate"
     elif rate and abs(step * rate - 1) > OFF_RATE:
         yield f"{rate:g} frames per second given, but {1 / step:.3g} by their times; the times are used"
-
-
-def _other_time_unit(step: float, rate: float | None) -> str:
-    """With which unit of the times a step in s is that of a camera; the times may be numbers of frames at a rate."""
-    for ticks in (1.0, rate or 1.0):
-        for unit, factor in (("ms", 1e3), ("us", 1e6), ("ns", 1e9)):
-            if 1 / MAX_RATE <= step * ticks / factor <= 1 / MIN_RATE:
-                return f", with --time-unit {unit} every {1000 * step * ticks / factor:.3g} ms"
-    return ""
 
 
 def _of_unit(nearest: tuple[float, float], unit_mm: float, values: NDArray[np.floating]) -> Iterator[str]:
@@ -229,7 +213,7 @@ def _of_unit(nearest: tuple[float, float], unit_mm: float, values: NDArray[np.fl
                f"for a hand: {advice}check the unit, here {unit_mm:g} mm")
     elif (median := _median(values)) > MAX_MEDIAN_MM:
         yield (f"the median depth is {_length(median)}, which is beyond the range of depth cameras: check the unit, "
-               f"here {unit_mm:g} mm, and the byte order (--swap-bytes)")
+               f"here {unit_mm:g} mm, and the order of the bytes in the files")
 
 
 def _other_units(nearest: tuple[float, float], unit_mm: float) -> str:
@@ -245,9 +229,7 @@ def _other_units(nearest: tuple[float, float], unit_mm: float) -> str:
     return ", with ".join(parts)
 
 
-def _doubt(nearest: tuple[float, float], unit_mm: float, exchanged: bool) -> str:
-    if exchanged:
-        return f"{EXCHANGED}: try --swap-bytes"
+def _doubt(nearest: tuple[float, float], unit_mm: float) -> str:
     distance, width = nearest
     others = _other_units(nearest, unit_mm)
     is_usual = MIN_RANGE_MM <= distance <= BODY_MM[0] and width <= SMALL_MM
@@ -262,24 +244,6 @@ def _median(values: NDArray[np.floating]) -> float:
     is_last = values == values.max(initial=0)
     rest = values[~is_last] if is_last.mean() > SATURATED else values
     return float(np.median(rest)) if len(rest) else 0.0
-
-
-def _bytes_are_exchanged(depth: NDArray[np.float32], unit_mm: float) -> bool:
-    """True if the two bytes of the stored values seem to be exchanged.
-
-    Neighbours on a surface differ by a few units: in the low byte, rarely in the high one. In values of exchanged bytes
-    it is the other way round. Values whose low byte is always 0 are coarse, not exchanged.
-    """
-    values = np.rint(depth / np.float32(unit_mm))
-    if values.max(initial=0) > MAX_UINT16:
-        return False
-    stored = values.astype(np.uint16)
-    left, right = stored[:, :-1], stored[:, 1:]
-    pairs = (left > 0) & (right > 0) & (left != right)
-    changed = (left ^ right)[pairs]
-    if len(changed) < MIN_PAIRS or not (left[pairs] & 255).any():
-        return False
-    return bool(np.mean(changed & 255 == 0) > SAME_BYTE and np.mean(changed < 256) < OTHER_BYTE)
 
 
 def _length(mm: float) -> str:

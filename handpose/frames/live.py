@@ -8,18 +8,16 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple, Protocol, TypeVar
+from collections.abc import Iterator
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.frames.cameras import Camera
 from handpose.frames.raw import RATE, calibration_of
 from handpose.frames.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
 from netlib.errors import DataError, NetlibError, reason_of
 
-F = TypeVar("F")
 WAIT_S, WAITS = 1.0, 5  # Ctrl-C is handled after each; a starting camera may need a few seconds
 
 
@@ -56,32 +54,6 @@ class Device(Protocol):
 
     def close(self) -> None:
         """Stop the camera."""
-
-
-def not_started(kind: str, what: str, serial: str | None, error: Exception, connected: Sequence[str]) -> DataError:
-    """The error of a camera that cannot be started.
-
-    kind       name of the source, such as ``realsense``
-    what       of the SDK's name for a camera: ``camera`` or ``device``
-    serial     of the camera; None for any
-    error      of the SDK
-    connected  the serial numbers of all cameras
-    """
-    return DataError(f"{kind}: {f'{what} {serial}' if serial else f'a {what}'} cannot be started: {reason_of(error)}; "
-                     f"connected: {', '.join(connected) or 'none'} (no other program may use it)")
-
-
-def calibrated(name: str, fx: float, fy: float, u0: float, v0: float, width: int, height: int) -> Camera:
-    """The camera of a device, with its own parameters. Raises DataError for one that is not calibrated."""
-    try:
-        return Camera(name, fx, fy, u0, v0, width, height)
-    except ValueError as error:
-        raise DataError(f"{name}: {error}") from None
-
-
-def first_of(read: Callable[[], F | None]) -> F | None:
-    """The first frame of a device that has just been started; None if none comes."""
-    return next((frame for _ in range(WAITS) if (frame := read()) is not None), None)
 
 
 class CaptureThread:

@@ -6,18 +6,27 @@ with open_recording("frames") as recording:      # a folder, frames/left_*.png, 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 from handpose.frames.recording import UNKNOWN, CameraInfo, Recording
 from netlib.errors import DataError
 from netlib.files.paths import exists
 
-STACKS, VIDEOS, BAGS = (".npy", ".npz", ".h5", ".hdf5"), (".mkv", ".avi", ".mp4", ".mov"), (".bag", ".db3", ".mcap")
-PICTURES = (".png", ".tif", ".tiff", ".bin")
-LIVE = ("realsense", "orbbec", "oak", "ros2")
-EXPECTED = (f"a folder of 16-bit PNG, FOLDER/NAME_*.png, {', '.join((*STACKS, *VIDEOS, *BAGS))}, or a camera that is "
-            "connected: realsense, orbbec or oak, each with or without :SERIAL, or ros2:TOPIC")
+STACKS, BAGS, PICTURES = (".npy", ".npz"), (".bag", ".db3", ".mcap"), (".png", ".tif", ".tiff")
+LIVE = "realsense"
+EXPECTED = (f"a folder of 16-bit PNG, FOLDER/NAME_*.png, {', '.join((*STACKS, *BAGS))}, or a camera that is "
+            "connected: realsense or realsense:SERIAL")
+
+FROM_VIDEO = (  # also of the videos that tools/record.py wrote: their tag CAMERA is a camera.json
+    "import av, cv2, os; os.mkdir('frames'); v = av.open({name!r}); "
+    "open('frames/camera.json', 'w').write(v.metadata.get('CAMERA', '{{}}')); "
+    "[cv2.imwrite(f'frames/{{round(1000 * f.time):09d}}ms.png', f.to_ndarray()) for f in v.decode(video=0)]"
+)
+FROM_HDF5 = ("import h5py, numpy; f = h5py.File({name!r}); "
+             "numpy.savez('frames.npz', **f.attrs, **{{k: v[()] for k, v in f.items()}})")
+# Kinds of files that are not read, and the Python statement that converts one.
+CONVERTED = {**dict.fromkeys((".mkv", ".avi", ".mp4", ".mov"), FROM_VIDEO),
+             **dict.fromkeys((".h5", ".hdf5"), FROM_HDF5)}
 
 
 def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording:
@@ -28,26 +37,26 @@ def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording
     Raises DataError, and NetlibError if the source needs a package that is missing.
     """
     name, path = str(source), Path(source)
-    if (kind := name.partition(":")[0]) in LIVE and not exists(path):
+    if name.partition(":")[0] == LIVE and not exists(path):
+        from handpose.frames.formats.realsense import open_live
+
         _refuse_time_unit(name, given)
-        return _live(kind)(name.partition(":")[2] or None, given)
+        return open_live(name.partition(":")[2] or None, given)
     file = path if exists(path) else Path(name.partition("#/")[0])  # a bag's topic may follow
     suffix = file.suffix.lower()
     if exists(file) and file.is_dir():
         suffix = BAGS[1] if (file / "metadata.yaml").is_file() else PICTURES[0]  # a bag of ROS 2 is a folder
-    elif not exists(file) and suffix in (*STACKS, *VIDEOS, *BAGS):
+    elif not exists(file) and suffix in (*STACKS, *CONVERTED, *BAGS):
         raise DataError(f"{source}: no such file")
+    if suffix in CONVERTED:
+        raise DataError(f"{source}: not a recording; frames in 16-bit PNG or an .npz are, and this converts it: "
+                        f'python -c "{CONVERTED[suffix].format(name=name)}"')
     if suffix in STACKS:
         from handpose.frames.formats.stack import open_stack
 
         return open_stack(path, given)
-    if suffix in (*VIDEOS, *BAGS):
-        _refuse_time_unit(name, given)
-    if suffix in VIDEOS:
-        from handpose.frames.formats.video import open_video
-
-        return open_video(path, given)
     if suffix in BAGS:
+        _refuse_time_unit(name, given)
         from handpose.frames.formats.ros_bag import open_bag
 
         return open_bag(path, given)
@@ -56,25 +65,6 @@ def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording
 
         return open_folder(path, given)
     raise DataError(f"{source}: not a recording; expected {EXPECTED}")
-
-
-def _live(kind: str) -> Callable[[str | None, CameraInfo], Recording]:
-    """The function that opens a camera of this kind."""
-    if kind == "realsense":
-        from handpose.frames.formats import realsense
-
-        return realsense.open_live
-    if kind == "orbbec":
-        from handpose.frames.formats import orbbec
-
-        return orbbec.open_live
-    if kind == "oak":
-        from handpose.frames.formats import oak
-
-        return oak.open_live
-    from handpose.frames.formats import ros2
-
-    return ros2.open_live
 
 
 def _refuse_time_unit(source: str, given: CameraInfo) -> None:

@@ -1,7 +1,7 @@
-"""From stored values to depth, for all sources: byte order, unit, holes, size, lens.
+"""From stored values to depth, for all sources: unit, holes, size, lens.
 
-calibration = calibration_of(given, own, camera_json, raw.shape, raw.dtype, "take.mkv")   # by order of precedence
-decode = calibration.decoder("take.mkv")
+calibration = calibration_of(given, own, camera_json, raw.shape, raw.dtype, "take.bag")   # by order of precedence
+decode = calibration.decoder("take.bag")
 decode(raw)                                                                               # (height, width) mm
 """
 
@@ -30,11 +30,10 @@ class DepthDecoder:
     lens     None without distortion
     unit_mm  depth of a stored value of 1
     where    name of the recording, for messages
-    swap_bytes  whether the bytes of a stored value are exchanged
     """
 
-    def __init__(self, camera: Camera, lens: Lens | None, unit_mm: float, where: str, swap_bytes: bool = False) -> None:
-        self.camera, self.unit_mm, self.where, self.swap_bytes = camera, unit_mm, where, swap_bytes
+    def __init__(self, camera: Camera, lens: Lens | None, unit_mm: float, where: str) -> None:
+        self.camera, self.unit_mm, self.where = camera, unit_mm, where
         self._unit = np.float32(unit_mm)
         try:
             self._undistort = None if lens is None or lens.is_straight else Undistorter(camera, lens)
@@ -51,8 +50,6 @@ class DepthDecoder:
         if raw.shape != (self.camera.height, self.camera.width):
             raise DataError(f"{where}: {size_of(raw.shape)}; the camera has "
                             f"{self.camera.width} x {self.camera.height}")
-        if self.swap_bytes:
-            raw = raw.byteswap()
         with np.errstate(all="ignore"):  # numbers beyond float32's range become infinite
             depth = raw.astype(np.float32) * self._unit
         if raw.dtype.kind == "f":
@@ -83,7 +80,6 @@ class Calibration:
     unit_mm  depth of a stored value of 1
     rate     frames per second, or None
     remarks  assumed values, and the origin of the others, one line each
-    swap_bytes  whether the bytes of a stored value are exchanged
     """
 
     camera: Camera
@@ -91,11 +87,10 @@ class Calibration:
     unit_mm: float
     rate: float | None
     remarks: tuple[str, ...]
-    swap_bytes: bool = False
 
     def decoder(self, where: str) -> DepthDecoder:
         """The decoder for frames of the source ``where`` (for messages). Raises DataError for an invalid lens."""
-        return DepthDecoder(self.camera, self.lens, self.unit_mm, where, self.swap_bytes)
+        return DepthDecoder(self.camera, self.lens, self.unit_mm, where)
 
     def paced(self) -> tuple[float, tuple[str, ...]]:
         """Frames per second for frames without times, and a remark about it."""
@@ -138,10 +133,8 @@ def calibration_of(
     elif own.lens is not None and not own.lens.is_straight:  # the user gave a camera without a lens
         remarks.append(f"the distortion in {where} is of another camera and is not removed; --distortion "
                        "if it holds for this one")
-    if known.swap_bytes:
-        remarks.append("the bytes of every value are exchanged, as given")
     camera = sized(known.camera, shape, where)
-    return Calibration(camera, known.lens, unit, known.rate, tuple(remarks), bool(known.swap_bytes))
+    return Calibration(camera, known.lens, unit, known.rate, tuple(remarks))
 
 
 def sized(camera: Camera, shape: tuple[int, ...], where: str) -> Camera:

@@ -87,7 +87,6 @@ class CameraInfo:
     rate        frames per second
     origin      of these values, for messages: "--camera", "camera.json"
     time_unit   of the times in file names and arrays: "s", "ms", "us" or "ns"; "frames" if they count frames
-    swap_bytes  True if the two bytes of every stored value are exchanged
     """
 
     camera: Camera | None = None
@@ -96,7 +95,6 @@ class CameraInfo:
     rate: float | None = None
     origin: str = ""
     time_unit: str | None = None
-    swap_bytes: bool | None = None
 
     def or_else(self, other: CameraInfo) -> CameraInfo:
         """These parameters; those of ``other`` where these are unknown."""

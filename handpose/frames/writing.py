@@ -1,91 +1,74 @@
-"""Recordings that can be replayed: a folder, one .npz, or a lossless video, by the name's ending.
+"""Recordings that can be replayed: a folder, or one .npz, by the name's ending.
 
 with RecordingWriter(Path("take.npz"), recording.camera, recording.unit_mm, recording.rate) as writer:
     for frame in recording:
         writer.write(frame)
 
-The .npz has the arrays depth (frames, height, width) uint16, time (frames,) s, and camera as JSON, as ``stack`` reads.
+In a folder, a frame's name is its time, as ``000000033333us.png``, and camera.json has the parameters. The .npz has the
+arrays depth (frames, height, width) uint16, time (frames,) s, and camera as JSON.
 """
 
 from __future__ import annotations
 
 import contextlib
+import re
 import shutil
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol
 
+import cv2
 import numpy as np
 from numpy.lib import format as npy
 
 from handpose.frames import camera_file
 from handpose.frames.cameras import Camera
-from handpose.frames.formats.folder_writer import FolderWriter
-from handpose.frames.opening import BAGS, PICTURES, STACKS, VIDEOS
+from handpose.frames.opening import BAGS, CONVERTED, PICTURES, STACKS
 from handpose.frames.raw import stored
 from handpose.frames.recording import CameraInfo, DepthFrame
 from netlib import files
 from netlib.errors import DataError, NetlibError
 from netlib.files import atomic
+from netlib.files.paths import exists, names_in
 
 FASTEST = 1  # level of compression: a minute of frames takes seconds
-
-
-class _Writer(Protocol):
-    def write(self, frame: DepthFrame) -> None: ...
-    def discard(self) -> None: ...
+OURS = re.compile(r"\d{12,}us\.png")
+MICRO = 10**6
 
 
 class RecordingWriter:
     """Writes a recording that exists after the block, also if an exception or Ctrl-C ends it.
 
-    On a full disk a new folder keeps all frames so far, a new FILE.mkv all but the last seconds, and FILE.npz, which is
-    written at the end, none. An old recording that was to be replaced is kept instead.
+    On a full disk a folder keeps all frames so far; FILE.npz, which is written at the end, keeps none, and an old
+    FILE.npz stays.
 
-    path     a folder, FILE.npz, or FILE.mkv
+    path     a folder, or FILE.npz
     camera   of the frames, with their size; the frames have no distortion
     unit_mm  depth of a stored value of 1: depths are rounded to it, and must fit into 16 bits
     rate     frames per second, if known; every frame keeps its own time
-    replace  an existing recording
-    whole    keep no incomplete new recording if the disk fails
+    replace  an existing recording; a folder's old frames are removed when the first new one is written
 
     Raises NetlibError for an invalid path, DataError for frames that cannot be stored, OSError.
     """
 
     def __init__(
-        self,
-        path: Path,
-        camera: Camera,
-        unit_mm: float,
-        rate: float | None = None,
-        *,
-        replace: bool = False,
-        whole: bool = False,
+        self, path: Path, camera: Camera, unit_mm: float, rate: float | None = None, *, replace: bool = False
     ) -> None:
         suffix = path.suffix.lower()
-        self._is_folder = suffix not in (*STACKS, *VIDEOS, *BAGS, *PICTURES)
-        if not self._is_folder and suffix not in (".npz", ".mkv"):
-            raise NetlibError(f"{path}: cannot write {suffix}; expected a folder, FILE.npz or FILE.mkv")
+        self._is_folder = suffix not in (*STACKS, *CONVERTED, *BAGS, *PICTURES)
+        if not self._is_folder and suffix != ".npz":
+            raise NetlibError(f"{path}: cannot write {suffix}; expected a folder or FILE.npz")
         if not self._is_folder and path.exists() and not replace:
             raise NetlibError(f"{path}: is there already; name a new file or replace it by --force")
         self.path, self.camera, self.unit_mm, self.count = path, camera, unit_mm, 0
-        self._rate, self._replace, self._whole = rate, replace, whole
+        self._rate, self._replace = rate, replace
         self._stack = contextlib.ExitStack()
 
     def __enter__(self) -> RecordingWriter:
-        arguments = (self.path, self.camera, self.unit_mm, self._rate)
-        self._writer: _Writer
-        if self._is_folder:
-            self._writer = self._stack.enter_context(contextlib.closing(FolderWriter(*arguments, self._replace)))
-        elif self.path.suffix.lower() == ".npz":
-            self._writer = self._stack.enter_context(contextlib.closing(StackWriter(*arguments)))
-        else:
-            from handpose.frames.formats.video_writer import VideoWriter
-
-            with atomic.error_names(self.path):
-                files.make_folder(self.path.parent)
-            self._writer = self._stack.enter_context(VideoWriter(*arguments, self._whole))
+        given = CameraInfo(self.camera, unit_mm=self.unit_mm, rate=self._rate)
+        writer = FolderWriter(self.path, given, self._replace) if self._is_folder else StackWriter(self.path, given)
+        self._writer = self._stack.enter_context(contextlib.closing(writer))
         return self
 
     def write(self, frame: DepthFrame) -> None:
@@ -97,13 +80,68 @@ class RecordingWriter:
         self.count += 1
 
     def discard(self) -> None:
-        """Drop the frames that were written: after the block there is the old recording, or none."""
+        """Drop the frames that were written: after the block there is no recording, or an old .npz."""
         self._writer.discard()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
     ) -> None:
         self._stack.__exit__(kind, error, where)
+
+
+class FolderWriter:
+    """Writes each frame at once, completely or not at all; times are rounded to microseconds.
+
+    given    the parameters in camera.json
+    replace  a recording written in the same way; no other files are ever removed
+    """
+
+    def __init__(self, path: Path, given: CameraInfo, replace: bool = False) -> None:
+        self._path, self._given, self._last = path, given, -1
+        old = sorted(name for name in names_in(path) if not name.startswith("."))
+        foreign = [name for name in old if not self._is_ours(name)]
+        if old and (foreign or not replace):
+            held = f"holds {foreign[0]}, which no recording has" if foreign and replace else "is not empty"
+            raise NetlibError(f"{path}: {held}; name a new folder" + ("" if replace else " or replace it by --force"))
+        self._is_new = not exists(path)
+        files.make_folder(path)
+
+    def write(self, frame: DepthFrame) -> None:
+        """Add a frame. Raises DataError, OSError."""
+        micro = round(frame.time * MICRO)
+        where = f"{self._path}: frame {frame.number}"
+        if micro <= self._last:
+            raise DataError(f"{where}: at {frame.time:.6f} s, which is not after the frame before")
+        content = cv2.imencode(".png", stored(frame.depth, self._given.unit_mm or 1.0, where))[1].tobytes()
+        if self._last < 0:
+            with atomic.error_names(self._path):
+                self._remove()
+                camera_file.write(self._path / camera_file.NAME, self._given)
+        atomic.replace(self._path / f"{micro:012d}us.png", lambda fresh: fresh.write_bytes(content), sync=False)
+        self._last = micro
+
+    def discard(self) -> None:
+        """Remove the frames so far, and the folder if it is new."""
+        if self._last >= 0:
+            self._remove()
+        self._last = -1
+
+    def close(self) -> None:
+        """Sync the names to the disk; a new folder without frames is removed."""
+        with atomic.error_names(self._path):
+            if self._last >= 0:
+                atomic.sync_directory(self._path)
+            elif self._is_new:
+                self._path.rmdir()
+
+    def _remove(self) -> None:
+        for name in filter(self._is_ours, names_in(self._path)):
+            (self._path / name).unlink()
+
+    def _is_ours(self, name: str) -> bool:
+        """Whether this is a file of a recording, by its name; a folder of that name is not."""
+        path = self._path / name
+        return bool(OURS.fullmatch(name) or name == camera_file.NAME) and (path.is_symlink() or not path.is_dir())
 
 
 class StackWriter:
@@ -113,8 +151,8 @@ class StackWriter:
     Raises OSError.
     """
 
-    def __init__(self, path: Path, camera: Camera, unit_mm: float, rate: float | None) -> None:
-        self._path, self._camera, self._unit, self._rate = path, camera, unit_mm, rate
+    def __init__(self, path: Path, given: CameraInfo) -> None:
+        self._path, self._given = path, given
         self._times: list[float] = []
         with contextlib.ExitStack() as stack, atomic.error_names(path):
             files.make_folder(path.parent)
@@ -126,7 +164,7 @@ class StackWriter:
         where = f"{self._path}: frame {frame.number}"
         if self._times and frame.time <= self._times[-1]:
             raise DataError(f"{where}: at {frame.time:.6f} s, which is not after the frame before")
-        values = stored(frame.depth, self._unit, where)
+        values = stored(frame.depth, self._given.unit_mm or 1.0, where)
         with atomic.error_names(self._path):
             self._kept.write(values.astype("<u2").tobytes())
         self._times.append(frame.time)
@@ -142,8 +180,10 @@ class StackWriter:
                 atomic.replace(self._path, self._fill)
 
     def _fill(self, fresh: Path) -> None:
-        shape = (len(self._times), self._camera.height, self._camera.width)
-        said = camera_file.to_text(CameraInfo(self._camera, unit_mm=self._unit, rate=self._rate, time_unit="s"))
+        camera = self._given.camera
+        assert camera is not None
+        shape = (len(self._times), camera.height, camera.width)
+        said = camera_file.to_text(replace(self._given, time_unit="s"))
         with zipfile.ZipFile(fresh, "w", zipfile.ZIP_DEFLATED, compresslevel=FASTEST) as archive:
             for name, small in (("time", np.array(self._times)), ("camera", np.array(said))):
                 with archive.open(f"{name}.npy", "w") as out:

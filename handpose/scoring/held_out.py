@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from handpose.body.nyu import CUBE_MM, EVALUATION_JOINTS
 from handpose.datasets import labels
@@ -16,8 +17,9 @@ from handpose.estimate.nets import hand_layer, skeleton_to_fit
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.observation import HandCrops
 from handpose.fit.search import Plan
+from handpose.frames.cameras import NYU, Camera
 from handpose.scoring import metrics
-from handpose.scoring.test_sets import crops_of, data_layer
+from layers.data.hdf5_data import HDF5Data
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
@@ -26,6 +28,33 @@ from netlib.files.hdf5 import File
 from netlib.layer import TEST
 from netlib.net import Net
 from netlib.system.memory import blocks
+
+
+def data_layer(net: Net) -> HDF5Data:
+    """The HDF5Data layer of a test net. Raises NetlibError if there is none."""
+    for layer in net.layers:
+        if isinstance(layer, HDF5Data):
+            return layer
+    raise NetlibError(f"{net.source}: no HDF5Data layer in phase TEST; expected a net that reads a test set")
+
+
+def crops_of(net: Net, frames: Iterable[int]) -> list[Array]:
+    """The crops (size, size) of frames of a test net's data set, by number. Raises NetlibError."""
+    data = data_layer(net)
+    depth = data.spec.top.index("depth")
+    return [data.row(int(frame))[depth][0] for frame in frames]
+
+
+def centers_of(net: Net, frames: NDArray[np.int_]) -> tuple[Array | None, Camera]:
+    """The crop centres (n, 3) in px, px, mm of frames of a test net's data set, and the camera.
+
+    The centres are None if the files do not have them.
+    """
+    try:
+        centers, camera = labels.read_crop_centers(data_layer(net).files)
+    except DataError:
+        return None, NYU
+    return np.asarray(centers[frames]), camera
 
 
 @dataclass(frozen=True)

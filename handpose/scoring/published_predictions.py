@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from handpose.body import nyu
-from handpose.datasets import icvl
+from handpose.datasets import icvl_files as icvl
 from handpose.frames.cameras import ICVL, NYU, Camera
 from handpose.frames.places import MIN_DEPTH_MM
 from handpose.scoring import metrics

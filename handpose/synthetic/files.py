@@ -14,8 +14,7 @@ from typing import Any, NamedTuple
 
 from handpose.datasets import nyu_files, parts
 from handpose.datasets.parts import Columns, Part
-from handpose.synthetic.many import Source, generate
-from handpose.synthetic.workers import processes
+from handpose.synthetic.many import Source, generate, processes
 from netlib.errors import DataError
 from netlib.files import atomic
 

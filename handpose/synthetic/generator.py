@@ -28,7 +28,7 @@ import numpy as np
 from handpose.body.render import Floats, normalise_depth, render_crop
 from handpose.datasets.frames import Frames, empty_frames
 from handpose.frames.cameras import NYU, Camera
-from handpose.frames.crops import SIZE, cleared, window
+from handpose.frames.crops import SIZE, window
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import Bodies, BodySampler, cut_normal
 from handpose.synthetic.prior_file import PosePrior
@@ -66,17 +66,13 @@ class Subject:
 class Recipe:
     """All numbers that frames depend on, except for the seed. A block of frames has one of the views.
 
-    others   people in the test split only, in turn with the skeleton file's
-    wall     fraction of the frames with a plane close behind the body, such as a table, a wall or a trunk
-    cleared  whether isolated and flying pixels are removed, as from the crops of a recording
+    others  people in the test split only, in turn with the skeleton file's
     """
 
     prior: PosePrior = field(default_factory=prior_file.load)
     flesh: SurfacePrior = DEFAULT_SURFACE  # the name in the data's files
     views: tuple[View, ...] = (View(),)
     others: tuple[Subject, ...] = ()
-    wall: float = 0.0
-    cleared: bool = False
 
 
 class Scene(NamedTuple):
@@ -142,16 +138,11 @@ class Generator:
         capsules = draw_capsules(rng, self.recipe.flesh, sampler.surface, bodies.inputs, bodies.bones, bodies.scale,
                                  half, center)
         depth = render_crop(capsules, center_uvd, cube_mm, camera)
-        if self.recipe.wall:
-            _add_walls(rng, depth, center_uvd[:, 2], half, self.recipe.wall)
         if sensor is not None:
             pixel = SIZE * center_uvd[:, 2] / (cube_mm * camera.fx)
             depth = sense(rng, depth, center_uvd[:, 2] + half, sensor, camera, pixel)
             _blank_outside(depth, center_uvd, camera, cube_mm)
         depth = normalise_depth(depth, center_uvd[:, 2], cube_mm)
-        if self.recipe.cleared:
-            for n, d in enumerate(center_uvd[:, 2]):
-                depth[n] = cleared(depth[n], half, d / camera.fx)
         return Scene(bodies, camera, center_uvd, depth, cube_mm)
 
     def columns(self) -> dict[str, Array]:
@@ -184,21 +175,6 @@ def body_hash(skeleton: Skeleton) -> str:
     """A checksum of a body's skeleton text, in sixteen digits."""
     text = text_of(skeleton.param, skeleton.name, "")
     return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-def _add_walls(rng: np.random.Generator, depth: Floats, center: Array, half_mm: float, share: float) -> None:
-    """Put a plane behind the body in a fraction of the crops (N, S, S) in mm, in place; it touches some bodies.
-
-    ``center`` (N,) is the depth of the crops' centres, ``half_mm`` half the edge of their cube.
-    """
-    across = np.linspace(-1, 1, SIZE, dtype=np.float32)
-    for n in np.flatnonzero(rng.random(len(depth)) < share):
-        gap, slope = rng.uniform(-30, 100), rng.uniform(-0.8, 0.8, 2) * half_mm
-        plane = np.float32(center[n] + gap) + np.float32(slope[0]) * across + np.float32(slope[1]) * across[:, None]
-        seen = depth[n] < center[n] + half_mm
-        if seen.any():
-            plane += max(float((depth[n] - plane)[seen].max()) - 10.0, 0.0)
-        np.minimum(depth[n], np.maximum(plane, np.float32(center[n] - half_mm)), out=depth[n])
 
 
 def _blank_outside(depth: Floats, center_uvd: Array, camera: Camera, cube_mm: float) -> None:

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import collections
+import contextlib
+import multiprocessing
+import os
+import signal
+import threading
 from collections.abc import Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.process import BaseProcess
 from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from handpose.synthetic.generator import BLOCK, Split
-from handpose.synthetic.workers import no_interrupt, processes
 from netlib.blob import Array
 from netlib.errors import DataError
 
@@ -100,3 +105,42 @@ def _in_processes(generator: Source[R], numbers: range, pool: ProcessPoolExecuto
     finally:
         for future in ahead:
             future.cancel()
+
+
+# ---------------------------------------------------------------------------------------------- processes
+
+@contextlib.contextmanager
+def processes(workers: int) -> Iterator[ProcessPoolExecutor]:
+    """A pool whose processes end with their parent. Submit within ``no_interrupt``; otherwise Ctrl-C reaches them."""
+    if workers < 1:
+        raise DataError(f"{workers} worker processes, expected at least one")
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _start_worker)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _start_worker() -> None:
+    """In a worker: end with the parent."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def follow(parent: BaseProcess) -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=follow, args=(parent,), daemon=True).start()
+
+
+@contextlib.contextmanager
+def no_interrupt() -> Iterator[None]:
+    """Processes started within the block ignore Ctrl-C; their parent stops them."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -128,9 +128,6 @@ class BodySampler:
         shared = rng.beta(bend.shared.a, bend.shared.b, (N, 1))
         part = np.where(rng.random((N, 1)) < bend.independent, own, shared)
         each = np.repeat(part, [len(d) for d in chains], axis=1)
-        if bend.apart:
-            alone = rng.beta(bend.own.a, bend.own.b, each.shape)
-            each = np.where(rng.random((N, 1)) < bend.apart, alone, each)
         inputs[:, dofs] = self._bent_by(bend, dofs, np.clip(each + bend.noise * rng.standard_normal(each.shape), 0, 1))
 
     def _blend(self, rng: np.random.Generator, inputs: Array) -> None:
@@ -140,7 +137,7 @@ class BodySampler:
         poses = np.stack(list(self.poses.values()))[:, d]
         chosen = rng.random(N) < p.blend
         first, second = rng.integers(len(poses), size=(2, N))
-        part = rng.beta(p.blend_part.a, p.blend_part.b, (N, 1)) if p.blend_part else rng.random((N, 1))
+        part = rng.random((N, 1))
         between = (1 - part) * poses[first] + part * poses[second]
         between += p.blend_noise * rng.standard_normal(between.shape) * (upper - lower)
         inputs[np.ix_(chosen, d)] = np.clip(between, lower, upper)[chosen]

@@ -91,7 +91,6 @@ class BendParameter:
     shared: BetaParameter = BetaParameter()  # how far all chains of a body are bent; but ...
     independent: Double = 0.0  # ... this fraction of bodies has ...
     own: BetaParameter = BetaParameter()  # ... another number for each chain
-    apart: Double = 0.0  # this fraction has another number, of the same distribution, for each DoF
     noise: Double = 0.0  # normal, of each DoF about its chain's
 
 
@@ -166,8 +165,7 @@ class PosePrior:
     spread: tuple[SpreadParameter, ...] = ()
     between: tuple[BetweenParameter, ...] = ()
     pose: tuple[PoseParameter, ...] = ()
-    blend: Double = 0.0  # this fraction of bodies is between two poses ...
-    blend_part: BetaParameter | None = None  # ... at this part of the way (none: uniform); a and b below 1: pure poses
+    blend: Double = 0.0  # this fraction of bodies is between two poses, at a uniform part of the way ...
     blend_noise: Double = 0.0  # ... but for this: normal, of each DoF's range
     penetration: Double = np.inf  # maximum penetration of parts; deeper ones are drawn again
     redraws: int = 8  # maximum number of draws
@@ -227,7 +225,6 @@ def _check(prior: PosePrior) -> None:
     _check_center(prior, skeleton)
     bent = [part for bend in prior.bend for part in (bend.shared, bend.own)]
     betas: list[BetweenParameter | BetaParameter] = [*prior.between, *bent]
-    betas += [prior.blend_part] if prior.blend_part else []
     for beta in betas:
         _expect(beta, "a", 0 < beta.a < np.inf and 0 < beta.b < np.inf, "a and b > 0")
     _expect(prior, "cube_mm", 0 < prior.cube_mm < np.inf, "a length in mm > 0")
@@ -256,7 +253,7 @@ def _check_numbers(message: object) -> None:
             _expect(message, name, not np.isnan(value), "a depth in mm")
         elif name == "scale_mean":
             _expect(message, name, 0 < value <= MAX_DISTANCE_MM, "a factor above 0")
-        elif name in ("any", "independent", "apart", "wide", "blend") and value is not None:
+        elif name in ("any", "independent", "wide", "blend") and value is not None:
             _expect(message, name, 0 <= value <= 1, "a fraction, 0 to 1")
 
 

@@ -13,11 +13,10 @@ from handpose.body.nyu import CUBE_MM
 from handpose.frames.cameras import CAMERAS, ICVL, KINECT2, NYU, SR305
 from handpose.synthetic import prior_file
 from handpose.synthetic.generator import Generator, Recipe, Subject, View
-from handpose.synthetic.prior_file import BetaParameter, PosePrior, RangeParameter
+from handpose.synthetic.prior_file import PosePrior, RangeParameter
 from handpose.synthetic.sensor import CODED_LIGHT, KINECT, NOISY_KINECT, TIME_OF_FLIGHT, sensor_of
-from handpose.synthetic.surface_prior import OTHER_SURFACE, PERSON_SURFACE, SurfacePrior
+from handpose.synthetic.surface_prior import PERSON_SURFACE, SurfacePrior
 from netlib.errors import NetlibError
-from netlib.proto import schema
 
 ONE_THICKNESS = SurfacePrior(thickness_std=0.0)
 SECOND = Subject(cube_mm=261.0, bone_std=0.04, seed=2)  # like NYU's second subject: smaller, with other proportions
@@ -27,10 +26,6 @@ PEOPLE_SURFACE = SurfacePrior(
     thickness_std=0.1, trunk_std=0.08, radius_std=0.06, offsets=(0.4, 1.6), limb=(0.75, 1.2), towards_camera=0.7,
     cut=0.3, sleeve=0.4,
 )
-# The same with forearms as wide as the palm that come towards the camera, and objects near some hands.
-CLUTTERED_SURFACE = replace(PEOPLE_SURFACE, limb=(0.75, 1.45), towards_camera=0.9, cut=0.2, sleeve=0.35, object=0.1)
-
-
 def any_roll() -> PosePrior:
     """Hands in front of any camera: every roll, so that hands pointing down are as common as others, near and far."""
     wide = prior_file.load().turned("palm_rot_z", any=0.6).turned("palm_rot_x", std=36.0)
@@ -61,17 +56,6 @@ def _people() -> Recipe:
     return Recipe(prior_file.load(prior_file.PEOPLE_PRIOR), PEOPLE_SURFACE, views)
 
 
-def _cluttered() -> Recipe:
-    people = _people()
-    bends = tuple(schema.changed(bend, apart=0.35, noise=0.12) for bend in people.prior.bend)
-    prior = people.prior.but(bend=bends, blend=0.5, blend_part=BetaParameter(0.35, 0.35))
-    # Draws below 1 (of the filter, px of the crop) have no effect: 70% of the frames have no specks, 40% or more no
-    # filter.
-    views = tuple(view._replace(sensor=replace(view.sensor, specks=(-6.0, 4.0), median=(-1.0, 1.5)))
-                  for view in people.views if view.sensor)
-    return Recipe(prior, CLUTTERED_SURFACE, views, wall=0.12, cleared=True)
-
-
 def _cameras() -> Recipe:
     views = (View(), View(NYU, NOISY_KINECT), View(KINECT2, TIME_OF_FLIGHT), View(SR305, CODED_LIGHT),
              View(ICVL, TIME_OF_FLIGHT))
@@ -80,11 +64,9 @@ def _cameras() -> Recipe:
 
 _RECIPES: dict[str, Callable[[], Recipe]] = {
     "nyu": Recipe,  # NYU's camera, distances and poses
-    "other_flesh": lambda: Recipe(flesh=OTHER_SURFACE, views=(View(NYU, NOISY_KINECT),)),
     "any_roll": lambda: Recipe(any_roll()),
     "cameras": _cameras,  # any person, any camera
     "people": _people,  # adults and children, seen from any side
-    "cluttered": _cluttered,  # the same with walls, objects, specks, filtered depth, and more independent joints
     "one_hand": lambda: Recipe(like_nyu().but(scale_std=0.0, bone_std=0.0), ONE_THICKNESS, others=(SECOND,)),
     "many_hands": lambda: Recipe(like_nyu()),
 }

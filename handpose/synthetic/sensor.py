@@ -4,10 +4,8 @@
 
 The errors are applied in the order in which they arise: near surfaces cover what is behind their edges (``_spread``),
 matching takes the depth of a neighbour (``_shift``), light from both sides of an edge gives a depth between them
-(``_fly``), disparity or time is noisy and rounded (``_measure``), some pixels at depth steps have no reading
-(``_drop``), and some spots read a depth in front of everything (``_specks``). Last, the camera's own filter takes the
-median of neighbours (``_median``). After a change of this code synthetic frames differ: increase
-``handpose.synthetic.generator.VERSION``.
+(``_fly``), disparity or time is noisy and rounded (``_measure``), and some pixels at depth steps have no reading
+(``_drop``). After a change of this code synthetic frames differ: increase ``handpose.synthetic.generator.VERSION``.
 """
 
 from __future__ import annotations
@@ -46,17 +44,12 @@ class Sensor:
     dropout: tuple[float, float] = (0.0, 0.12)  # fraction of the pixels at an edge that are not read
     holes: tuple[float, float] = (0.0, 0.006)  # fraction of the pixels at an edge round which 3 x 3 are not read
     spread: tuple[float, float] = (0.0, 0.0)  # px of the image by which a surface extends beyond its edges
-    specks: tuple[float, float] = (0.0, 0.0)  # number of spots with a wrong reading in front of the surface
-    speck_mm: tuple[float, float] = (20.0, 250.0)  # distance of each in front of the nearest surface
-    median: tuple[float, float] = (0.0, 0.0)  # px of the image: radius of the camera's median filter
 
     def settled(self, rng: np.random.Generator) -> Sensor:
         """One camera of this kind: what each frame draws is drawn once, and the same in all frames."""
         bounds: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
-        del bounds["speck_mm"]  # of each speck, not of a camera
-        for name in ("spread", "specks", "median"):
-            if not bounds[name][1]:
-                del bounds[name]  # draw nothing, so that recordings of sensors without it do not change
+        if not self.spread[1]:
+            del bounds["spread"]  # draw nothing, so that recordings of sensors without it do not change
         drawn = {name: (float(rng.uniform(*two)),) * 2 for name, two in bounds.items() if isinstance(two, tuple)}
         return replace(self, **{**bounds, **drawn})
 
@@ -117,10 +110,6 @@ def sense(
         else:
             _time(rng, out[chunk], limits[chunk], sensor)
         _drop(rng, out[chunk], limits[chunk], sensor)
-    if sensor.specks[1]:
-        _specks(rng, out, limits, sensor, pixels)
-    if sensor.median[1]:
-        _median(rng, out, sensor, pixels)
     return out
 
 
@@ -229,24 +218,6 @@ def _drop(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) 
     around = np.arange(9) // 3 - 1, np.arange(9) % 3 - 1
     depth[n, np.clip(row + around[0], 0, H - 1), np.clip(column + around[1], 0, W - 1)] = far[n, 0, 0]
     depth.reshape(-1)[dropped] = far[dropped // (H * W), 0, 0]
-
-
-def _specks(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor, pixel: NDArray[np.float64]) -> None:
-    """Spots of 1 to 3 px of the image that read a depth in front of the surface, in place."""
-    _, H, W = depth.shape
-    for n, count in enumerate(rng.uniform(*sensor.specks, len(depth))):
-        nearest = min(float(depth[n].min()), float(far[n, 0, 0]))
-        for _ in range(int(count)):
-            place = int(rng.integers(W)), int(rng.integers(H))
-            radius = int(np.ceil(rng.uniform(0.5, 1.5) * pixel[n]))
-            cv2.circle(depth[n], place, radius, max(nearest - rng.uniform(*sensor.speck_mm), 1.0), cv2.FILLED)
-
-
-def _median(rng: np.random.Generator, depth: Floats, sensor: Sensor, pixel: NDArray[np.float64]) -> None:
-    """Medians of the neighbourhood, in place; at most 5 x 5 pixels, the largest that OpenCV filters in float32."""
-    for n, radius in enumerate(rng.uniform(*sensor.median, len(depth)) * pixel):
-        if radius >= 1:
-            depth[n] = cv2.medianBlur(depth[n], 3 if radius < 2 else 5)
 
 
 def sensor_of(camera: Camera) -> Sensor:

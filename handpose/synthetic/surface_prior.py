@@ -32,17 +32,9 @@ class SurfacePrior:
     sleeve: float = 0.0  # this fraction of limbs wears one ...
     sleeve_from: tuple[float, float] = (0.0, 0.5)  # ... uniform: from this part of its length on
     sleeve_mm: tuple[float, float] = (2.0, 15.0)  # ... uniform: additional thickness
-    object: float = 0.0  # this fraction of bodies has a capsule of something else near them, in any direction ...
-    object_from: tuple[float, float] = (0.5, 1.2)  # ... uniform: distance of its middle, of the length unit
-    object_length: tuple[float, float] = (0.1, 2.5)  # ... uniform, of the length unit
-    object_radius: tuple[float, float] = (0.05, 0.3)  # ... uniform, of the length unit
 
 
 DEFAULT_SURFACE = SurfacePrior()
-# A body unlike the model of the fit: to test fits on unknown bodies.
-OTHER_SURFACE = SurfacePrior(
-    thickness_std=0.1, radius_std=0.1, offsets=(0.3, 1.5), limb=(0.7, 1.1), cut=0.3, sleeve=0.4
-)
 # People in front of a camera.
 PERSON_SURFACE = SurfacePrior(
     radius_std=0.05, offsets=(0.6, 1.4), limb=(0.75, 1.1), towards_camera=0.5, cut=0.3, sleeve=0.4
@@ -83,8 +75,6 @@ def draw_capsules(
         a[:, m], b[:, m], radii[:, m] = _piece(a[:, m], b[:, m], radii[:, m], np.zeros(N), cut)
         if prior.sleeve:
             further.append(_piece(a[:, m], b[:, m], radii[:, m] + thicker[:, None], sleeve_from * worn, np.ones(N)))
-    if prior.object:
-        further.append(_objects(rng, prior, unit_mm, origin, a[:, 0]))
     for start, end, r in further:  # bodies without a sleeve have a second arm in the same place
         a, b = np.concatenate([a, start[:, None]], axis=1), np.concatenate([b, end[:, None]], axis=1)
         radii = np.concatenate([radii, r[:, None]], axis=1)
@@ -121,30 +111,6 @@ def _least_towards_camera(
         if not len(todo):
             break
     return best
-
-
-def _objects(
-    rng: np.random.Generator, prior: SurfacePrior, unit_mm: float, origin: Array, hidden: Array
-) -> tuple[Array, Array, Array]:
-    """A capsule (N, 3), (N, 3), (N, 2) near each body; for bodies without one it is hidden at a place inside them."""
-    N = len(origin)
-    present = rng.random(N) < prior.object
-    towards, along = (_directions(rng, N) for _ in range(2))
-    middle = origin + towards * rng.uniform(*prior.object_from, (N, 1)) * unit_mm
-    half = along * rng.uniform(*prior.object_length, (N, 1)) * (unit_mm / 2)
-    radii = np.repeat(rng.uniform(*prior.object_radius, (N, 1)) * unit_mm, 2, axis=1)
-    place = present[:, None]
-    return (
-        np.where(place, middle - half, hidden),
-        np.where(place, middle + half, hidden),
-        np.where(place, radii, 1.0),
-    )
-
-
-def _directions(rng: np.random.Generator, count: int) -> Array:
-    """Unit vectors (count, 3), every direction equally likely."""
-    vectors = rng.standard_normal((count, 3))
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
 
 
 def _piece(a: Array, b: Array, radii: Array, first: Array, last: Array) -> tuple[Array, Array, Array]:

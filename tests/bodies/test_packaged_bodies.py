@@ -197,7 +197,6 @@ def test_a_page_of_a_person() -> None:
     ("arguments", "message"),
     [
         (["--recipe", "nyu"], "--recipe applies only to hands"),
-        (["--raw"], "not allowed with argument"),
         (["--places"], "not allowed with argument"),
     ],
 )

@@ -9,7 +9,7 @@ import pytest
 
 from fast.batch_norm import FastBatchNorm
 from netlib.blob import Blobs
-from tests.support import random_programs
+from tests.fast import random_programs
 
 PER_TEST = 80
 CANCELLING = (803483, 909045)  # gradients of 1e6 cancel behind a normalization
@@ -20,7 +20,7 @@ CANCELLING = (803483, 909045)  # gradients of 1e6 cancel behind a normalization
 def test_the_engines_agree(block: int, caplog: pytest.LogCaptureFixture) -> None:
     """The engines agree after every operation.
 
-    ``python -m tests.support.random_programs --show SEED`` shows a program that fails.
+    ``python -m tests.fast.random_programs --show SEED`` shows a program that fails.
     """
     caplog.set_level("ERROR", "netlib")
     rounded = 0

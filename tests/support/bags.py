@@ -107,28 +107,6 @@ def write(writer: Any, messages: Messages, content: Content) -> None:
             writer.write(connections[topic, kind], ns, message)
 
 
-def rvl(image: Depth) -> bytes:
-    """Return the RVL compression of a 16-bit image."""
-    values, numbers, i, before = image.ravel().tolist(), [], 0, 0
-    while i < len(values):
-        zeros = next((k for k, value in enumerate(values[i:]) if value), len(values) - i)
-        run = next((k for k, value in enumerate(values[i + zeros :]) if not value), len(values) - i - zeros)
-        numbers += [zeros, run]
-        for value in values[i + zeros : i + zeros + run]:
-            numbers.append(2 * (value - before) if value >= before else 2 * (before - value) - 1)
-            before = value
-        i += zeros + run
-    digits: list[int] = []
-    for number in numbers:
-        while number > 7:
-            digits.append(number & 7 | 8)
-            number >>= 3
-        digits.append(number)
-    digits += [0] * (-len(digits) % 8)
-    words = [int("".join(f"{digit:x}" for digit in digits[k : k + 8]), 16) for k in range(0, len(digits), 8)]
-    return np.array(words, "<u4").tobytes()
-
-
 def driver(
     messages: Messages, depth: Depth, topic: str = TOPIC, sensor: tuple[int, int] | None = None, **info: Any
 ) -> Content:

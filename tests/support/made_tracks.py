@@ -41,7 +41,7 @@ def any_skeleton(seed: int, joints: int = 7) -> Skeleton:
 
 def header_of(skeleton: Skeleton, unit_mm: float = 150.0) -> TrackHeader:
     """Return the header of a recording by NYU's camera."""
-    return TrackHeader("wave.mkv", NYU, skeleton, unit_mm)
+    return TrackHeader("wave.bag", NYU, skeleton, unit_mm)
 
 
 def any_hand(header: TrackHeader, rng: np.random.Generator, id: int = 0, hand: str = "right",

@@ -13,11 +13,9 @@ import h5py
 import numpy as np
 import pytest
 
-from handpose.body.nyu import CENTER_JOINT, frame_name
-from handpose.datasets import nyu_files, parts
+from handpose.datasets import parts
 from handpose.synthetic.generator import Generator
 from layers.hand.skeleton import NYU_HAND
-from tests.handpose.datasets.nyu_frames import read_matlab_here
 from tests.support.running import Done, run_tool, wait_until
 
 TOOL = Path(__file__).parents[2] / "tools" / "make_synthetic.py"
@@ -27,7 +25,6 @@ TOOL = Path(__file__).parents[2] / "tools" / "make_synthetic.py"
 def files_of_40_frames(monkeypatch: pytest.MonkeyPatch) -> None:
     """Set the number of frames per file to 40, so that few frames make several files."""
     monkeypatch.setattr(parts, "FRAMES_PER_FILE", 40)
-    read_matlab_here(monkeypatch)
 
 
 def arguments(out: Path, *more: str, train: int = 70) -> list[str]:
@@ -111,47 +108,6 @@ def test_ctrl_c(tmp_path: Path) -> None:
     assert (process.returncode, stdout) == (130, "")
     assert stderr == "stopped; whole files are kept, and the next run continues after them\n"
     assert all(name.startswith("train_") and name.endswith(".h5") for name in names(out))
-
-
-# ------------------------------------------------------------------------------------------ NYU's format
-
-
-def raw(out: Path, *more: str, train: int = 5) -> list[str]:
-    return ["--raw", "--out", str(out), "--train", str(train), "--test", "3", "--workers", "1", *more]
-
-
-def test_raw_files(tmp_path: Path) -> None:
-    """Each split is a folder with one image per frame and the labels of all 36 joints, not clipped to the cube."""
-    done = run_tool("make_synthetic", *raw(tmp_path, train=12))
-    folder = tmp_path / "train"
-    assert names(folder) == [*(frame_name(i) for i in range(12)), "joint_data.mat", "synthetic.json"]
-    labels = nyu_files.read_annotation(folder / nyu_files.ANNOTATION)
-    assert labels.uvd.shape == (12, 36, 3) and np.isfinite(labels.xyz).all() and labels.made_from == "synthetic"
-    assert 150 < np.abs(labels.xyz - labels.xyz[:, CENTER_JOINT, None]).max() < 260
-    depth = nyu_files.read_nyu_depth(folder / frame_name(11))
-    assert depth.shape == (480, 640) and (depth == 0).mean() > 0.5
-    assert "12 train and 3 test frames (synthetic, seed 0) in NYU's format" in done.out
-
-
-def test_raw_keeps_what_is_there(tmp_path: Path) -> None:
-    """A second run keeps the files; fewer frames remove the others; without labels the split is written again."""
-    run_tool("make_synthetic", *raw(tmp_path))
-    assert "exist already in NYU's format" in run_tool("make_synthetic", *raw(tmp_path)).out
-    run_tool("make_synthetic", *raw(tmp_path, train=2))
-    assert len(names(tmp_path / "train")) == 4
-    (tmp_path / "train" / nyu_files.ANNOTATION).unlink()
-    run_tool("make_synthetic", *raw(tmp_path, train=2))
-    assert len(nyu_files.read_annotation(tmp_path / "train" / nyu_files.ANNOTATION)) == 2
-
-
-def test_raw_leaves_real_data_alone(tmp_path: Path) -> None:
-    """A folder that another program made is not changed without --force."""
-    (tmp_path / "train").mkdir()
-    (tmp_path / "train" / frame_name(0)).write_text("a real frame")
-    error = run_tool("make_synthetic", *raw(tmp_path), status=1).err
-    assert error.count("\n") == 1 and "did not make" in error
-    assert (tmp_path / "train" / frame_name(0)).read_text() == "a real frame"
-    run_tool("make_synthetic", *raw(tmp_path, "--force"))
 
 
 def test_places(tmp_path: Path) -> None:

@@ -15,23 +15,17 @@ import pytest
 from handpose.body.nyu import frame_name
 from handpose.datasets import nyu_files, parts
 from handpose.frames.crops import window
-from tests.handpose.datasets.nyu_frames import read_matlab_here, write_frame
+from tests.handpose.datasets.nyu_frames import write_frame
+from tests.support.nyu_data_set import write_data_set
 from tests.support.running import Done, run_tool
 
 COUNT = ["--train", "30", "--test", "20", "--workers", "1"]
 
 
-@pytest.fixture(autouse=True)
-def matlab_files_are_read_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    read_matlab_here(monkeypatch)
-
-
 @pytest.fixture(scope="session")
 def raw(tmp_path_factory) -> Path:
     """30 training and 20 test frames in NYU's format."""
-    out = tmp_path_factory.mktemp("raw")
-    run_tool("make_synthetic", "--raw", "--out", out, *COUNT)
-    return out
+    return write_data_set(tmp_path_factory.mktemp("raw"), {"train": 30, "test": 20})
 
 
 @pytest.fixture

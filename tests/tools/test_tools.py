@@ -126,7 +126,7 @@ EVALUATE = "nyu --groundtruth t.txt --predictions"
         ("predict", "a.png --fit no --hand either", "--hand either needs a fit; use --hand right or left"),
         ("predict", "a.png --camera kinect3", "or FX,FY,U0,V0 in px, the intrinsics from its SDK, found 'kinect3'"),
         *(("predict", f"a.png {option}", f"{option.split()[0]} applies only to full frames, with --camera")
-          for option in ("--center 1,2", "--unit 1", "--distortion 0,0,0,0", "--swap-bytes", "--refine 2")),
+          for option in ("--center 1,2", "--unit 1", "--distortion 0,0,0,0", "--refine 2")),
         ("predict", "a.png --camera nyu --center 1", "expected U,V or U,V,D (px, px, mm), found '1'"),
         ("predict", "a.png b.png --camera nyu" + 3 * " --center 1,2",
          "--center is given 3 times for 2 images; expected once, or once per image"),

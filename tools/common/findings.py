@@ -17,11 +17,12 @@ from handpose.estimate.nets import hand_poses
 from handpose.estimate.predictor import Predictor
 from handpose.frames.inspection import Inspection
 from handpose.output.drawing import hands, strokes, surface
-from handpose.output.drawing.labels import percent
 from handpose.output.drawing.tracks import Painter
+from handpose.output.drawing.view import percent
 from handpose.output.hand_page.assembly import page
 from handpose.output.hand_page.content import body, content, hand
-from handpose.output.tracks import angles, csv_file, joint_values
+from handpose.output.tracks import csv_file, joint_values
+from handpose.output.tracks.json_values import free_dofs
 from handpose.output.tracks.predictions import document, frame_values
 from handpose.sequences.gestures import poses
 from handpose.synthetic import prior_file
@@ -97,7 +98,7 @@ def _row(found: Hand, predictor: Predictor, joints: FormatName | None) -> list[s
 
 def _angles(predictor: Predictor) -> list[int]:
     """The DoFs that are angles and that a fit determines."""
-    return [int(d) for d in angles.free_dofs(predictor.skeleton).angles] if predictor.fitter else []
+    return [int(d) for d in free_dofs(predictor.skeleton).angles] if predictor.fitter else []
 
 
 def _positions(found: Hand) -> Array:

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from handpose.datasets import parts
-from handpose.datasets.flaws import Flaw
 from handpose.datasets.preparation import Outcome, PreparedSplit, refuse_foreign
-from handpose.datasets.published_frames import PublishedFrames
+from handpose.datasets.published_frames import Flaw, PublishedFrames
 from handpose.frames.images import BadFrameError
 from netlib import engine
 from tools.common.arguments import parser_of, workers

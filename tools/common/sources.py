@@ -24,7 +24,7 @@ from tools.common.console import say
 # A fit with this confidence confirms the depth unit, because a wrong unit changes the size of the hand. On six frames
 # of an earlier hand the confidence was above 0.99 with the right unit, and at most 0.82 with units 10 times off.
 CONFIRMS_UNIT = 0.95
-ABOUT_FRAMES = ("unit", "distortion", "swap_bytes")  # options of add_camera_options that need a camera
+ABOUT_FRAMES = ("unit", "distortion")  # options of add_camera_options that need a camera
 # argument types of values that a camera.json may also give
 unit_mm, rate = (arguments.real(*RANGES[key], above=True) for key in ("unit_mm", "rate"))
 
@@ -36,7 +36,7 @@ def add_source_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rate", type=rate, metavar="HZ", help="frame rate, if the frames have no times")
     parser.add_argument("--time-unit", choices=camera_file.TIME_UNITS,
                         help="unit of the times in file names or arrays; frames if they are numbers of frames "
-                             "(default: inferred from the steps)")
+                             "(default: by the names)")
 
 
 def add_camera_options(parser: argparse.ArgumentParser, of: str, default: str = "") -> None:
@@ -48,14 +48,12 @@ def add_camera_options(parser: argparse.ArgumentParser, of: str, default: str = 
                         "for sr305 0.125)")
     parser.add_argument("--distortion", type=_lens, metavar="K1,K2,P1,P2[,K3]",
                         help="lens distortion in OpenCV's order; write --distortion= before a minus sign")
-    parser.add_argument("--swap-bytes", action="store_true", default=None,
-                        help="exchange the bytes of every stored value")
 
 
 def given_of(args: argparse.Namespace) -> CameraInfo:
     """The camera parameters in the parsed arguments, and in the camera.json that they name. Raises NetlibError."""
     said = CameraInfo(None, args.distortion, args.unit, getattr(args, "rate", None),
-                      time_unit=getattr(args, "time_unit", None), swap_bytes=args.swap_bytes)
+                      time_unit=getattr(args, "time_unit", None))
     if isinstance(args.camera, Path):
         return said.or_else(camera_file.read(args.camera))
     return said.or_else(CameraInfo(args.camera, origin="--camera"))

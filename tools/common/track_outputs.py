@@ -1,4 +1,4 @@
-"""Outputs of tracking: files of joints and angles, a video, a contact sheet, Rerun's viewer, and live output."""
+"""Outputs of tracking: files of joints and angles, a video, a contact sheet, and live output."""
 
 from __future__ import annotations
 
@@ -20,11 +20,9 @@ from numpy.typing import NDArray
 from handpose import Recording
 from handpose.frames import camera_file
 from handpose.frames.formats.folder import PICTURES, FolderRecording
-from handpose.output.drawing.rerun_view import RerunView
 from handpose.output.drawing.sheets import ContactSheet
 from handpose.output.drawing.tracks import Painter
 from handpose.output.drawing.video_file import VideoFile
-from handpose.output.live.datagrams import DatagramSender
 from handpose.output.live.messages import LINES, VIEWS, Messages
 from handpose.output.live.page import page
 from handpose.output.live.server import LiveServer, checked_token
@@ -37,9 +35,8 @@ from tools.common.arguments import name_in
 from tools.common.console import say
 from tools.common.hand_arguments import add_joints_option
 
-FILES = ("json", "csv", "bvh")
-DRAWN = ("video", "sheet", "rerun")
-LIVE = ("serve", "udp")
+FILES = ("json", "csv")
+DRAWN = ("video", "sheet")
 LOCAL = "127.0.0.1"
 TOKEN = "HANDPOSE_TOKEN"  # environment variable
 _CHECK_S = 0.1  # interval between checks for a request to stop
@@ -51,8 +48,6 @@ def add_output_options(parser: argparse.ArgumentParser) -> None:
                         help="joints, angles, crops: .json, .jsonl (one line per frame), or - for such lines on "
                              "standard output")
     parser.add_argument("--csv", metavar="FILE.csv", type=name_in(".csv"), help="one row per frame and hand")
-    parser.add_argument("--bvh", metavar="FILE.bvh", type=name_in(".bvh"),
-                        help="bones and angles for Blender and other programs; one file per hand")
     add_joints_option(parser, "in --json in addition to NYU's, in --csv instead")
     parser.add_argument("--gestures", action="store_true",
                         help="gesture of each hand and its confidence, in --json and --csv")
@@ -60,16 +55,12 @@ def add_output_options(parser: argparse.ArgumentParser) -> None:
                         help="skeleton and surface on the depth image, and hands in space")
     parser.add_argument("--sheet", metavar="FILE.png", type=name_in(".png", ".jpg"),
                         help="contact sheet of the track")
-    parser.add_argument("--rerun", metavar="FILE.rrd", nargs="?", const=False, type=name_in(".rrd"),
-                        help="show in Rerun's viewer, or write its file")
     parser.add_argument("--serve", metavar="HOST:PORT", nargs="?", const=(LOCAL, 0), type=_served,
                         help=f"a page for the browser that shows frames as they come, and JSON lines over WebSocket "
                              f"(default: {LOCAL}, which other machines do not reach, and any free port)")
     parser.add_argument("--addresses", metavar="FILE.json", type=name_in(".json"),
                         help="with --serve: write the addresses, which contain the token, to a file that only you can "
                              "read; removed at the end")
-    parser.add_argument("--udp", metavar="HOST:PORT", type=arguments.address(),
-                        help="a datagram of JSON per frame to this address")
     parser.add_argument("--look", metavar="FILE.png", type=name_in(".png", ".jpg"),
                         help="only report on the first frames, and draw the first hand")
 
@@ -81,7 +72,7 @@ def _served(text: str) -> tuple[str, int]:
 
 def settle_outputs(args: argparse.Namespace, parser: argparse.ArgumentParser) -> None:
     """Set default outputs if none is given (``args.unnamed``), and reject --look with others."""
-    selected = _given(args, *FILES, *DRAWN, *LIVE)
+    selected = _given(args, *FILES, *DRAWN, "serve")
     if args.look is not None and selected:
         parser.error("--look stops after the first frames; omit other outputs")
     if args.addresses is not None and args.serve is None:
@@ -90,8 +81,8 @@ def settle_outputs(args: argparse.Namespace, parser: argparse.ArgumentParser) ->
     if args.unnamed:
         args.json, args.sheet = (f"{_stem(args.source)}{ending}" for ending in (".json", ".png"))
     for option in ("joints", "gestures"):
-        if getattr(args, option) and not _given(args, "json", "csv", *LIVE):
-            parser.error(f"--{option} is for --json, --csv, --serve and --udp; name one of them")
+        if getattr(args, option) and not _given(args, "json", "csv", "serve"):
+            parser.error(f"--{option} is for --json, --csv and --serve; name one of them")
 
 
 def _stem(source: str) -> str:
@@ -109,7 +100,7 @@ def refuse_inputs(args: argparse.Namespace, recording: Recording) -> None:
     source, own = Path(args.source), [args.camera] if isinstance(args.camera, Path) else []
     frames = recording.folder if isinstance(recording, FolderRecording) else None
     inputs = [source, *camera_file.places_next_to(frames or source), *own]
-    for name in filter(None, _given(args, *FILES, *DRAWN, "look", "addresses")):
+    for name in _given(args, *FILES, *DRAWN, "look", "addresses"):
         outputs.refuse_inputs(name, inputs)
         place = Path(os.path.realpath(name))
         if frames and place.suffix.lower() in PICTURES and place.parent == Path(os.path.realpath(frames)):
@@ -125,7 +116,7 @@ def is_drawn(args: argparse.Namespace) -> bool:
 
 
 def _given(args: argparse.Namespace, *names: str) -> list[Any]:
-    """The values of those of the options that are given; --rerun without a file has the value False."""
+    """The values of those of the options that are given."""
     return [value for name in names if (value := getattr(args, name)) is not None]
 
 
@@ -140,18 +131,17 @@ class Outputs:
         self._painter = Painter(header) if args.video or args.sheet else None
         self._sheet = ContactSheet() if args.sheet else None
         self._video = VideoFile(Path(args.video), rate or 30.0) if args.video else None
-        self._view = RerunView(header, Path(args.rerun) if args.rerun else None) if args.rerun is not None else None
-        self._live = LiveOutput(args, header, live) if _given(args, *LIVE) else None
+        self._live = LiveOutput(args, header, live) if args.serve else None
         self._writers: list[TrackWriter] = [
-            open_writer(path, header, rate, args.joints, args.gestures) for path in _given(args, *FILES)
+            open_writer(path, header, args.joints, args.gestures) for path in _given(args, *FILES)
         ]
-        self._open: list[TrackWriter | VideoFile | RerunView | LiveOutput] = []
+        self._open: list[TrackWriter | VideoFile | LiveOutput] = []
         self.written: list[str] = []
 
     def __enter__(self) -> Outputs:
         for name in filter(None, (self._args.video, self._args.sheet)):  # created later, but checked now
             outputs.check_place(Path(name))
-        every = (*self._writers, self._video, self._view, self._live)
+        every = (*self._writers, self._video, self._live)
         named = [output for output in every if output is not None]
         with contextlib.ExitStack() as stack:
             for output in named:
@@ -185,8 +175,6 @@ class Outputs:
                 self._sheet.add(frame.time, lambda: image[painter.depth_part])
         elif painter and self._sheet:
             self._sheet.add(frame.time, lambda: painter.seen(depth, frame))
-        if self._view:
-            self._view.log(depth, frame)
         if self._live:
             self._live.write(depth, frame)
 
@@ -208,8 +196,6 @@ class Outputs:
             self.written.append(self._video.note)
         elif self._video and Path(self._args.video).exists():
             self.written.append(self._args.video)
-        if self._args.rerun:
-            self.written.append(self._args.rerun)
         if failure is not None and failure is not error:
             raise failure
 
@@ -220,12 +206,13 @@ class Outputs:
 
 
 class LiveOutput:
-    """Sends the frames of a track to the clients of a server and as datagrams. Raises NetlibError."""
+    """Sends the frames of a track to the clients of a server. Raises NetlibError."""
 
     def __init__(self, args: argparse.Namespace, header: TrackHeader, live: bool = False) -> None:
         self._messages = Messages(header, args.joints, args.gestures)
-        self._server = self._server_at(args.serve, header, live) if args.serve else None
-        self._sender = DatagramSender(args.udp) if args.udp else None
+        token = checked_token(os.environ[TOKEN], TOKEN) if TOKEN in os.environ else None
+        host, port = args.serve
+        self._server = LiveServer(host, port, self._messages.header, page(header, live), token)
         self._addresses = Path(args.addresses) if args.addresses else None
         self._stack = contextlib.ExitStack()
         self._check: Callable[[], None] = lambda: None
@@ -234,10 +221,8 @@ class LiveOutput:
 
     def __enter__(self) -> LiveOutput:
         with contextlib.ExitStack() as stack:
-            for output in (self._server, self._sender):
-                if output is not None:
-                    stack.enter_context(output)
-            if self._server is not None and self._addresses is not None:
+            stack.enter_context(self._server)
+            if self._addresses is not None:
                 stack.enter_context(_written(self._addresses, self._server))
             self._stack = stack.pop_all()
         return self
@@ -245,54 +230,34 @@ class LiveOutput:
     def begin(self, recording: Recording, check: Callable[[], None], file: TextIO | None) -> None:
         """Print the addresses; wait for the first client unless the source is a live camera."""
         self._check = check
-        if self._server is not None:
-            say(f"page: {self._server.page_url}", file=file)
-            say(f"for programs: {self._server.lines_url}", file=file)
-            if self._server.is_public:
-                say("warning: other machines can watch, if they have these addresses", file=sys.stderr)
-            if not recording.live:
-                say("waiting for the first connection; Ctrl-C stops", file=file)
-            print(end="", file=file, flush=True)  # not file.flush(): it is None if a shell closed standard output
-            while not recording.live and not self._server.wait_for_client(_CHECK_S):
-                check()
+        say(f"page: {self._server.page_url}", file=file)
+        say(f"for programs: {self._server.lines_url}", file=file)
+        if self._server.is_public:
+            say("warning: other machines can watch, if they have these addresses", file=sys.stderr)
+        if not recording.live:
+            say("waiting for the first connection; Ctrl-C stops", file=file)
+        print(end="", file=file, flush=True)  # not file.flush(): it is None if a shell closed standard output
+        while not recording.live and not self._server.wait_for_client(_CHECK_S):
+            check()
         if not recording.live:
             self._begun = time.perf_counter()
 
     def write(self, depth: NDArray[np.floating], frame: TrackedFrame) -> None:
-        """Send a frame; frames of a recording are sent in real time, and wait while a page holds it."""
-        self._hold()
+        """Send a frame; frames of a recording are sent in real time."""
         self._wait_until(frame.time)
-        server, sender = self._server, self._sender
-        has_lines, has_views = (server is not None and server.has_clients(path) for path in (LINES, VIEWS))
-        if not (has_lines or has_views or sender):
+        has_lines, has_views = map(self._server.has_clients, (LINES, VIEWS))
+        if not (has_lines or has_views):
             return
         record = self._messages.record(frame)
-        if server is not None and has_lines:
-            server.put(LINES, self._messages.line(record))
-        if server is not None and has_views:
-            server.put(VIEWS, self._messages.view(record, depth, frame))
-        if sender is not None:
-            sender.send(self._messages.datagram(record))
+        if has_lines:
+            self._server.put(LINES, self._messages.line(record))
+        if has_views:
+            self._server.put(VIEWS, self._messages.view(record, depth, frame))
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
     ) -> None:
         self._stack.__exit__(kind, error, where)
-        if self._sender is not None and self._sender.dropped:
-            say(f"warning: --udp: {self._sender.dropped} datagrams were not sent: {self._sender.reason}",
-                file=sys.stderr)
-
-    def _server_at(self, address: tuple[str, int], header: TrackHeader, live: bool) -> LiveServer:
-        token = checked_token(os.environ[TOKEN], TOKEN) if TOKEN in os.environ else None
-        return LiveServer(*address, self._messages.header, page(header, live), token)
-
-    def _hold(self) -> None:
-        if self._begun is None or self._server is None:
-            return
-        held = time.perf_counter()
-        while not self._server.pace.wait(_CHECK_S):
-            self._check()
-        self._begun += time.perf_counter() - held
 
     def _wait_until(self, seconds: float) -> None:
         if self._begun is None:

@@ -1,13 +1,33 @@
-"""The joint formats: their points, order, unit and axes, and their other outputs.
+"""Joints and angles of a hand as other systems define them.
 
     mediapipe  MediaPipe's 21 hand landmarks: in the image, normalised, and metric. COCO-WholeBody's hands, FreiHAND's
                and the Panoptic Studio's have the same order
-    openxr     the 26 joints of OpenXR's hand tracking, each with an orientation and a radius
     mano       the 16 joints of MANO in its order, then the five fingertips on the skin, from the thumb on
     nyu        the 14 joints on which the NYU data set is evaluated, in the order of its papers
 
-found = formatted("openxr", skeleton, "left", xyz)  # xyz (K, 3) mm, camera axes: of a track, a prediction, a data set
-found.positions, found.orientations, found.radii
+found = formatted("mano", skeleton, "left", xyz)  # xyz (K, 3) mm, camera axes: of a track, a prediction, a data set
+found.positions
+
+The anatomical angles, in degrees (``anatomical_angles``), are
+
+    FINGER_mcp_flexion     of the first phalanx from the line of its metacarpal towards the palm; extension is negative
+    FINGER_mcp_abduction   of the first phalanx away from the middle finger, in the plane of the palm; adduction is
+                           negative. Of the middle finger: towards the index finger
+    FINGER_pip_flexion     between the first and the second phalanx, towards the palm
+    FINGER_dip_flexion     between the second and the third one
+    thumb_cmc_radial_abduction   of the metacarpal away from that of the index finger, in the plane of the palm
+    thumb_cmc_palmar_abduction   of the metacarpal out of the plane of the palm, to the side of the palm
+    thumb_mcp_flexion, thumb_ip_flexion   between the bones of the thumb, towards the fingers
+
+A straight finger in line with its metacarpal has only zeros. Signs are the same for left and right hands. With the
+metacarpal m, the back of the hand n, the direction r across the palm towards the thumb, perpendicular to m and n, and
+the phalanges u, v with the finger's back w, which is perpendicular to u:
+
+    mcp_flexion   = atan2(-u . n, u . m)        mcp_abduction = asin(u . r), of the ring and the little finger -asin
+    pip_flexion   = atan2(-v . w, v . u)        dip_flexion likewise
+
+The phalanges are the model's rigid ones, between the joints at which it bends: PIP and DIP are minus its angles
+``*_pip_rot_x`` and ``*_dip_rot_x``.
 """
 
 from __future__ import annotations
@@ -19,19 +39,15 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-import scipy
 
-from handpose.body.joint_formats.angles import turned
-from handpose.body.joint_formats.frames import MIN_SHARE, HandFrames, hand_frames, joints_of, unit
-from handpose.body.joint_formats.points import FINGERS, POINTS, Point, weights_of
-from handpose.body.model import Surface
-from handpose.body.sides import Side, mirror_of
+from handpose.body.joint_formats.frames import FINGERS, POINTS, HandFrames, Point, hand_frames, joints_of, weights_of
+from handpose.body.sides import Side
 from handpose.frames.cameras import Camera
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError, did_you_mean
 
-FormatName = Literal["mediapipe", "openxr", "mano", "nyu"]
+FormatName = Literal["mediapipe", "mano", "nyu"]
 FORMAT_NAMES: tuple[FormatName, ...] = get_args(FormatName)
 METRE = 1000.0
 
@@ -69,18 +85,6 @@ def _mediapipe() -> JointFormat:
     return JointFormat("mediapipe", joints, tuple(bones), "m", (1, -1, 1), "x right, y down, z away from the camera")
 
 
-def _openxr() -> JointFormat:
-    joints, bones = {"PALM": POINTS["palm_middle"], "WRIST": POINTS["wrist"]}, [("WRIST", "PALM")]
-    for finger in ("thumb", *FINGERS):
-        parts = {"METACARPAL": "cmc", "PROXIMAL": "mcp", "INTERMEDIATE": "pip", "DISTAL": "dip", "TIP": "tip"}
-        if finger == "thumb":
-            parts = {"METACARPAL": "cmc", "PROXIMAL": "mcp", "DISTAL": "ip", "TIP": "tip"}
-        names = [f"{finger.upper()}_{part}" for part in parts]
-        joints |= dict(zip(names, (POINTS[f"{finger}_{point}"] for point in parts.values())))
-        bones += [("WRIST", names[0]), *itertools.pairwise(names)]
-    return JointFormat("openxr", joints, tuple(bones), "m", (1, 1, -1), "x right, y up, z towards the camera")
-
-
 def _mano() -> JointFormat:
     joints = {"wrist": POINTS["wrist"]}
     bones: list[tuple[str, str]] = []
@@ -108,7 +112,7 @@ def _nyu() -> JointFormat:
     return JointFormat("nyu", joints, tuple(bones), "mm", (1, 1, 1), "x right, y up, z away from the camera")
 
 
-FORMATS: dict[FormatName, JointFormat] = {one.name: one for one in (_mediapipe(), _openxr(), _mano(), _nyu())}
+FORMATS: dict[FormatName, JointFormat] = {one.name: one for one in (_mediapipe(), _mano(), _nyu())}
 
 
 @dataclass(frozen=True)
@@ -117,17 +121,12 @@ class FormattedHand:
 
     format        with the names of the J joints
     positions     (J, 3) in its unit and axes, from the origin of the given joints: for a track the camera
-    orientations  (J, 4) quaternions x, y, z, w, w >= 0, of openxr: -Z along the bone to the fingertip, +Y out of the
-                  back of the hand or the nail, +X to the right of both; otherwise None
-    radii         (J,) of openxr, in m: from the joint to the skin; otherwise None
     landmarks     (J, 3) of mediapipe, if a camera or a cube is given: x and y in [0, 1] of the image's width and
                   height, z behind the wrist in widths of the image; otherwise None
     """
 
     format: JointFormat
     positions: Array
-    orientations: Array | None = None
-    radii: Array | None = None
     landmarks: Array | None = None
 
     @property
@@ -142,23 +141,17 @@ class FormattedHand:
 
 
 def formatted(
-    name: FormatName,
-    skeleton: Skeleton,
-    hand: Side,
-    xyz: Array,
-    camera: Camera | None = None,
+    name: FormatName, skeleton: Skeleton, hand: Side, xyz: Array, camera: Camera | None = None,
     cube_mm: float | None = None,
-    frames: HandFrames | None = None,
 ) -> FormattedHand:
     """A hand in a format.
 
-    Raises DataError for another body than a hand, an unknown format, joints that are not finite, landmarks of a hand
-    that is not before the camera, and a degenerate hand in OpenXR's format (``frames_of``).
+    Raises DataError for another body than a hand, an unknown format, joints that are not finite, and landmarks of a
+    hand that is not before the camera.
 
     xyz      (K, 3) joints of the skeleton in mm, camera axes
     camera   that saw it, for landmarks in the image
     cube_mm  of a crop without its frame: landmarks are in the crop then
-    frames   the hand's directions, if they are computed already (``hand_frames``)
     """
     if name not in FORMATS:
         raise DataError(f"format {name!r}{did_you_mean(str(name), FORMATS)}; expected {', '.join(FORMATS)}")
@@ -169,12 +162,7 @@ def formatted(
     scale = np.array(chosen.axes) / (METRE if chosen.unit == "m" else 1.0)
     if name == "mediapipe":
         return FormattedHand(chosen, points * scale, landmarks=_landmarks(points, camera, cube_mm))
-    if name != "openxr":
-        return FormattedHand(chosen, points * scale)
-    mirror = mirror_of(hand)
-    frames = frames or hand_frames(skeleton, hand, xyz)
-    turns = _orientations(frames, points * mirror) * (mirror * chosen.axes)
-    return FormattedHand(chosen, points * scale, _quaternions(turns), _radii(skeleton) * frames.unit_mm / METRE)
+    return FormattedHand(chosen, points * scale)
 
 
 @functools.lru_cache(maxsize=16)
@@ -196,51 +184,55 @@ def _landmarks(points: Array, camera: Camera | None, cube_mm: float | None) -> A
     return np.stack([0.5 + x / cube_mm, 0.5 - y / cube_mm, (z - z[0]) / cube_mm], axis=1)
 
 
-# ---------------------------------------------------------------------------------------------- OpenXR
+# ---------------------------------------------------------------------------------------------- angles
+
+ANGLES = (
+    "thumb_cmc_radial_abduction", "thumb_cmc_palmar_abduction", "thumb_mcp_flexion", "thumb_ip_flexion",
+    *(f"{finger}_{angle}" for finger in FINGERS
+      for angle in ("mcp_flexion", "mcp_abduction", "pip_flexion", "dip_flexion")),
+)
 
 
-def _orientations(frames: HandFrames, points: Array) -> Array:
-    """The directions (J, 2, 3) to the fingertip and out of the back, for OpenXR's joints of a right hand."""
-    at = dict(zip(FORMATS["openxr"].joints, points))
-    palm, wrist = frames.palm["middle"], at["MIDDLE_METACARPAL"] - at["WRIST"]
-    found = {"PALM": (palm, frames.dorsal), "WRIST": (wrist, frames.dorsal)}
-    for finger in ("thumb", *FINGERS):
-        names = [joint for joint in at if joint.startswith(finger.upper())]
-        bones = [unit(at[b] - at[a]) for a, b in itertools.pairwise(names)]
-        if finger != "thumb":  # the first bone is a metacarpal
-            found[names.pop(0)] = bones.pop(0), frames.dorsal
-        back = turned(frames.back[finger], frames.bones[finger][0], bones[0])
-        for name, bone, after in zip(names, bones, [*bones[1:], bones[-1]]):
-            found[name] = bone, back
-            back = turned(back, bone, after)
-        found[names[-1]] = bones[-1], back
-    return np.array([found[joint] for joint in at])
+def anatomical_angles(skeleton: Skeleton, hand: Side, xyz: Array) -> dict[str, float]:
+    """The angles by name, in degrees, of joints (K, 3) in camera axes. Raises DataError, see ``hand_frames``."""
+    return angles_of(hand_frames(skeleton, hand, xyz))
 
 
-def _quaternions(directions: Array) -> Array:
-    """Quaternions (J, 4) of -Z and +Y (J, 2, 3); the second is made perpendicular to the first."""
-    along, z = np.linalg.norm(directions[:, 0], axis=1, keepdims=True), -directions[:, 0]
-    x = np.cross(directions[:, 1], z)
-    length = np.linalg.norm(x, axis=1, keepdims=True)
-    if not (length > MIN_SHARE).all():
-        joint = list(FORMATS["openxr"].joints)[int(np.argmin(length))]
-        raise DataError(f"the orientation of {joint} is not determined; expected bones along the fingers")
-    x, z = x / length, z / along
-    found = scipy.spatial.transform.Rotation.from_matrix(np.stack([x, np.cross(z, x), z], axis=2)).as_quat()
-    return np.asarray(np.where(found[:, 3:] < 0, -found, found))
+def angles_of(frames: HandFrames) -> dict[str, float]:
+    """The angles by name, in degrees, for the directions of a right hand."""
+    found = np.zeros(len(ANGLES))
+    u, n, m = frames.bones["thumb"][0], frames.dorsal, frames.palm["thumb"]
+    found[0] = np.arctan2(u @ _across(m, n), u @ m)
+    found[1] = np.arcsin(np.clip(-(u @ n), -1, 1))
+    found[2:4] = _bends(frames, "thumb")
+    for i, finger in enumerate(FINGERS):
+        u, m = frames.bones[finger][0], frames.palm[finger]
+        away = -1.0 if finger in ("ring", "little") else 1.0
+        found[4 + 4 * i] = np.arctan2(-(u @ n), u @ m)
+        found[5 + 4 * i] = away * np.arcsin(np.clip(u @ _across(m, n), -1, 1))
+        found[6 + 4 * i : 8 + 4 * i] = _bends(frames, finger)
+    return dict(zip(ANGLES, np.degrees(found).tolist()))
 
 
-@functools.lru_cache(maxsize=8)
-def _radii(skeleton: Skeleton) -> Array:
-    """Radii (J,) of OpenXR's joints in the skeleton's units: the surface's at the joints, with the points' weights."""
-    surface = Surface(skeleton)
-    ends, radii = np.concatenate([surface.start, surface.end]), surface.radii.T.ravel()
-    of_joints = np.array(
-        [radii[ends == j].mean() if (ends == j).any() else np.nan for j in range(len(skeleton.joint_names))]
-    )
-    of_joints[skeleton.joint_names.index("palm")] = 0.0  # no point uses it
-    found = np.asarray(_weights("openxr", skeleton) @ of_joints)
-    if not np.isfinite(found).all():
-        joint = list(FORMATS["openxr"].joints)[int(np.argmin(np.isfinite(found)))]
-        raise DataError(f"the surface of skeleton {skeleton.name!r} has no radius at {joint}")
-    return found
+def _across(m: Array, n: Array) -> Array:
+    """Perpendicular to a metacarpal and the back of the hand, towards the thumb."""
+    across = np.cross(m, n)
+    return np.asarray(across / np.linalg.norm(across))
+
+
+def _bends(frames: HandFrames, finger: str) -> list[float]:
+    """The angle of each bone of a finger to the one before, towards the palm."""
+    bones, back = frames.bones[finger], frames.back[finger]
+    bends = []
+    for before, after in itertools.pairwise(bones):
+        bends.append(float(np.arctan2(-(after @ back), after @ before)))
+        back = turned(back, before, after)
+    return bends
+
+
+def turned(vector: Array, before: Array, after: Array) -> Array:
+    """A vector turned by the smallest rotation that moves one direction (3,) to another."""
+    v, cos = np.cross(before, after), float(before @ after)
+    if cos < -0.999999:  # the axis of a half turn is not determined
+        return -vector
+    return np.asarray(vector * cos + np.cross(v, vector) + v * (v @ vector) / (1 + cos))

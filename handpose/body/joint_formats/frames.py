@@ -1,4 +1,4 @@
-"""Directions of a hand, computed from its joints: of the palm and of each finger.
+"""Points of a hand, and its directions: of the palm and of each finger, computed from its joints.
 
 They are those of a right hand in camera axes (x right, y up, z away); joints of a left hand are mirrored first
 and directions mirrored back. They depend on positions only, so joints of a network, a fit or a track can be used.
@@ -12,23 +12,139 @@ which determines a and b, because a finger spreads by less than MAX_SPREAD from 
 bent by more than 90 degrees points backwards. So the axis M Rz(a) e_x, about which the finger bends, is known for
 straight fingers, too, but not at exactly 90 degrees. The thumb bends about z and points along x:
 d = M Rz(a) Ry(-b) e_x.
+
+A point is a weighted mean of the skeleton's joints; weights sum to 1, so points move, turn, scale and mirror with the
+hand. A finger has six joints, which are named after NYU's annotation points. The fingers of ``people.prototxt`` bend at
+``mcp``, ``pip_a`` and ``dip``, which are the anatomical joints:
+
+    mcp .... base ...... pip_a . pip_b .... dip .... tip
+    |----- proximal -----|---- middle -----|- distal -|
+
+``base`` is NYU's point on the proximal phalanx, ``pip_b`` a point 6 mm beyond the PIP joint. NYU annotates two points
+for every phalanx, near its ends, and the fingers of ``nyu.prototxt`` bend at the first ones, ``mcp``, ``base`` and
+``pip_b``:
+
+    mcp .... base .. pip_a .... pip_b .. dip .... tip
+    |- proximal -|   |- middle -|   |- distal -|
+
+There the PIP joint is between ``base`` and ``pip_a``, the DIP joint between ``pip_b`` and ``dip``; the weights were
+chosen from the proportions of adult phalanges.
 """
 
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.body.joint_formats.points import FINGERS, NO_HAND, POINTS, hinges_of, weights_of
 from handpose.body.sides import SIDES, Side, mirror_of
 from layers.hand.bodies import kinematics_of
 from layers.hand.kinematics import Kinematics, rotation
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError, reason_of
+
+NO_HAND = "the skeleton has no joint {!r}; only hands have joints and angles of other formats"
+FINGERS = ("index", "middle", "ring", "little")
+PALM_BONES = {"index": 0.75, "middle": 0.58, "ring": 0.42, "little": 0.25}  # share of wrist_middle; wrist_left the rest
+CARPALS = 0.3  # position between wrist (0) and knuckle (1)
+SKIN = {"thumb": 0.39, "index": 0.58, "middle": 0.53, "ring": 0.55, "little": 0.57}  # last radius / last bone
+NYU_SKIN = {"thumb": 0.39, "index": 0.62, "middle": 0.48, "ring": 0.52, "little": 0.64}
+
+
+class Point(NamedTuple):
+    """A point of the hand.
+
+    weights  of the skeleton's joints, by name
+    bias     position relative to the anatomical point: distal is towards the fingertip, dorsal towards the back of the
+             hand, palmar away from it
+    nyu      weights for a skeleton that bends at NYU's annotation points; by default the same
+    """
+
+    weights: dict[str, float]
+    bias: str
+    nyu: dict[str, float] | None = None
+
+
+def _points() -> dict[str, Point]:
+    found = {
+        "wrist": Point({"wrist_left": 0.5, "wrist_middle": 0.5}, "9 mm dorsal of the middle of the wrist"),
+        "thumb_cmc": Point({"thumb_mcp": 1}, "by the bones' proportions up to 15 mm distal; 8 mm dorsal"),
+        "thumb_mcp": Point(
+            {"thumb_pip": 0.85, "thumb_dip": 0.15}, "2 mm proximal, 3 mm palmar; the hinge is 7 mm proximal"
+        ),
+        "thumb_ip": Point({"thumb_dip": 1}, "2 mm distal, 2 mm palmar"),
+        "thumb_tip": Point({"thumb_tip": 1}, "2 mm distal; 9 mm before the end of the thumb"),
+        "thumb_skin": Point(_beyond("thumb", SKIN), "the end of the thumb in the surface model"),
+    }
+    for finger in FINGERS:
+        radial, base = PALM_BONES[finger], 1 - CARPALS
+        cmc = {"wrist_middle": base * radial, "wrist_left": base * (1 - radial), f"{finger}_mcp": CARPALS}
+        pip = {f"{finger}_base": 0.3, f"{finger}_pip_a": 0.7}
+        dip = {f"{finger}_pip_b": 0.6, f"{finger}_dip": 0.4}
+        found |= {
+            f"{finger}_cmc": Point(cmc, "a fixed proportion of the palm, not observable; 8 mm dorsal"),
+            f"{finger}_mcp": Point({f"{finger}_mcp": 1}, "2 mm distal, 4 mm dorsal"),
+            f"{finger}_pip": Point({f"{finger}_pip_a": 1}, "5 mm distal, 1 mm dorsal", pip),
+            f"{finger}_dip": Point({f"{finger}_dip": 1}, "5 mm distal", dip),
+            f"{finger}_tip": Point({f"{finger}_tip": 1}, "3 mm distal; 9 mm before the end of the finger"),
+            f"{finger}_skin": Point(
+                _beyond(finger, SKIN), "the end of the finger in the surface model", _beyond(finger, NYU_SKIN)
+            ),
+        }
+    return found
+
+
+def _beyond(finger: str, skin: dict[str, float]) -> dict[str, float]:
+    """The end of a fingertip, its radius beyond the last joint."""
+    return {f"{finger}_tip": 1 + skin[finger], f"{finger}_dip": -skin[finger]}
+
+
+POINTS = _points()
+
+
+def hinges_of(skeleton: Skeleton) -> dict[str, tuple[int, ...]]:
+    """By finger the joints at which it bends, from the knuckle outwards, and its tip: the ends of its rigid phalanges.
+
+    Raises DataError for another body than a hand.
+    """
+    index = {name: i for i, name in enumerate(skeleton.joint_names)}
+    found = {}
+    for finger in ("thumb", *FINGERS):
+        for name in (f"{finger}_mcp", f"{finger}_tip"):
+            if name not in index:
+                raise DataError(NO_HAND.format(name))
+        joint = index[f"{finger}_tip"]
+        ends = [joint]
+        while joint not in (index[f"{finger}_mcp"], -1):
+            if skeleton.motions[joint]:
+                ends.append(int(skeleton.parents[joint]))
+            joint = int(skeleton.parents[joint])
+        if len(ends) != 4 or joint < 0:
+            raise DataError(f"skeleton {skeleton.name!r}: {finger} bends at {len(ends) - 1} joints; expected 3")
+        found[finger] = tuple(reversed(ends))
+    return found
+
+
+def weights_of(points: Sequence[Point], skeleton: Skeleton) -> Array:
+    """Weights (P, K) that turn the joints of a skeleton into points. Raises DataError for another body than a hand."""
+    names = skeleton.joint_names
+    index = {name: i for i, name in enumerate(names)}
+    annotated = names[hinges_of(skeleton)["index"][1]] == "index_base"
+    weights = np.zeros((len(points), len(index)))
+    for row, point in enumerate(points):
+        for joint, weight in (point.nyu if annotated and point.nyu else point.weights).items():
+            if joint not in index:
+                raise DataError(NO_HAND.format(joint))
+            weights[row, index[joint]] = weight
+    return weights
+
+
+# ---------------------------------------------------------------------------------------------- directions
 
 PALM = ("palm", "wrist_left", "wrist_middle", "thumb_mcp", *(f"{finger}_mcp" for finger in FINGERS))
 MAX_MM = 1e6  # of joints; larger numbers are in another unit, or no positions
@@ -41,7 +157,6 @@ MIN_SHARE = 1e-6  # minimum length of a bone relative to the palm, and sine of a
 class HandFrames:
     """Directions of one right hand; all of length 1.
 
-    unit_mm   of the skeleton: its size
     dorsal    (3,) out of the back of the hand, perpendicular to the plane of wrist, index and little knuckle
     radial    (3,) in that plane, from the little finger to the index, perpendicular to the middle metacarpal
     bones     by finger the directions (3, 3) of its phalanges, from the palm to the tip; of the thumb the metacarpal
@@ -50,7 +165,6 @@ class HandFrames:
     palm      by finger the direction (3,) of its metacarpal; that of "thumb" is the index finger's
     """
 
-    unit_mm: float
     dorsal: Array
     radial: Array
     bones: dict[str, Array]
@@ -86,7 +200,8 @@ def frames_of(skeleton: Skeleton, right: Array) -> HandFrames:
     point, bones without a length, or a metacarpal perpendicular to the palm.
     """
     rest, right = _rest(skeleton), joints_of(skeleton, "right", right)
-    R, unit_mm = _pose_of(rest.palm, right[rest.palm_joints])
+    moved = right[rest.palm_joints]
+    R = best_rotation(rest.palm - rest.palm.mean(axis=0), moved - moved.mean(axis=0))
     points = rest.points @ right  # wrist, then cmc and mcp of every finger
     wrist, cmc, mcp = points[0], points[1::2], points[2::2]
     sides = mcp[[0, -1]] - wrist
@@ -117,7 +232,7 @@ def frames_of(skeleton: Skeleton, right: Array) -> HandFrames:
         else:
             a, b = _spread_and_bend(d, rest.ahead[finger])
             back[finger] = M @ (rotation(2, a) @ rotation(0, b))[:, 2]
-    return HandFrames(unit_mm, dorsal, radial, bones, back, palm)
+    return HandFrames(dorsal, radial, bones, back, palm)
 
 
 def hand_frames(skeleton: Skeleton, hand: Side, xyz: Array) -> HandFrames:
@@ -168,12 +283,6 @@ def _spread_and_bend(d: Array, ahead: float) -> tuple[float, float]:
     forward = 1.0 if y >= 0 else -1.0
     spread = float(np.clip(np.arctan2(-forward * x, forward * y), -MAX_SPREAD, MAX_SPREAD))
     return ahead + spread, float(np.arctan2(d[2], forward * np.hypot(x, y)))
-
-
-def _pose_of(rest: Array, found: Array) -> tuple[Array, float]:
-    """The rotation that moves points (N, 3) best onto others, about their means, and the relative size of both."""
-    a, b = rest - rest.mean(axis=0), found - found.mean(axis=0)
-    return best_rotation(a, b), float(np.sqrt((b**2).sum() / (a**2).sum()))
 
 
 def unit(vector: Array) -> Array:

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from handpose.frames import camera_file
 from handpose.frames.cameras import NYU
-from handpose.frames.formats.data_sets import MSRA_FRAME, DataSet, read_msra, recognised
 from handpose.frames.formats.frame_names import NamedFrames, in_order
 from handpose.frames.images import read_picture, unpack_depth
 from handpose.frames.raw import Calibration, calibration_of
@@ -27,26 +26,22 @@ from netlib.errors import DataError, did_you_mean, reason_of, system_error_of
 from netlib.files.paths import exists, list_folder, names_in
 
 PICTURES = (".png", ".tif", ".tiff")
-OTHERS = (".jpg", ".jpeg", ".bmp", ".exr", ".pgm", ".raw", ".bin")  # named in an error message
+OTHERS = (".jpg", ".jpeg", ".bmp", ".exr", ".pgm", ".raw")  # named in an error message
 
 
 def open_folder(source: Path, given: CameraInfo = UNKNOWN) -> FolderRecording:
     """The frames in a folder, or those matching a pattern of names, or one name. Raises DataError."""
     folder, names = _frames_in(source)
-    data_set = recognised(folder, names)
-    if data_set is not None:
-        names = data_set.frames(names)
-    own = UNKNOWN if data_set is None else data_set.given
     camera_json = camera_file.next_to(folder)
-    known = given.or_else(own).or_else(camera_json)
-    packed = known.camera == NYU or own.camera == NYU
+    known = given.or_else(camera_json)
+    packed = known.camera == NYU
     frames = in_order(names, str(folder), known.time_unit)
     path, image = _first_whole(folder, frames)
     raw = _grey(image, packed, path)
     if path.suffix.lower() in (".tif", ".tiff") and (pictures := cv2.imcount(str(path))) > 1:
         raise DataError(f"{path}: a TIFF of {pictures} pictures; expected one for each frame, or all in an .npy")
-    calibration = calibration_of(given, own, camera_json, raw.shape, raw.dtype, str(path))
-    return FolderRecording(source, folder, frames, calibration, packed, data_set)
+    calibration = calibration_of(given, UNKNOWN, camera_json, raw.shape, raw.dtype, str(path))
+    return FolderRecording(source, folder, frames, calibration, packed)
 
 
 class FolderRecording(Recording):
@@ -56,20 +51,12 @@ class FolderRecording(Recording):
     """
 
     def __init__(
-        self,
-        source: Path,
-        folder: Path,
-        frames: NamedFrames,
-        calibration: Calibration,
-        packed: bool,
-        data_set: DataSet | None,
+        self, source: Path, folder: Path, frames: NamedFrames, calibration: Calibration, packed: bool
     ) -> None:
         self.name = str(source)
         self.camera, self.unit_mm, self.count = calibration.camera, calibration.unit_mm, len(frames.names)
         self.rate = calibration.rate
         remarks = [frames.interpretation, *calibration.remarks]
-        if data_set is not None:
-            remarks.insert(0, f"frames of {data_set.name}, by their names")
         if not frames.ticks and len(frames.names) > 1:
             self.rate, assumed = calibration.paced()
             remarks += assumed
@@ -84,7 +71,7 @@ class FolderRecording(Recording):
         for number, (name, time) in enumerate(zip(self._frames.names, self._frames.times)):
             path = self.folder / name
             try:
-                image = _read(path)
+                image = read_picture(path)
             except DataError as error:
                 if system_error_of(error):
                     raise
@@ -119,7 +106,7 @@ def _frames_in(source: Path) -> tuple[Path, list[str]]:
 
 
 def _is_frame(name: str) -> bool:
-    return not name.startswith(".") and (name.lower().endswith(PICTURES) or MSRA_FRAME.fullmatch(name) is not None)
+    return not name.startswith(".") and name.lower().endswith(PICTURES)
 
 
 def _no_frames(folder: Path) -> str:
@@ -139,7 +126,7 @@ def _first_whole(folder: Path, frames: NamedFrames) -> tuple[Path, NDArray[Any]]
     first = None
     for name in frames.names:
         try:
-            return folder / name, _read(folder / name)
+            return folder / name, read_picture(folder / name)
         except DataError as error:
             if system_error_of(error):
                 raise
@@ -148,16 +135,11 @@ def _first_whole(folder: Path, frames: NamedFrames) -> tuple[Path, NDArray[Any]]
     raise first
 
 
-def _read(path: Path) -> NDArray[Any]:
-    """The pixels of a frame's file, unchanged. Raises DataError for a damaged or missing one."""
-    return read_msra(path) if path.suffix == ".bin" else read_picture(path)
-
-
 def _grey(image: NDArray[Any], packed: bool, path: Path) -> NDArray[Any]:
     """The stored depths of an image; ``packed`` means NYU's packing. Raises DataError for other images."""
     if packed and image.ndim == 3 and image.dtype == np.uint8 and image.shape[2] == 3:
         return unpack_depth(image).astype(np.uint16)
     if image.ndim != 2 or image.dtype == np.uint8:
-        kind = "colours" if image.ndim == 3 else "grey values"
-        raise DataError(f"{path}: a picture of {image.dtype} {kind}; expected depth, a 16-bit grey picture")
+        kind, nyu = ("colours", " (of the NYU data set, with --camera nyu)") if image.ndim == 3 else ("grey values", "")
+        raise DataError(f"{path}: a picture of {image.dtype} {kind}; expected depth, a 16-bit grey picture{nyu}")
     return image

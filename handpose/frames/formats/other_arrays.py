@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.frames import camera_file
-from handpose.frames.formats.time_units import FRAMES, TICKS, unit_of
+from handpose.frames.formats.frame_names import FRAMES, TICKS, since_1970
 from handpose.frames.raw import RATE
 from handpose.frames.recording import UNKNOWN, CameraInfo
 from netlib.errors import DataError
@@ -25,7 +25,7 @@ ENDINGS = {word: unit for unit, words in {
     "s": "s sec secs second seconds", "ms": "ms msec millis milliseconds", "us": "us usec micros microseconds",
     "ns": "ns nsec nanos nanoseconds"}.items() for word in words.split()}
 TIMES = re.compile(rf"(?:depth_|frame_)?(?:t|ts|times?|time_?stamps?|stamps?)(?:_({'|'.join(ENDINGS)}))?", re.I)
-IN_SECONDS = "time"  # the one name whose times are seconds unless they show another unit
+IN_SECONDS = "time"  # the one name whose times are seconds unless they are times since 1970 in another unit
 MATRICES = ("K", "intrinsics", "intrinsic", "intrinsic_matrix", "camera_matrix", "camera_intrinsics",
             "depth_intrinsics", "cam_K", "camera_K", "depth_K", "mtx")
 ALIASES = {"frame_rate": "rate", "framerate": "rate", "dist": "coefficients", "dist_coeffs": "coefficients",
@@ -36,8 +36,8 @@ MM = {word: mm for mm, words in {1.0: "mm millimeters millimetres", 10.0: "cm", 
                                  0.001: "um"}.items() for word in words.split()}
 OF_ANYTHING = ("name", "model", *camera_file.SIZE)  # ambiguous keys, used only with a camera
 TEXT = "camera"  # the name of the whole text of a camera.json
-FIELDS = {"camera": "camera", "lens": "distortion", "unit_mm": "unit", "rate": "rate", "time_unit": "unit of the times",
-          "swap_bytes": "order of bytes"}  # of CameraInfo, in words
+FIELDS = {"camera": "camera", "lens": "distortion", "unit_mm": "unit", "rate": "rate",
+          "time_unit": "unit of the times"}  # of CameraInfo, in words
 MAX_NAMES = 8  # number of unused arrays that are named
 
 
@@ -221,10 +221,10 @@ def _unit_of_times(
                       (own.time_unit, "as the file says"), (camera_json.time_unit, "by camera.json")):
         if unit is not None:
             return unit, f"in {unit} {how}"
-    if unit := unit_of(times.tolist()):
-        return unit, "in s" if unit == "s" else f"in {unit} by their size or steps; --time-unit if wrong"
+    if unit := since_1970(times.tolist()):
+        return unit, f"in {unit} since 1970"
     if name == IN_SECONDS:
         return "s", "taken for s; --time-unit if wrong"
-    step = np.median(np.diff(times))
+    step = np.median(np.diff(times)) if len(times) > 1 else 0
     raise DataError(f"{where}: {name} has times of an unknown unit, with a usual step of {step:g}; give --time-unit s, "
                     f"ms, us, ns or frames, or call the array {name}_ms")

@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from handpose.frames.cameras import Camera
 from handpose.frames.lens import lens_of
-from handpose.frames.live import DeviceFrame, LiveRecording, calibrated, not_started
+from handpose.frames.live import DeviceFrame, LiveRecording
 from handpose.frames.recording import CameraInfo, Recording
 from netlib.errors import DataError, NetlibError, reason_of
 
@@ -35,7 +36,9 @@ def open_live(serial: str | None, given: CameraInfo) -> Recording:
     try:
         profile = pipeline.start(config)
     except RuntimeError as error:
-        raise not_started("realsense", "camera", serial, error, _connected(rs)) from error
+        raise DataError(f"realsense: {f'camera {serial}' if serial else 'a camera'} cannot be started: "
+                        f"{reason_of(error)}; connected: {', '.join(_connected(rs)) or 'none'} (no other program may "
+                        "use it)") from error
     with contextlib.ExitStack() as stack:
         stack.callback(pipeline.stop)
         device = profile.get_device()
@@ -70,7 +73,10 @@ def _info(rs: Any, profile: Any, name: str) -> CameraInfo:
         raise DataError(f"{name}: its depth comes as {stream.format()}; expected z16")
     said = stream.get_intrinsics()
     lens = lens_of(str(said.model), said.coeffs, name)
-    camera = calibrated(name, said.fx, said.fy, said.ppx, said.ppy, said.width, said.height)
+    try:
+        camera = Camera(name, said.fx, said.fy, said.ppx, said.ppy, said.width, said.height)
+    except ValueError as error:  # it is not calibrated
+        raise DataError(f"{name}: {error}") from None
     metres = profile.get_device().first_depth_sensor().get_depth_scale()
     unit_mm = float(f"{1000 * metres:.6g}")  # 0.001 as a float of 32 bits is not 0.001
     return CameraInfo(camera, lens, unit_mm, float(stream.fps()), name)

@@ -2,31 +2,40 @@
 
 PATH is a .bag, a .db3, an .mcap or a folder of ROS 2; PATH#TOPIC selects the images if several topics have depth.
 
-Messages are read as the ROS types of their topics. A bag also contains definitions, from which the library
-would generate code: they are ignored.
+Messages are read as the ROS types of their topics. A bag also contains definitions of types, from which rosbags'
+AnyReader generates code and runs it; the readers of ROS 1 and 2 that are used here ignore them.
+
+A CompressedImage on a topic IMAGE/compressed has the bytes of a PNG or TIFF of 16 bits. On IMAGE/compressedDepth, 12
+bytes precede a PNG: an unused number, then A and B, both float32. For 32FC1 a stored value v > 0 is A / (v - B) metres
+(compressed_depth_image_transport, codec.cpp).
 """
 
 from __future__ import annotations
 
 import contextlib
 import functools
+import math
 import re
+import struct
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import cv2
+import numpy as np
 from numpy.typing import NDArray
 
 from handpose.frames import camera_file
-from handpose.frames.formats import ros_limits
-from handpose.frames.formats import ros_messages as messages
-from handpose.frames.formats.contained import Contained
+from handpose.frames.cameras import Camera
+from handpose.frames.lens import Lens, lens_of
 from handpose.frames.raw import Calibration, calibration_of
-from handpose.frames.recording import CameraInfo, Recording
+from handpose.frames.recording import CameraInfo, DepthFrame, Recording
 from netlib.errors import DataError, NetlibError, did_you_mean, reason_of, system_error_of
+from netlib.files import pictures
 from netlib.files.paths import exists
 
 OPTIONS = ("Depth_Units", "Depth Units")  # RealSense's names for one option, new and old
+MAX_DISTANCE_BACK = 1.0  # s; a larger step back means that the clock was set
 REINDEX = "; a recorder that was killed leaves such a bag, and `rosbag reindex` repairs it"
 
 
@@ -51,22 +60,13 @@ class Bag(NamedTuple):
         return found
 
     def messages(self, topic: str, *kinds: str) -> Iterator[tuple[int, Any]]:
-        """The time of recording in nanoseconds of each message of a topic, and the message.
+        """The time of recording in nanoseconds of each message of a topic, of some types, and the message.
 
-        ``kinds`` are the allowed types: a bag may have several connections for one topic, with different types. Raises
-        DataError for messages of more than one of them, and rosbags' errors.
+        Raises rosbags' errors.
         """
         connections = [one for one in self.reader.connections if one.topic == topic and one.msgtype in kinds]
-        there = sorted({one.msgtype for one in connections if one.msgcount})
-        if len(there) > 1:
-            raise DataError(f"{self.where}: {topic}: messages of {len(there)} types, {', '.join(there)}; expected one")
-        ids = {one.id for one in connections}
-        with ros_limits.named_limits():
-            for connection, time, content in self.reader.messages(connections=connections) if connections else ():
-                if connection.id not in ids:
-                    raise ValueError(f"the index leads to a message of {connection.topic}, {connection.msgtype}")
-                ros_limits.check_message(content)
-                yield time, self._message(content, connection.msgtype)
+        for connection, time, content in self.reader.messages(connections=connections) if connections else ():
+            yield time, self._message(content, connection.msgtype)
 
     def _message(self, content: bytes, kind: str) -> Any:
         store = _types(self.is_ros1)
@@ -75,7 +75,7 @@ class Bag(NamedTuple):
         try:
             return store.deserialize_ros1(content, kind)
         except Exception:
-            if kind != messages.IMAGE:
+            if kind != IMAGE:
                 raise
             return store.deserialize_ros1(content[:-4], kind)  # RealSense appends the depth units, which ROS lacks
 
@@ -103,13 +103,10 @@ def _opened(path: Path) -> Iterator[Bag]:
         from rosbags import rosbag1, rosbag2
     except ImportError as error:
         raise NetlibError(f"rosbags is missing: pip install rosbags ({reason_of(error)})") from error
-    ros_limits.check_files(path)
-    ros_limits.limit_reading()
     is_ros1 = path.suffix.lower() == ".bag" and not path.is_dir()
     try:
         reader = (rosbag1 if is_ros1 else rosbag2).Reader(path)
-        with ros_limits.limited_rows(), ros_limits.named_limits():
-            reader.open()
+        reader.open()
     except Exception as error:  # for a damaged bag the library may raise any exception
         if system := system_error_of(error):
             raise DataError(f"{path}: cannot read the bag: {reason_of(system)}") from error
@@ -127,44 +124,94 @@ def open_bag(path: Path, given: CameraInfo) -> Recording:
     with _opened(path) as bag:
         topic = _depth_topic(bag, asked)
         where = f"{path}: {topic}"
-        image = bag.first(topic, *messages.IMAGES)
-        values = messages.values_of(image, where)
-        own = _own(bag, topic, messages.encoding_of(image), values.shape, given.camera is not None)
+        image = bag.first(topic, *IMAGES)
+        values = values_of(image, where)
+        own = _own(bag, topic, encoding_of(image), values.shape, given.camera is not None)
         calibration = calibration_of(given, own, camera_file.next_to(path), values.shape, values.dtype, where)
-        return _BagRecording(path, calibration, topic, bag.topics(*messages.IMAGES)[topic])
+        return _BagRecording(path, calibration, topic, bag.topics(*IMAGES)[topic])
 
 
-class _BagRecording(Contained):
-    """The images of one topic."""
+class _BagRecording(Recording):
+    """The images of one topic, until the end of the bag or of its intact part. Every iteration opens it again."""
 
     def __init__(self, path: Path, calibration: Calibration, topic: str, count: int) -> None:
-        super().__init__(path, calibration, count)
-        self._topic = topic
+        self.name, self.count = str(path), count
+        self.camera, self.unit_mm, self.rate = calibration.camera, calibration.unit_mm, calibration.rate
+        self.remarks = self._assumed = calibration.remarks
+        self._path, self._topic, self._decode = path, topic, calibration.decoder(self.name)
+
+    def __iter__(self) -> Iterator[DepthFrame]:
+        self.cut, self.remarks = "", self._assumed
+        clock = Clock(self.name)
+        number = -1
+        try:
+            for number, (time, raw) in enumerate(self._stored()):
+                seconds = clock(time)
+                if seconds is not None:
+                    yield DepthFrame(number, seconds, self._decode(raw, f"{self.name}: frame {number}"))
+        except NetlibError:
+            raise
+        except Exception as error:  # for a damaged bag the library may raise any exception
+            if system := system_error_of(error):
+                raise DataError(f"{self.name}: cannot read the frames: {reason_of(system)}") from error
+            if number < 0:
+                raise DataError(f"{self.name}: not one frame can be read: {reason_of(error)}") from error
+            self.cut = f"damaged or cut after frame {number}: {reason_of(error)}"
+        if clock.late:
+            self.remarks += (f"frames left out because they are not later than the one before: {clock.late}",)
 
     def _stored(self) -> Iterator[tuple[float, NDArray[Any]]]:
+        """Seconds by the images' clock, or if they have none by the bag's, and stored values."""
         with _opened(self._path) as bag:
             first = None
-            for received, image in bag.messages(self._topic, *messages.IMAGES):
-                taken = messages.nanoseconds_of(image)
+            for received, image in bag.messages(self._topic, *IMAGES):
+                taken = nanoseconds_of(image)
                 if first is None:
                     stamped = taken > 0
                     first = taken if stamped else received
                 seconds = ((taken if stamped else received) - first) / 1e9
-                yield seconds, messages.values_of(image, f"{self.name}: {self._topic}")
+                yield seconds, values_of(image, f"{self.name}: {self._topic}")
+
+
+class Clock:
+    """Seconds since the first frame; raises DataError where the clock was set back or forward.
+
+    late  number of frames that were not later than the one before them
+    """
+
+    def __init__(self, where: str) -> None:
+        self.late = 0
+        self._where = where
+        self._first: float | None = None
+        self._last = 0.0
+
+    def __call__(self, time: float) -> float | None:
+        """The time of a frame; None if it is not later than the one before."""
+        if self._first is None:
+            self._first = self._last = time
+            return 0.0
+        if time < self._last - MAX_DISTANCE_BACK:
+            raise DataError(f"{self._where}: the clock goes back from {self._last:.3f} s to {time:.3f} s; "
+                            "expected one recording")
+        if time - self._first <= self._last - self._first:
+            self.late += 1
+            return None
+        self._last = time
+        return time - self._first
 
 
 def _depth_topic(bag: Bag, asked: str) -> str:
     """The requested topic, or the only one with depth. Raises DataError."""
-    images = {topic: topic for topic in bag.topics(messages.IMAGE)}
-    packed = bag.topics(messages.COMPRESSED)
-    for ending in (*messages.PACKED, ""):  # compressed copies of an image do not count
-        images = {messages.image_topic(topic): topic for topic in packed if topic.endswith(ending)} | images
+    images = {topic: topic for topic in bag.topics(IMAGE)}
+    packed = bag.topics(COMPRESSED)
+    for ending in (*PACKED, ""):  # compressed copies of an image do not count
+        images = {image_topic(topic): topic for topic in packed if topic.endswith(ending)} | images
     if asked:
-        if asked not in (all_images := [*bag.topics(*messages.IMAGES)]):
+        if asked not in (all_images := [*bag.topics(*IMAGES)]):
             raise DataError(f"{bag.where}: no images of {asked!r}{did_you_mean(asked, all_images)}; it has "
                             f"{', '.join(all_images) or 'none'}")
         return asked
-    depth = [t for t in images.values() if messages.encoding_of(bag.first(t, *messages.IMAGES)) in messages.ENCODINGS]
+    depth = [t for t in images.values() if encoding_of(bag.first(t, *IMAGES)) in ENCODINGS]
     named = [topic for topic in depth if "depth" in topic.lower()] or depth  # infrared has 16 bits, too
     if not named:
         raise DataError(f"{bag.where}: no images of depth; it has {', '.join(images.values()) or 'no images'}")
@@ -178,22 +225,150 @@ def _own(bag: Bag, topic: str, encoding: str, shape: tuple[int, ...], has_camera
     """The bag's parameters of the camera of a topic, and the unit; if the user gave a camera, invalid ones count as
     unknown.
     """
-    base = messages.image_topic(topic)
+    base = image_topic(topic)
     parent = base.rpartition("/")[0]
     places = (f"{parent}/camera_info", f"{parent.rpartition('/')[0]}/info/camera_info")  # ROS's and RealSense's
-    infos = bag.topics(messages.INFO)
+    infos = bag.topics(INFO)
     said = CameraInfo()
     if found := next((place for place in places if place in infos), None):
         with contextlib.suppress(*([DataError] if has_camera else [])):
-            said = messages.given_by(bag.first(found, messages.INFO), base, shape, f"{bag.where}: {found}")
+            said = given_by(bag.first(found, INFO), base, shape, f"{bag.where}: {found}")
     return CameraInfo(said.camera, said.lens, _unit_mm(bag, base, encoding), None, bag.where)
 
 
 def _unit_mm(bag: Bag, topic: str, encoding: str) -> float | None:
     sensor = re.match(r"/device_\d+/sensor_\d+(?=/)", topic)
     options = [f"{sensor[0]}/option/{name}/value" for name in OPTIONS] if sensor else []
-    there = bag.topics(*messages.NUMBERS)
+    there = bag.topics(*NUMBERS)
     found = next((option for option in options if option in there), None)
     if found is None:
-        return messages.UNITS_MM.get(encoding)
-    return 1000 * messages.metres_of(bag.first(found, *messages.NUMBERS), f"{bag.where}: {found}")
+        return UNITS_MM.get(encoding)
+    return 1000 * metres_of(bag.first(found, *NUMBERS), f"{bag.where}: {found}")
+
+
+# ---------------------------------------------------------------------------------------------- messages
+
+IMAGE, COMPRESSED, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo"
+IMAGES = (IMAGE, COMPRESSED)
+NUMBERS = ("std_msgs/msg/Float32", "std_msgs/msg/String")  # types of RealSense's options
+PACKED = ("/compressedDepth", "/compressed")  # endings of the topics of CompressedImage, those for depth first
+ENCODINGS = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
+# Millimetres and metres: REP 118, "Depth Images". RealSense's files have mono16, and their unit elsewhere.
+UNITS_MM = {"16UC1": 1.0, "32FC1": 1000.0}
+HEADER = struct.Struct("<iff")  # of a compressedDepth
+PICTURES = (pictures.PNG, b"II*\0", b"MM\0*")  # beginnings of a PNG and of TIFFs
+GREY_16 = b"\x10\x00"  # bits and type of colours in the header of a PNG
+
+
+def image_topic(topic: str) -> str:
+    """The topic of the image that a topic has compressed, or the topic itself."""
+    return next((topic.removesuffix(ending) for ending in PACKED if topic.endswith(ending)), topic)
+
+
+def encoding_of(message: Any) -> str:
+    """The encoding of an image. Some programs only write "png" as the format; its header shows whether it is depth."""
+    if hasattr(message, "encoding"):
+        return str(message.encoding)
+    encoding = str(message.format).partition(";")[0].strip()
+    if encoding.lower() in ("png", "") and _begins_with_grey(bytes(message.data[:26])):
+        return "16UC1"
+    return encoding
+
+
+def _begins_with_grey(content: bytes) -> bool:
+    """True for the beginning of a PNG of 16-bit grey values."""
+    return content.startswith(pictures.PNG) and content[24:26] == GREY_16
+
+
+def values_of(message: Any, where: str) -> NDArray[Any]:
+    """The stored values (height, width) of an Image or a CompressedImage. Raises DataError."""
+    encoding = encoding_of(message)
+    if encoding not in ENCODINGS:
+        raise DataError(f"{where}: an image of {encoding!r}; expected depth, {', '.join(ENCODINGS)}")
+    if not hasattr(message, "encoding"):
+        return _unpacked(message, encoding, where)
+    dtype = np.dtype((">" if message.is_bigendian else "<") + ENCODINGS[encoding])
+    if message.width * message.height > pictures.MAX_PIXELS:
+        raise DataError(f"{where}: {message.width} x {message.height} pixels; expected those of a depth camera")
+    height, step, row = message.height, message.step, message.width * dtype.itemsize
+    if not (row and height) or step < row or len(message.data) < step * height:
+        raise DataError(f"{where}: {len(message.data)} bytes in rows of {step}, which are no {message.width} x "
+                        f"{height} pixels of {encoding}")
+    rows = np.asarray(message.data)[: step * height].reshape(height, step)[:, :row]
+    return np.ascontiguousarray(rows).view(dtype)
+
+
+def _unpacked(message: Any, encoding: str, where: str) -> NDArray[Any]:
+    """The values of a compressed image. Raises DataError for compressions that do not preserve depth, and others."""
+    content = bytes(message.data)
+    has_header = not content.startswith(PICTURES)
+    picture = content[HEADER.size :] if has_header else content
+    if not picture.startswith(PICTURES):
+        raise DataError(f"{where}: compressed depth of the format {message.format!r}; expected a PNG or TIFF of 16 "
+                        "bits (of RVL, `ros2 run image_transport republish` makes raw images)")
+    values = pictures.decode(picture, cv2.IMREAD_UNCHANGED, where)
+    if encoding == "32FC1" and values.dtype == np.float32 and values.ndim == 2:
+        return values
+    if values.dtype != np.uint16 or values.ndim != 2:
+        raise DataError(f"{where}: a picture of {values.dtype} {values.shape}, expected 16-bit grey values")
+    if encoding != "32FC1":
+        return values
+    if not has_header:
+        raise DataError(f"{where}: 32FC1 as 16-bit values without their scale; expected the format of compressedDepth")
+    _, a, b = HEADER.unpack_from(content)
+    if not (math.isfinite(a + b) and a > 0):
+        raise DataError(f"{where}: compressed depth with the parameters {a:g} and {b:g}; expected a positive and a "
+                        "finite number")
+    with np.errstate(all="ignore"):  # a value next to B is infinitely far away, which counts as no reading
+        metres = np.float32(a) / (values.astype(np.float32) - np.float32(b))
+    return np.where(values > 0, metres, np.float32(0))
+
+
+def nanoseconds_of(message: Any) -> int:
+    """The time stamp of an image; 0 without one."""
+    stamp = message.header.stamp
+    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
+
+
+def given_by(info: Any, topic: str, shape: tuple[int, ...], where: str) -> CameraInfo:
+    """Camera and lens of a CameraInfo for a topic; unknown if the camera is not calibrated. Raises DataError.
+
+    Images whose topic contains "rect" are undistorted: the matrix P holds for them, K and D for all others. Both are
+    those of the complete sensor. The images may show a region of it, with binned pixels; ``shape`` is their height and
+    width.
+    """
+    k, d, p = (list(map(float, getattr(info, name, getattr(info, name.lower(), ())))) for name in "KDP")
+    straight = "rect" in topic.rpartition("/")[2] and len(p) == 12 and p[0] > 0
+    fx, fy, u0, v0 = (p[0], p[5], p[2], p[6]) if straight else (k[0], k[4], k[2], k[5])
+    if not fx:
+        return CameraInfo()
+    if not (math.isfinite(fx + fy + u0 + v0) and min(fx, fy) > 0):
+        raise DataError(f"{where}: focal lengths {fx:g}, {fy:g}, middle {u0:g}, {v0:g}; expected finite ones")
+    lens = Lens() if straight else lens_of(info.distortion_model, d, where)
+    full = (info.height, info.width)
+    if shape == full or not any(full):  # whatever the region and the binning are, these are all pixels
+        return CameraInfo(Camera("ros", fx, fy, u0, v0, *shape[::-1]), lens, origin=where)
+    roi, (bin_x, bin_y) = info.roi, (max(1, int(info.binning_x)), max(1, int(info.binning_y)))
+    left, top = int(roi.x_offset), int(roi.y_offset)
+    height, width = int(roi.height) or full[0] - top, int(roi.width) or full[1] - left
+    if shape != (height // bin_y, width // bin_x):
+        raise DataError(
+            f"{where}: the camera has {full[1]} x {full[0]} pixels, of which a region of {width} x {height} at {left}, "
+            f"{top} is read with a binning of {bin_x} x {bin_y}; expected images of that size, found {shape[1]} x "
+            f"{shape[0]}; --camera with the parameters of these images replaces it"
+        )
+    # As image_geometry computes them: pixel coordinates are divided, without a shift of half a pixel.
+    camera = Camera("ros", fx / bin_x, fy / bin_y, (u0 - left) / bin_x, (v0 - top) / bin_y, *shape[::-1])
+    return CameraInfo(camera, lens, origin=where)
+
+
+def metres_of(message: Any, where: str) -> float:
+    """The number in RealSense's option Depth Units, a Float32 or a String. Raises DataError."""
+    text = str(message.data)
+    try:
+        metres = float(text)
+    except ValueError:
+        metres = math.nan
+    if not 0 < metres < 1:
+        raise DataError(f"{where}: depth units of {text!r} m; expected a number between 0 and 1")
+    return float(f"{metres:.6g}")  # 0.001 as Float32 is not 0.001

@@ -23,12 +23,6 @@ def line(canvas: Image, start: Array, stop: Array, colour: Colour, thick: int) -
     cv2.line(canvas, _fixed(start), _fixed(stop), colour, thick, cv2.LINE_AA, _SUBPIXEL)
 
 
-def lines(canvas: Image, points: Array, colour: Colour, thick: int) -> None:
-    """Lines from each point (n, 2) to the next."""
-    fixed = np.rint(np.clip(points, -_FAR, _FAR) * 2**_SUBPIXEL).astype(np.int32)
-    cv2.polylines(canvas, [fixed], False, colour, thick, cv2.LINE_AA, _SUBPIXEL)
-
-
 def dot(canvas: Image, at: Array, radius: int, colour: Colour) -> None:
     """A filled circle about a point (2,)."""
     cv2.circle(canvas, _fixed(at), radius << _SUBPIXEL, colour, -1, cv2.LINE_AA, _SUBPIXEL)

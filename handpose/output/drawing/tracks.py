@@ -1,4 +1,4 @@
-"""Images of the frames of a track: the hands on the depth image, in space, and their confidence.
+"""Images of the frames of a track: the hands on the depth image, and in space.
 
 painter = Painter(header)
 for frame in track:                      # TrackedFrame
@@ -7,9 +7,6 @@ for frame in track:                      # TrackedFrame
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterator
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -17,35 +14,24 @@ from numpy.typing import NDArray
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import check_size
 from handpose.output.drawing import hands, strokes, surface
-from handpose.output.drawing.contrast import Contrast
-from handpose.output.drawing.labels import Tags, colour_of, spoken, spoken_loss
 from handpose.output.drawing.space import Space
 from handpose.output.drawing.strokes import Colour, Image
-from handpose.output.drawing.window import View, Window, box_of
+from handpose.output.drawing.view import Contrast, Tags, View, Window, box_of, colour_of, spoken, spoken_loss
 from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
 from netlib.blob import Array
 from netlib.errors import printable
 
 WIDTH = 1280
-HEAD, STRIP = 32, 88  # pixels of height: the line on top, the curves below
+HEAD = 32  # pixels of height of the line on top
 MAX_HEIGHT, MAX_WIDTH = 0.4125, 0.6  # width of the depth image, as a fraction of the whole image
 MAX_LOST = 3  # number of lost hands that are listed
-OVERVIEW = 0.2  # width of the whole frame in the corner of a part of it, as a fraction of the depth image
-_PART = 0.75  # of the frame's width; smaller parts get such an overview
 _INK: Colour = (40, 40, 40)
-_FAINT: Colour = (110, 110, 110)
 _MIN_DEPTH_MM = 1.0  # joints behind the camera are drawn at this depth, far outside the image
-
-SECONDS = 3.0  # shown by the curves
-_GRID: Colour = (225, 225, 225)
-_LEFT, _RIGHT, _ABOVE, _BELOW = 56, 130, 12, 24  # margins in pixels, for labels
-_ROW = 20  # line height in pixels
-_WORDS = 0.42  # scale of text
 
 
 class Painter:
-    """Draws the frames of one track in the order of time; contrast, part of the frame, space and curves continue from
-    frame to frame.
+    """Draws the frames of one track in the order of time; contrast, part of the frame and space continue from frame to
+    frame.
 
     header  of the track; its camera has the frames' size
     width   of the pictures in pixels; their height follows from the camera
@@ -56,20 +42,18 @@ class Painter:
         self.header = header
         zoom = min(MAX_HEIGHT * width / camera.height, MAX_WIDTH * width / camera.width)
         self._size = max(round(camera.width * zoom), 1), max(round(camera.height * zoom) // 2 * 2, 2)
-        self.width, self.height = width // 2 * 2, HEAD + self._size[1] + STRIP
+        self.width, self.height = width // 2 * 2, HEAD + self._size[1]
         self._contrast, self._window = Contrast(), Window(camera)
-        self._space, self._curves = Space(header.skeleton), ConfidenceCurves()
+        self._space = Space(header.skeleton)
 
     def picture(self, depth: NDArray[np.floating], frame: TrackedFrame) -> Image:
         """The whole image, (height, width, 3). ``depth`` in mm, 0 without a reading. Raises DataError."""
         canvas = np.full((self.height, self.width, 3), 255, dtype=np.uint8)
         seen = self.seen(depth, frame)
-        middle, bottom = seen.shape[1], HEAD + seen.shape[0]
-        canvas[HEAD:bottom, :middle] = seen
+        middle = seen.shape[1]
+        canvas[HEAD:, :middle] = seen
         self._space.see(frame.time, _points(frame))
-        canvas[HEAD:bottom, middle:] = self._space.picture(frame.hands, self.width - middle, seen.shape[0])
-        self._curves.see(frame)
-        canvas[bottom:] = self._curves.picture(frame, self.width, STRIP)
+        canvas[HEAD:, middle:] = self._space.picture(frame.hands, self.width - middle, seen.shape[0])
         raw = "" if self.header.smoothed else ", not smoothed"
         _line_on_top(canvas, f"{self.header.source}{raw}", 10, middle - 10)
         _line_on_top(canvas, f"{frame.time:.2f} s, frame {frame.number}", middle + 10, self.width - 10)
@@ -91,8 +75,6 @@ class Painter:
             low, high = _corners(hand, self.header.camera, view, self._size)
             cv2.rectangle(canvas, _pixel(low), _pixel(high), colour_of(hand.id), 1, cv2.LINE_AA)
             self._hand(canvas, hand, camera)
-        if view.width < _PART * self.header.camera.width:
-            _overview(canvas, grey, view)
         self._tags(canvas, frame, view)
         return canvas
 
@@ -113,11 +95,6 @@ class Painter:
         for hand in frame.hands:
             left, top = _corners(hand, self.header.camera, view, self._size)[0]
             tags.add(spoken(hand), left, top, colour_of(hand.id), sure=hand.known_side is not None)
-
-
-def annotated(depth: NDArray[np.floating], frame: TrackedFrame, header: TrackHeader, width: int = WIDTH) -> Image:
-    """The image of a single frame, (height, width, 3), as ``Painter.picture`` draws it. Raises DataError."""
-    return Painter(header, width).picture(depth, frame)
 
 
 def _camera_of(camera: Camera, view: View, size: tuple[int, int]) -> Camera:
@@ -144,21 +121,6 @@ def _part(grey: NDArray[np.uint8], view: View, size: tuple[int, int]) -> NDArray
     return np.asarray(moved, dtype=np.uint8)
 
 
-def _overview(canvas: Image, grey: NDArray[np.uint8], view: View) -> None:
-    """Draw the whole frame in the lower right corner, with the part that the canvas shows."""
-    height, width = (max(round(size * OVERVIEW), 2) for size in canvas.shape[:2])
-    small = cv2.resize(grey, (width, height), interpolation=cv2.INTER_AREA)
-    corner = canvas[-height:, -width:]
-    corner[...] = cv2.cvtColor(small, cv2.COLOR_GRAY2BGR)
-    zoom = width / grey.shape[1]
-    low = _pixel(np.array([view.left, view.top]) * zoom)
-    high = _pixel(np.array([view.left + view.width, view.top + view.height]) * zoom - 1)
-    strip = np.ascontiguousarray(corner)
-    cv2.rectangle(strip, low, high, (255, 255, 255), 1)
-    cv2.rectangle(strip, (0, 0), (width - 1, height - 1), _FAINT, 1)
-    corner[...] = strip
-
-
 def _points(frame: TrackedFrame) -> Array:
     """All joints (n, 3) of a frame."""
     return np.concatenate([np.empty((0, 3)), *(hand.xyz for hand in frame.hands)])
@@ -173,54 +135,3 @@ def _pixel(point: Array) -> tuple[int, int]:
 def _line_on_top(canvas: Image, words: str, left: int, right: int) -> None:
     """Draw a line of text in the columns from ``left`` to ``right``."""
     strokes.text_within(canvas, printable(words), np.array([left, HEAD - 10]), _INK, 0.55, right - left)
-
-
-class ConfidenceCurves:
-    """A strip of curves; the frames of the last seconds are remembered."""
-
-    def __init__(self) -> None:
-        self._seen: deque[tuple[float, dict[int, float]]] = deque()
-
-    def see(self, frame: TrackedFrame) -> None:
-        """Add a frame."""
-        self._seen.append((frame.time, {hand.id: hand.confidence for hand in frame.hands}))
-        while self._seen[0][0] < frame.time - SECONDS:
-            self._seen.popleft()
-
-    def picture(self, frame: TrackedFrame, width: int, height: int) -> Image:
-        """The strip (height, width, 3) up to the last frame seen. Without a confidence there is no curve."""
-        canvas = np.full((height, width, 3), 255, dtype=np.uint8)
-        right, bottom = width - _RIGHT, height - _BELOW
-
-        def place(time: float, confidence: float) -> Array:
-            x = right - (frame.time - time) / SECONDS * (right - _LEFT)
-            return np.array([x, bottom - confidence * (bottom - _ABOVE)])
-
-        for level in (0.0, 0.5, 1.0):
-            start = place(frame.time - SECONDS, level)
-            strokes.line(canvas, start, place(frame.time, level), _GRID, 1)
-            words = f"{level:.0%}"
-            strokes.text(canvas, words, start + (-8 - strokes.text_width(words, _WORDS), 5), _FAINT, _WORDS)
-        for back in np.arange(SECONDS + 1):
-            start = place(frame.time - back, 0)
-            strokes.line(canvas, start, place(frame.time - back, 1), _GRID, 1)
-            words = f"-{back:.0f} s" if back else "now"
-            strokes.text(canvas, words, start + (-strokes.text_width(words, _WORDS) // 2, 16), _FAINT, _WORDS)
-        for id, run in self._runs():
-            strokes.lines(canvas, np.array([place(*point) for point in run]), colour_of(id), 2)
-        now = [(hand.id, spoken(hand)) for hand in frame.hands]
-        now += [(lost.id, f"{lost.hand or 'hand'} lost") for lost in frame.lost]
-        for row, (id, words) in enumerate(sorted(now)):
-            strokes.text(canvas, words, np.array([right + 14, 20 + _ROW * row]), colour_of(id), 0.5)
-        return canvas
-
-    def _runs(self) -> Iterator[tuple[int, list[tuple[float, float]]]]:
-        """The runs of consecutive frames of each hand: id, and (time, confidence) of each frame."""
-        open_runs: dict[int, list[tuple[float, float]]] = {}
-        for time, shown in self._seen:
-            known = {id: confidence for id, confidence in shown.items() if np.isfinite(confidence)}
-            for id in [id for id in open_runs if id not in known]:
-                yield id, open_runs.pop(id)
-            for id, confidence in known.items():
-                open_runs.setdefault(id, []).append((time, confidence))
-        yield from open_runs.items()

@@ -1,9 +1,8 @@
 /* The state of the page: a body in a pose in front of a camera, with forces on its joints. Every part of the page that
    shows some of it adds a function to `listeners`. */
 
-import { backward, forward } from "./kinematics.js";
-import { Skeleton, Surface } from "./skeleton.js";
-import { unproject } from "./crop.js";
+import { backward, forward, Skeleton, Surface } from "./skeleton.js";
+import { unproject } from "./render.js";
 import { add, boundingSphere, product, times } from "./vectors.js";
 
 const SAMPLED_POSES = 200; // random poses from which the bounds of a body are computed

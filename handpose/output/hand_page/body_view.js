@@ -1,8 +1,7 @@
 /* The 3-D view of a body: surface, skeleton, depth points and forces, which can be rotated with the pointer. */
 
-import { drawBones, drawLine } from "./bones.js";
+import { drawBones, drawLine, paintPoints, paintSurface } from "./shading.js";
 import { OrbitCamera } from "./orbit_camera.js";
-import { paintSurface, paintPoints } from "./shading.js";
 import { add, apply, length, times } from "./vectors.js";
 
 const PICK_RADIUS = 16; // px: a click this near to a joint selects it

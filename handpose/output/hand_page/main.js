@@ -4,7 +4,7 @@ import { Body } from "./body.js";
 import { BodyView } from "./body_view.js";
 import { byId, element, formatNumber, reportHeight } from "./elements.js";
 import { inputsOfText, textOfPose } from "./pose_text.js";
-import { renderCrop } from "./crop.js";
+import { renderCrop } from "./render.js";
 import { showDepth, showForces, showJoints, showLimits } from "./panels.js";
 import { Sliders } from "./sliders.js";
 import { length } from "./vectors.js";

@@ -1,7 +1,7 @@
 /* The tables next to the picture: joints, depth image, limits and forces. */
 
 import { byId, element, formatNumber } from "./elements.js";
-import { normalised, renderCrop, SIZE } from "./crop.js";
+import { normalised, renderCrop, SIZE } from "./render.js";
 import { paintDepth } from "./shading.js";
 import { length } from "./vectors.js";
 

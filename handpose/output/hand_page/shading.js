@@ -1,7 +1,7 @@
 /* Paints the surface, with each pixel lit according to the normal of the surface, and points and depth images. */
 
-import { length, times } from "./vectors.js";
 import { render } from "./render.js";
+import { length, times } from "./vectors.js";
 
 export const COLOURS = { // RGB of a joint by the first part of its name, as in handpose/output/drawing/hands.py
   thumb: [240, 90, 80], index: [250, 165, 40], middle: [90, 200, 90], ring: [60, 185, 225], little: [170, 95, 225],
@@ -75,3 +75,38 @@ export function paintDepth(picture, values) {
 
 /* A colour between a and b. */
 const mixed = (a, b) => a.map((value, i) => value + TINT * (b[i] - value));
+
+/* Draws the bones and joints of a body as lines and discs. */
+
+/* Draw a body, which has joints, skeleton.joints, boneStart() and tips, the farthest joint first. Joints in the set
+   body.guesses are hollow: white, with a rim in their colour.
+   project(point) converts a point in mm to [px to the right, px down, mm away]. */
+export function drawBones(pen, body, project) {
+  const pixels = body.joints.map(project), { skeleton } = body, tips = new Set(body.tips);
+  const order = [...skeleton.joints.keys()].sort((i, j) => pixels[j][2] - pixels[i][2]);
+  pen.lineCap = "round";
+  for (const j of order) {
+    const start = body.boneStart(j), [u, v] = pixels[j];
+    const colour = `rgb(${(colourOf(skeleton.joints[j]) ?? GREY).join(" ")})`;
+    const [rim, inside] = body.guesses?.has(j) ? [colour, "white"] : ["rgb(20 24 32 / 0.55)", colour];
+    for (const [style, rimWidth] of [[rim, 2], [inside, 0]]) {
+      pen.strokeStyle = pen.fillStyle = style;
+      pen.lineWidth = 2.5 + rimWidth;
+      if (start) drawLine(pen, project(start), pixels[j]);
+      drawDisc(pen, u, v, (tips.has(j) ? 4.5 : 3) + rimWidth / 2);
+    }
+  }
+}
+
+export function drawLine(pen, [x, y], [u, v]) {
+  pen.beginPath();
+  pen.moveTo(x, y);
+  pen.lineTo(u, v);
+  pen.stroke();
+}
+
+function drawDisc(pen, x, y, radius) {
+  pen.beginPath();
+  pen.arc(x, y, radius, 0, 2 * Math.PI);
+  pen.fill();
+}

@@ -1,1 +1,1 @@
-"""Live output of a track: a browser page, JSON lines over WebSocket, and datagrams."""
+"""Live output of a track: a browser page, and JSON lines over WebSocket."""

@@ -25,14 +25,12 @@ from numpy.typing import NDArray
 
 from handpose.body.joint_formats.formats import FormatName
 from handpose.frames.cameras import Camera
-from handpose.output.drawing.contrast import Contrast
-from handpose.output.drawing.window import View, Window, box_of
+from handpose.output.drawing.view import Contrast, View, Window, box_of
 from handpose.output.tracks.json_values import FrameValues, header_values
 from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
 
 LINES, VIEWS = "/frames", "/view"  # paths of the server: frames as JSON lines, and those of the page
 MAX_SAMPLES = 320  # maximum side of the depth image sent to the page
-MAX_DATAGRAM = 9216  # bytes, the largest datagram that macOS sends by default
 _MAX_DEPTH = np.iinfo(np.uint16).max
 _text = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
 
@@ -85,25 +83,6 @@ class Messages:
     def line(self, record: dict[str, Any]) -> str:
         """The record as a line of JSON, without its end."""
         return _text(record)
-
-    def datagram(self, record: dict[str, Any]) -> bytes:
-        """The record in at most MAX_DATAGRAM bytes.
-
-        Larger records omit the lost hands and the last hands; ``omitted`` is the number of these.
-        """
-        encoded = _text(record).encode()
-        if len(encoded) <= MAX_DATAGRAM:
-            return encoded
-        hands = record["hands"]
-        short = {**record, "hands": [], "lost": [], "omitted": len(hands)}
-        room = MAX_DATAGRAM - len(_text(short))
-        for hand in hands:
-            room -= len(_text(hand)) + 1  # and a comma
-            if room < 0:
-                break
-            short["hands"].append(hand)
-        short["omitted"] -= len(short["hands"])
-        return _text(short).encode()
 
     def view(self, record: dict[str, Any], depth: NDArray[np.floating], frame: TrackedFrame) -> bytes:
         """The message for the page."""

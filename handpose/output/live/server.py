@@ -9,14 +9,13 @@ It answers three paths, each with the query token=TOKEN, which is random:
 
     /        the page
     /frames  WebSocket: the header, then a text message for each frame
-    /view    WebSocket: a binary message for each frame; the client requests the next one by the message next. The
-             messages pause, play and step hold a recording (``pace``) until the client leaves
+    /view    WebSocket: a binary message for each frame; the client requests the next one by any message
 
 No frame waits for another one: each client has a slot for the newest frame, which replaces one that was not sent yet.
 The page requests each frame, so that none waits in the buffers between them either.
 
-A connection must show the token within HANDSHAKE_S. At most MAX_WAITING have not shown it; a further one takes the
-place of the oldest, so that silent connections neither use up the process's file descriptors nor keep clients out.
+A connection must show the token within HANDSHAKE_S. What is no HTTP request is refused by websockets, the rest by
+``_answer``, before a WebSocket is opened.
 
 At the end of the block, clients get the last frame, and the connection is closed with a reason in words: with code 1000
 at the end of the recording, 1001 when the tracker was stopped.
@@ -27,37 +26,34 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
+import functools
 import hmac
+import ipaddress
 import logging
 import re
 import secrets
-import selectors
 import socket
 import threading
-from collections.abc import Callable
 from http import HTTPStatus
 from types import ModuleType, TracebackType
 from typing import Any
-from urllib.parse import urlencode, urlsplit
+from urllib.parse import parse_qs, urlencode, urlsplit
 
-from handpose.output.live.handshake import RefusedError, Request, answer, is_named, parse
 from handpose.output.live.messages import LINES, VIEWS
-from handpose.output.live.pace import COMMANDS, PLAY, Pace
 from handpose.output.live.page import page_without_token
 from netlib.errors import NetlibError, reason_of
 
-MAX_WAITING = 64  # connections that have not shown the token
 HANDSHAKE_S = 5.0  # time for a connection to show the token
-MAX_CLIENTS = 64
-BACKLOG = 16  # connections that are accepted at once
 GRACE_S = 4.0  # time for clients to receive the last frame and to close
-ANSWER_S = 30.0  # time for a browser to receive the page
-CLOSE_S = 0.5  # time for a rejected client to read the answer, and for the server to close
+CLOSE_S = 0.5  # time for the server to close
 ENDED, STOPPED = (1000, "the recording has ended"), (1001, "the tracker was stopped")
 _MAX_RECEIVED = 1024  # maximum bytes of a message from a client
 _SEND_BUFFER = 1 << 17  # bytes that the system keeps for a slow client
 _TOKEN = re.compile(r"[A-Za-z0-9_-]{16,200}")
 _LOOPBACK = ("127.0.0.1", "::1", "localhost")
+_ANYWHERE = ("", "0.0.0.0", "::")
+_HOST = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+)(?::\d{1,5})?")
+_FIELDS = {"Cache-Control": "no-store", "Referrer-Policy": "no-referrer", "X-Content-Type-Options": "nosniff"}
 
 
 class _Slot:
@@ -88,93 +84,6 @@ class _Slot:
         return message
 
 
-class _Gate(asyncio.Protocol):
-    """A connection that has not shown the token.
-
-    It reads one HTTP request. A request for the page, and one that is rejected, is answered here; the connection of any
-    other one is passed on to a WebSocket connection, made by ``upgrade``.
-    """
-
-    def __init__(self, gates: _Gates, upgrade: Callable[[], Any]) -> None:
-        self._gates, self._upgrade = gates, upgrade
-        self._received = b""
-        self._answered = False
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self._transport: Any = transport
-        self._timer = asyncio.get_running_loop().call_later(HANDSHAKE_S, self.abort)
-        self._gates.add(self)
-
-    def data_received(self, data: bytes) -> None:
-        if self._answered:  # a rejected client may send on
-            return
-        self._received += data
-        try:
-            request = parse(self._received)
-            content = request and self._gates.answer(request)
-        except RefusedError as error:
-            self._respond(error.answer, CLOSE_S)
-            return
-        if content:
-            self._gates.leave(self)
-            self._respond(content, ANSWER_S)
-        elif request:
-            self._timer.cancel()
-            self._gates.leave(self)
-            connection = self._upgrade()
-            self._transport.set_protocol(connection)
-            connection.connection_made(self._transport)
-            connection.data_received(self._received)
-
-    def eof_received(self) -> bool:
-        """Reply to a request that ends early; returns True to keep the connection until the reply is sent."""
-        if self._received and not self._answered:
-            self._respond(RefusedError(HTTPStatus.BAD_REQUEST, "The request is incomplete.").answer, CLOSE_S)
-        self._transport.close()  # after the reply
-        return True
-
-    def connection_lost(self, error: Exception | None) -> None:
-        self._timer.cancel()
-        self._gates.leave(self)
-
-    def abort(self) -> None:
-        """Close the connection without an answer."""
-        self._transport.abort()
-
-    def _respond(self, content: bytes, seconds: float) -> None:
-        """Send a response. The client closes the connection; closing it here could discard the response."""
-        self._answered, self._received = True, b""
-        self._timer.cancel()
-        self._timer = asyncio.get_running_loop().call_later(seconds, self.abort)
-        self._transport.write(content)
-        self._transport.write_eof()
-
-
-class _Gates:
-    """All connections that have not shown the token; ``answer`` returns the response to a request, see ``_Gate``."""
-
-    def __init__(self, answer: Callable[[Request], bytes | None]) -> None:
-        self.answer = answer
-        self._waiting: dict[_Gate, None] = {}  # the oldest first
-
-    def add(self, gate: _Gate) -> None:
-        """Add a connection, in place of the oldest one if there are too many."""
-        if len(self._waiting) >= MAX_WAITING:
-            oldest = next(iter(self._waiting))
-            self.leave(oldest)
-            oldest.abort()
-        self._waiting[gate] = None
-
-    def leave(self, gate: _Gate) -> None:
-        """Remove a connection."""
-        self._waiting.pop(gate, None)
-
-    def abort(self) -> None:
-        """Close all connections."""
-        for gate in list(self._waiting):
-            gate.abort()
-
-
 class LiveServer:
     """Serves one track in a separate thread, which is ready when the block begins.
 
@@ -190,10 +99,8 @@ class LiveServer:
         self._websockets = _package()
         self.host, self.port, self._header, self._page = host, port, header, page
         self.token = secrets.token_urlsafe(16) if token is None else checked_token(token)
-        self._gates = _Gates(self._answer)
         self._clients: dict[str, set[_Slot]] = {LINES: set(), VIEWS: set()}
         self._handlers: dict[asyncio.Task[Any], Any] = {}  # with the connection of each
-        self.pace = Pace()
         self._was_asked = threading.Event()
         self._ready = threading.Event()
         self._failure: Exception | None = None
@@ -249,10 +156,6 @@ class LiveServer:
 
     def _run(self) -> None:
         try:
-            # What the event loop needs: without descriptors it fails, and then prints further errors.
-            with selectors.DefaultSelector(), contextlib.ExitStack() as pair:
-                for end in socket.socketpair():
-                    pair.enter_context(end)
             asyncio.run(self._serve())
         except OSError as error:
             self._failure = error
@@ -263,12 +166,9 @@ class LiveServer:
         self._loop.set_exception_handler(_ignore_connection_errors)
         try:
             server = await self._websockets.asyncio.server.serve(
-                self._client, self.host, self.port, create_connection=self._gate, compression=None, server_header=None,
-                max_size=_MAX_RECEIVED, open_timeout=HANDSHAKE_S, close_timeout=GRACE_S, backlog=BACKLOG,
-                logger=_silent_logger(),
+                self._client, self.host, self.port, process_request=self._answer, compression=None, server_header=None,
+                max_size=_MAX_RECEIVED, open_timeout=HANDSHAKE_S, close_timeout=GRACE_S, logger=_silent_logger(),
             )
-            if not server.sockets:  # asyncio ignores a socket that cannot be created
-                raise OSError("no socket can be created; there may be too many open files")
         except Exception as error:
             self._failure = error
             self._ready.set()
@@ -284,13 +184,8 @@ class LiveServer:
         server.close()
         for connection in self._handlers.values():
             connection.transport.abort()
-        self._gates.abort()
         with contextlib.suppress(asyncio.TimeoutError):
             await asyncio.wait_for(server.wait_closed(), CLOSE_S)
-
-    def _gate(self, *args: Any, **options: Any) -> _Gate:
-        """The first protocol of a connection; the arguments are those of the WebSocket connection."""
-        return _Gate(self._gates, lambda: self._websockets.asyncio.server.ServerConnection(*args, **options))
 
     def _put(self, path: str, message: str | bytes) -> None:
         for slot in self._clients[path]:
@@ -324,48 +219,74 @@ class LiveServer:
             self._handlers.pop(task)
             if reading is not None:
                 reading.cancel()
-                self.pace.command(slot, PLAY)
 
     async def _read(self, connection: Any, slot: _Slot) -> None:
-        """Follow the messages of a page until it leaves."""
-        try:
-            async for message in connection:
-                if message in COMMANDS:
-                    self.pace.command(slot, message)
-                else:
-                    slot.requested.set()
-        except self._websockets.exceptions.ConnectionClosed:
-            pass
-        finally:
-            self.pace.command(slot, PLAY)
-            slot.requested.set()  # the next message fails
+        """Take the requests of a page until it leaves."""
+        with contextlib.suppress(self._websockets.exceptions.ConnectionClosed):
+            async for _ in connection:
+                slot.requested.set()
+        slot.requested.set()  # the next message fails
 
-    def _answer(self, request: Request) -> bytes | None:
-        """The page, or None to continue with a WebSocket. Raises RefusedError."""
-        if not is_named(request.host, self.host):
-            raise RefusedError(HTTPStatus.FORBIDDEN, "Wrong host. Open the address that the tracker has printed.")
-        path, token = request.path, request.token
+    def _answer(self, connection: Any, request: Any) -> Any:
+        """The response to a request: the page, a refusal, or None to open a WebSocket."""
+        refused = functools.partial(_response, connection)
+        hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
+        try:
+            url, sites = urlsplit(request.path), [urlsplit(origin).netloc for origin in origins]
+        except ValueError:
+            return refused(HTTPStatus.BAD_REQUEST, "Expected a valid address.\n")
+        if getattr(request, "method", "GET") != "GET":  # websockets before version 17 refuses others itself
+            return refused(HTTPStatus.METHOD_NOT_ALLOWED, "Expected GET.\n")
+        if len(hosts) != 1 or _HOST.fullmatch(hosts[0]) is None:
+            return refused(HTTPStatus.BAD_REQUEST, "Expected one Host field with a name or an IP address.\n")
+        if not is_named(hosts[0], self.host):
+            return refused(HTTPStatus.FORBIDDEN, "Wrong host. Open the address that the tracker has printed.\n")
+        token = parse_qs(url.query).get("token", [""])[0]
         if not hmac.compare_digest(token.encode(), self.token.encode()):
-            page = page_without_token() if path == "/" and not token else None
-            raise RefusedError(
-                HTTPStatus.FORBIDDEN, "Wrong token. Open the address that the tracker has printed.", page
-            )
-        if path == "/":
-            return answer(HTTPStatus.OK, self._page, "text/html")
-        if path not in self._clients:
-            raise RefusedError(HTTPStatus.NOT_FOUND, f"Expected /, {LINES} or {VIEWS}.")
-        if not request.is_of_same_site():
-            raise RefusedError(HTTPStatus.FORBIDDEN, "Pages of other sites get no frames.")
-        if len(self._handlers) >= MAX_CLIENTS:
-            raise RefusedError(HTTPStatus.SERVICE_UNAVAILABLE, f"{MAX_CLIENTS} clients are connected; expected fewer.")
+            if url.path == "/" and not token:
+                return _response(connection, HTTPStatus.FORBIDDEN, page_without_token(), "text/html")
+            return refused(HTTPStatus.FORBIDDEN, "Wrong token. Open the address that the tracker has printed.\n")
+        if url.path == "/":
+            return _response(connection, HTTPStatus.OK, self._page, "text/html")
+        if url.path not in self._clients:
+            return refused(HTTPStatus.NOT_FOUND, f"Expected /, {LINES} or {VIEWS}.\n")
+        if any(site != hosts[0] for site in sites):  # programs send no origin
+            return refused(HTTPStatus.FORBIDDEN, "Pages of other sites get no frames.\n")
         return None
 
     def _place(self) -> str:
         """Host and port for other machines."""
-        return _joined(socket.gethostname() if self.host in ("", "0.0.0.0", "::") else self.host, self.port)
+        return _joined(socket.gethostname() if self.host in _ANYWHERE else self.host, self.port)
 
     def _query(self) -> str:
         return urlencode({"token": self.token})
+
+
+def is_named(host: str, listening: str) -> bool:
+    """Whether a request's Host field names this server, which listens at ``listening``.
+
+    A page of another site can give its own name the address of this machine (DNS rebinding), but it cannot change the
+    Host field. Ports are not compared, because tunnels change them.
+    """
+    match = _HOST.fullmatch(host)
+    name = match[1].strip("[]").removesuffix(".").lower() if match else ""
+    if name in ("localhost", listening.lower()) or name.endswith(".localhost"):
+        return True
+    try:
+        return ipaddress.ip_address(name).is_loopback or listening in _ANYWHERE
+    except ValueError:
+        own = socket.gethostname().lower()
+        return listening in _ANYWHERE and name in (own, f"{own}.local")
+
+
+def _response(connection: Any, status: HTTPStatus, text: str, kind: str = "text/plain") -> Any:
+    """An HTTP response that ends the connection."""
+    response = connection.respond(status, text)
+    del response.headers["Content-Type"]
+    response.headers["Content-Type"] = f"{kind}; charset=utf-8"
+    for name, value in _FIELDS.items():
+        response.headers[name] = value
+    return response
 
 
 def checked_token(token: str, where: str = "token") -> str:
@@ -406,9 +327,7 @@ def _package() -> ModuleType:
     try:
         import websockets
         import websockets.asyncio.server
-        import websockets.datastructures
         import websockets.exceptions
-        import websockets.http11
     except ImportError as error:
         raise NetlibError("websockets is missing: pip install 'websockets>=13'") from error
     return websockets

@@ -1,1 +1,1 @@
-"""Files of tracks: JSON, JSON lines, CSV and BVH."""
+"""Files of tracks: JSON, JSON lines and CSV."""

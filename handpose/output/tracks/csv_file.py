@@ -21,24 +21,21 @@ from __future__ import annotations
 import csv
 import io
 import math
-import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from types import TracebackType
 
 from handpose.body.fingers import FINGERS, has_fingers
-from handpose.body.gestures.over_time import GestureReader
+from handpose.body.gestures import GestureReader
 from handpose.body.joint_formats.formats import FormatName
 from handpose.body.joint_formats.frames import hand_frames
-from handpose.output.tracks import angles, joint_values
+from handpose.output.tracks import joint_values
 from handpose.output.tracks.growing import GrowingFile
+from handpose.output.tracks.json_values import free_dofs
 from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
-FORMULA = ("=", "+", "-", "@", "\t", "\r", "\N{FULLWIDTH EQUALS SIGN}", "\N{FULLWIDTH PLUS SIGN}",
-           "\N{FULLWIDTH HYPHEN-MINUS}", "\N{FULLWIDTH COMMERCIAL AT}")
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.IGNORECASE)
 FIRST = ["number", "time_s", "id", "hand", "lost", "confidence", "error_mm"]
 
 
@@ -54,7 +51,7 @@ class CsvWriter:
     ) -> None:
         self.files = [path]
         self._header, self._joints = header, joints
-        self._skeleton, self._angles = header.skeleton, angles.free_dofs(header.skeleton).angles
+        self._skeleton, self._angles = header.skeleton, free_dofs(header.skeleton).angles
         fingers = finger_columns(header.skeleton)
         columns = joint_values.columns(joints) if joints else model_columns(header.skeleton, self._angles)
         self._gestures = GestureReader(header.skeleton) if gestures else None
@@ -119,25 +116,14 @@ def quality(confidence: float, error_mm: float) -> list[str]:
     return [_known("%.4f", confidence), _known("%.2f", error_mm)]
 
 
-def _text_only(cell: object) -> object:
-    """The cell, marked as text if it begins like a formula and is no number."""
-    if isinstance(cell, str):
-        cell = cell.replace("\r", "\\r")  # some versions of the csv module do not quote it
-    if not isinstance(cell, str) or not cell.lstrip().startswith(FORMULA) or _NUMBER.fullmatch(cell):
-        return cell
-    return f"'{cell}"
-
-
 def _known(form: str, number: float) -> str:
     return form % number if math.isfinite(number) else ""
 
 
 def rows_of(rows: Iterable[Sequence[object]]) -> bytes:
-    """The lines of rows; characters of file names that are not UTF-8 are escaped.
-
-    A cell that a spreadsheet would evaluate as a formula begins with an apostrophe, which spreadsheets take for the
-    mark of a text.
-    """
+    """The lines of rows; characters of file names that are not UTF-8, and carriage returns, are escaped."""
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([_text_only(cell) for cell in row] for row in rows)
+    for row in rows:  # not every csv module quotes a carriage return
+        cells = [cell.replace("\r", "\\r") if isinstance(cell, str) else cell for cell in row]
+        csv.writer(text, lineterminator="\n").writerow(cells)
     return text.getvalue().encode("utf-8", "backslashreplace")

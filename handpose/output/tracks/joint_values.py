@@ -6,15 +6,12 @@ In JSON a hand has the format's name as a key, and ``anatomical_deg``:
                                 wrist in widths of the image
                world_landmarks  (x, y, z) in m about their mean: x right, y down, z away
                center_m         that mean, from the camera
-    openxr     positions_m      (x, y, z) of 26, from the camera: x right, y up, z towards the camera
-               orientations_xyzw  quaternions: -Z along the bone, +Y out of the back of the hand
-               radii_m          from the joint to the skin
     mano       positions_m      (x, y, z) of 21, from the camera: x right, y down, z away
     nyu        positions_mm     (x, y, z) of 14, from the camera: x right, y up, z away
-    anatomical_deg              angles in degrees by name (``handpose.body.joint_formats.angles``)
+    anatomical_deg              angles in degrees by name (``handpose.body.joint_formats.formats``)
 
-A table has their numbers as columns: ``THUMB_TIP_x``, ``THUMB_TIP_world_x_m``, ``center_x_m``; ``THUMB_TIP_x_m``,
-``THUMB_TIP_qx``, ``THUMB_TIP_radius_m``; ``index1_x_m``; ``palm_x_mm``; ``index_pip_flexion_deg``.
+A table has their numbers as columns: ``THUMB_TIP_x``, ``THUMB_TIP_world_x_m``, ``center_x_m``; ``index1_x_m``;
+``palm_x_mm``; ``index_pip_flexion_deg``.
 """
 
 from __future__ import annotations
@@ -25,15 +22,14 @@ from typing import Any
 
 import numpy as np
 
-from handpose.body.joint_formats.angles import ANGLES, angles_of
-from handpose.body.joint_formats.formats import FORMATS, FormatName, FormattedHand, formatted
+from handpose.body.joint_formats.formats import ANGLES, FORMATS, FormatName, FormattedHand, angles_of, formatted
 from handpose.body.joint_formats.frames import HandFrames, hand_frames
 from handpose.body.sides import Side
 from handpose.frames.cameras import Camera
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
-DECIMALS = {"m": 5, "mm": 2, "landmarks": 5, "orientations_xyzw": 5, "deg": 2}
+DECIMALS = {"m": 5, "mm": 2, "landmarks": 5, "deg": 2}
 ANGLES_KEY = "anatomical_deg"
 
 
@@ -53,7 +49,7 @@ def hand_values(
     frames  the hand's directions, if they are computed already (``hand_frames``)
     """
     frames = frames or hand_frames(skeleton, hand, xyz)
-    parts, angles = _parts(formatted(name, skeleton, hand, xyz, camera, cube_mm, frames)), angles_of(frames)
+    parts, angles = _parts(formatted(name, skeleton, hand, xyz, camera, cube_mm)), angles_of(frames)
     joints = {key: None if values is None else _rounded(values, key) for key, values in parts.items()}
     return {name: joints, ANGLES_KEY: {angle: _rounded(value, "deg") for angle, value in angles.items()}}
 
@@ -67,8 +63,6 @@ def columns(name: FormatName) -> list[str]:
         found += [f"center_{axis}_m" for axis in "xyz"]
     else:
         found = [f"{joint}_{axis}_{unit}" for joint in joints for axis in "xyz"]
-    if name == "openxr":
-        found += [f"{joint}_q{axis}" for joint in joints for axis in "xyzw"] + [f"{joint}_radius_m" for joint in joints]
     return found + [f"{angle}_deg" for angle in ANGLES]
 
 
@@ -77,7 +71,7 @@ def numbers(
     cube_mm: float | None = None,
 ) -> list[str]:
     """The values of a row, one for each column; ``frames`` are the hand's directions."""
-    parts = _parts(formatted(name, skeleton, hand, xyz, camera, cube_mm, frames))
+    parts = _parts(formatted(name, skeleton, hand, xyz, camera, cube_mm))
     return list(itertools.chain(_texts(parts), _texts({"deg": list(angles_of(frames).values())})))
 
 
@@ -90,13 +84,9 @@ def _texts(parts: dict[str, Any]) -> Iterator[str]:
 
 
 def _parts(found: FormattedHand) -> dict[str, Array | None]:
-    match found.format.name:
-        case "mediapipe":
-            return {"landmarks": found.landmarks, "world_landmarks": found.world_landmarks, "center_m": found.center}
-        case "openxr":
-            return {"positions_m": found.positions, "orientations_xyzw": found.orientations, "radii_m": found.radii}
-        case _:
-            return {f"positions_{found.format.unit}": found.positions}
+    if found.format.name == "mediapipe":
+        return {"landmarks": found.landmarks, "world_landmarks": found.world_landmarks, "center_m": found.center}
+    return {f"positions_{found.format.unit}": found.positions}
 
 
 def _decimals(key: str) -> int:

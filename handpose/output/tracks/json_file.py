@@ -43,7 +43,7 @@ A frame:
         crop             center_uvd (px, px, mm; null without a camera) and cube_mm of the hand's crop
         gesture          with gestures only: its name, null for none; number of straight fingers, null of pinch and
                          thumb_up; confidence, 0 to 1 (``handpose.body.gestures``)
-        mediapipe, openxr, mano, nyu, anatomical_deg   with a format of joints (``joint_values``)
+        mediapipe, mano, nyu, anatomical_deg   with a format of joints (``joint_values``)
     lost             hands tracked before: id, hand (or null), since_s (reported last), reason (a line)
     refused          only in frames with one: supposed hands that are not reported, position_mm and reason (a line)
 """

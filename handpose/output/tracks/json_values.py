@@ -15,7 +15,7 @@ from handpose.body.sides import Side, side_of
 from handpose.fit.pose_confidence import unknown_finger_errors
 from handpose.frames.cameras import Camera
 from handpose.frames.json_fields import Fields
-from handpose.output.tracks import angles, joint_values
+from handpose.output.tracks import joint_values
 from handpose.tracking.track import LostHand, RefusedPlace, TrackedFrame, TrackedHand, TrackHeader
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter, text_of
@@ -24,7 +24,8 @@ from netlib.errors import DataError
 from netlib.proto import prototxt, schema
 
 if TYPE_CHECKING:
-    from handpose.body.gestures.over_time import GestureReader
+    from handpose.body.gestures import GestureReader
+from typing import NamedTuple
 
 FORMAT, VERSION = "handpose", 1
 UNITS = {"length": "mm", "angle": "rad", "time": "s", "pixel": "px"}
@@ -67,9 +68,9 @@ def header_values(header: TrackHeader, joints: FormatName | None = None, *, in_f
 
 
 def _skeleton_values(skeleton: Skeleton) -> dict[str, Any]:
-    joints, dofs = skeleton.joint_names, angles.free_dofs(skeleton)
+    joints, dofs = skeleton.joint_names, free_dofs(skeleton)
     parents = [joints[parent] if parent >= 0 else None for parent in skeleton.parents]
-    limits = {skeleton.dof_names[d]: angles.limits(skeleton, d) for d in dofs.angles}
+    limits = {skeleton.dof_names[d]: limits_of(skeleton, d) for d in dofs.angles}
     return {
         "name": skeleton.name, "joints": joints, "parents": parents,
         "bones": [[parent, joint] for parent, joint in zip(parents, joints) if parent is not None],
@@ -114,10 +115,10 @@ class FrameValues:
         self._live = live
         self._gestures: GestureReader | None = None
         if gestures:
-            from handpose.body.gestures.over_time import GestureReader
+            from handpose.body.gestures import GestureReader
 
             self._gestures = GestureReader(header.skeleton)
-        self._dofs = angles.free_dofs(header.skeleton)
+        self._dofs = free_dofs(header.skeleton)
         names = header.skeleton.dof_names
         self._angles, self._slides = [names[d] for d in self._dofs.angles], [names[d] for d in self._dofs.slides]
         self._bones: dict[int, list[float] | None] = {}
@@ -186,7 +187,7 @@ class FrameValues:
     def _hand(self, of: Fields) -> TrackedHand:
         assumed = not of.has("hand")
         crop, joints = of.part("crop"), len(self._skeleton.joint_names)
-        inputs = angles.inputs_of(
+        inputs = inputs_of(
             self._skeleton, self._dofs, _by_name(of, "angles_rad", self._angles),
             _by_name(of, "translations_mm", self._slides) / self._unit_mm,
         )
@@ -240,3 +241,40 @@ def _side(fields: Fields, name: str = "hand") -> Side:
 def _refused(of: Fields) -> RefusedPlace:
     x, y, z = of.numbers("position_mm", 3).tolist()
     return RefusedPlace((x, y, z), of.text("reason"))
+
+
+# ---------------------------------------------------------------------------------------------- angles
+
+NO_LIMIT = 9999.0  # rad; the packaged hand stores 10000
+
+
+class FreeDofs(NamedTuple):
+    """The DoFs of a skeleton that are free and move something, as indices.
+
+    angles  that turn a joint, in rad
+    slides  the others: they only translate, in the skeleton's units
+    """
+
+    angles: list[int]
+    slides: list[int]
+
+
+def free_dofs(skeleton: Skeleton) -> FreeDofs:
+    """Both kinds, in the order of the skeleton."""
+    angles = np.unique(skeleton.driven[skeleton.turns])
+    slides = np.setdiff1d(skeleton.driven, angles)
+    return FreeDofs(angles.tolist(), slides.tolist())
+
+
+def limits_of(skeleton: Skeleton, dof: int) -> tuple[float | None, float | None]:
+    """Lowest and highest value of an angle in rad, input plus initial value; None without a limit."""
+    initial = float(skeleton.initial[dof])
+    lower, upper = float(skeleton.lower[dof]), float(skeleton.upper[dof])
+    return (lower + initial if lower > -NO_LIMIT else None), (upper + initial if upper < NO_LIMIT else None)
+
+
+def inputs_of(skeleton: Skeleton, dofs: FreeDofs, angles: Array, slides: Array) -> Array:
+    """Inputs (D,) from the values of the free DoFs; inputs that move nothing are 0."""
+    values = skeleton.initial.copy()
+    values[dofs.angles], values[dofs.slides] = angles, slides
+    return np.asarray(values - skeleton.initial)

@@ -36,14 +36,11 @@ class TrackWriter(Protocol):
 
 
 def open_writer(
-    path: str | Path, header: TrackHeader, rate: float | None = None, joints: FormatName | None = None,
-    gestures: bool = False,
+    path: str | Path, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False
 ) -> TrackWriter:
-    """A writer for a name in .json, .jsonl, .csv or .bvh, or for "-": JSON lines on standard output. Raises DataError.
+    """A writer for a name in .json, .jsonl or .csv, or for "-": JSON lines on standard output. Raises DataError.
 
-    BVH has a file for each hand, NAME_right_0.bvh, and needs a ``rate`` in frames per second (None: estimated).
-
-    joints    format of additional joints and angles in JSON, and of the joints in CSV; BVH has the skeleton's
+    joints    format of additional joints and angles in JSON, and of the joints in CSV
     gestures  add the gesture of each hand to JSON and CSV
     """
     if str(path) == "-":
@@ -58,9 +55,5 @@ def open_writer(
             from handpose.output.tracks.csv_file import CsvWriter
 
             return CsvWriter(path, header, joints, gestures)
-        case ".bvh":
-            from handpose.output.tracks.bvh_file import BvhWriter
-
-            return BvhWriter(path, header, rate)
-    raise DataError(f"{path}: cannot write a track of this kind; expected a name in .json, .jsonl, .csv or .bvh, "
-                    "or - for standard output")
+    raise DataError(f"{path}: cannot write a track of this kind; expected a name in .json, .jsonl or .csv, or - "
+                    "for standard output")

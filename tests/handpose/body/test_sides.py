@@ -14,9 +14,7 @@ from handpose.body.sides import (
     Side,
     SoughtSide,
     as_right,
-    is_mirrored,
     mirror_of,
-    other_side,
     side_of,
 )
 
@@ -26,23 +24,11 @@ def test_names() -> None:
     assert get_args(Side) == SIDES and get_args(SoughtSide) == SOUGHT_SIDES == (*SIDES, "either")
 
 
-@pytest.mark.parametrize("side", SIDES)
-def test_a_word_from_outside(side: Side) -> None:
-    """The name of a side is converted to that side."""
-    assert side_of(str(side)) == side
-
-
 @pytest.mark.parametrize("word", ["either", "Left", "l", ""])
 def test_another_word(word: str) -> None:
     """Any other word raises an error with the valid names."""
     with pytest.raises(ValueError, match=f"^'{word}', expected 'right' or 'left'$"):
         side_of(word)
-
-
-def test_the_other_side() -> None:
-    """Each side is the opposite of the other, and only the left one is mirrored."""
-    assert [other_side(side) for side in SIDES] == ["left", "right"]
-    assert [is_mirrored(side) for side in SIDES] == [False, True]
 
 
 def test_mirror() -> None:

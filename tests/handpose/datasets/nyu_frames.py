@@ -2,28 +2,15 @@
 
 from __future__ import annotations
 
-import io
-from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
-import pytest
 
-from handpose.datasets import matlab_file, matlab_worker, nyu_files
+from handpose.datasets import nyu_files
 from handpose.frames.cameras import NYU
 from handpose.frames.images import pack_depth
-
-
-def read_matlab_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Read MATLAB files in this process; test_matlab_file.py tests the separate process."""
-
-    def run_here(path: Path, names: Sequence[str]) -> bytes:
-        out = io.BytesIO()
-        matlab_worker.main(str(path), names, out)
-        return out.getvalue()
-
-    monkeypatch.setattr(matlab_file, "_run_worker", run_here)
+from tests.support.nyu_data_set import write_annotation
 
 
 def hand(count: int) -> np.ndarray:
@@ -33,7 +20,7 @@ def hand(count: int) -> np.ndarray:
 
 def write_labels(folder: Path, uvd: np.ndarray) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    nyu_files.write_annotation(folder / nyu_files.ANNOTATION, NYU.unproject(uvd), "NYU")
+    write_annotation(folder / nyu_files.ANNOTATION, NYU.unproject(uvd), "NYU")
 
 
 def write_frame(path: Path, depth: np.ndarray) -> None:

@@ -1,4 +1,4 @@
-"""handpose/datasets/icvl.py, and the hand for it, prototxt/hand/icvl.prototxt"""
+"""handpose/datasets/icvl_files.py, and the hand for it, prototxt/hand/icvl.prototxt"""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handpose.datasets import icvl
+from handpose.datasets import icvl_files as icvl
 from handpose.frames.cameras import ICVL
 from layers.hand import skeleton
 from layers.hand.bodies import kinematics_of

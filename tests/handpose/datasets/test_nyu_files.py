@@ -15,12 +15,7 @@ from handpose.body.nyu import ANNOTATION_OF_JOINT, frame_name
 from handpose.datasets import nyu_files
 from handpose.frames.cameras import NYU
 from netlib.errors import DataError
-from tests.handpose.datasets.nyu_frames import hand, read_matlab_here, write_frame, write_labels
-
-
-@pytest.fixture(autouse=True)
-def matlab_files_are_read_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    read_matlab_here(monkeypatch)
+from tests.handpose.datasets.nyu_frames import hand, write_frame, write_labels
 
 
 def flaws(root: Path, split: str = "test") -> list[tuple[str, bool]]:

@@ -15,6 +15,7 @@ from handpose.frames import images
 from handpose.frames.cameras import NYU
 from netlib.errors import DataError
 from tests.support.bad_input import bad_inputs
+from tests.support.nyu_data_set import write_annotation
 
 
 def frames(**changes: object) -> PublishedFrames:
@@ -107,6 +108,6 @@ def test_statistics_of_the_real_annotation(nyu_data: Path, tmp_path: Path) -> No
     """A fifth of NYU's test frames have an annotated joint outside the cube about joint 34."""
     uvd = np.load(nyu_data / "test_joint_uvd.npz")["joint_uvd"].astype(float)
     (tmp_path / "test").mkdir()
-    nyu_files.write_annotation(tmp_path / "test" / nyu_files.ANNOTATION, NYU.unproject(uvd), "NYU")
+    write_annotation(tmp_path / "test" / nyu_files.ANNOTATION, NYU.unproject(uvd), "NYU")
     report = statistics(nyu_files.read_split(tmp_path, "test"), range(TEST_FRAMES))
     assert "cube 261 mm (5812 frames) and 300 mm (2440 frames); 19.2% of the frames" in report

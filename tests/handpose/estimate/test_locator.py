@@ -30,7 +30,6 @@ from handpose.frames.cameras import KINECT2, NYU
 from handpose.frames.places import SIZE
 from handpose.synthetic import prior_file
 from handpose.synthetic.generator import BLOCK, Generator
-from handpose.synthetic.nyu_format import whole_image
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.scenes import draw_scenes
 from layers.hand.skeleton import Skeleton
@@ -39,6 +38,7 @@ from netlib.errors import DataError, NetlibError
 from netlib.proto import prototxt, schema
 from tests.handpose.whole_images import ARM_BEHIND, capsules_of, render_image
 from tests.support.bad_input import bad_inputs
+from tests.support.nyu_data_set import whole_image
 
 NET = """
 layer { name: "in" type: "Input" top: "depth" input_param { shape { dim: 1 dim: 1 dim: 64 dim: 64 } } }

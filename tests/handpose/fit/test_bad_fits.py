@@ -10,7 +10,6 @@ import numpy as np
 from handpose.body.nyu import EVALUATION_JOINTS
 from handpose.fit.body import CapsuleModel, RootMotion
 from handpose.fit.depth_fit import DepthFitter
-from handpose.fit.joints.calibration import calibrate
 from handpose.fit.joints.fit_joints import fit_joints
 from handpose.fit.network_errors import table_of
 from handpose.fit.observation import observe
@@ -39,10 +38,6 @@ def poses(*shape: int, value: float = 0, joints: Any = None) -> Callable[[], obj
     return lambda: fit_joints(HAND, np.full(shape, value), joints)
 
 
-def calibrated(*shape: int, value: float = 0, **options: Any) -> Callable[[], object]:
-    return lambda: calibrate(HAND, np.full(shape, value), **options)
-
-
 def measured(uncertainty: float, count: int) -> Callable[[], object]:
     return lambda: table_of(np.full(count, uncertainty), np.linspace(1, 50, count))
 
@@ -65,12 +60,6 @@ def measured(uncertainty: float, count: int) -> Callable[[], object]:
     "an infinite joint": (poses(2, 31, 3, value=np.inf), "frame 0 has an infinite joint"),
     "the same joint": (poses(2, 2, 3, joints=[0, 0]), "joints [0, 0], expected different numbers from 0 to 30"),
     "joint 31": (poses(2, 1, 3, joints=[31]), "joints [31], expected different numbers from 0 to 30"),
-    "19 frames": (calibrated(19, 31, 3), "19 frames, expected 20 or more"),
-    "30 joints": (calibrated(20, 30, 3), "joints of shape (20, 30, 3), expected (N, 31, 3)"),
-    "one place": (calibrated(20, 31, 3), "in most frames the joints are all in one place"),
-    "calibration of joint 31": (calibrated(20, 1, 3, joints=[31]), "joints [31], expected numbers from 0 to 30"),
-    "percentile": (calibrated(20, 31, 3, value=1, percentile=50),
-                   "percentile 50, expected at least 0 and less than 50"),
 })
 def test_what_cannot_be_fitted(given: Callable[[], object], rejected: Any) -> None:
     """Bodies with other roots, and joints that are too few, unknown or not finite, raise an error."""

@@ -88,7 +88,6 @@ NUMBER, WHAT = "expected a number more than 0 and at most", "known: fx, fy, u0, 
         "x: says the model of the distortion, and a distortion that has its own",
     '{"codx": 0.1}': "x: has codx 0.1; expected 0, a distortion about the middle of the lens",
     '{"time_unit": "msec"}': 'x: time_unit is "msec"; expected s, ms, us, ns, frames',
-    '{"swap_bytes": 1}': "x: swap_bytes is 1; expected true or false",
 })
 def test_what_is_refused(given: str, rejected: Any) -> None:
     """An invalid text raises an error with its place."""
@@ -116,9 +115,9 @@ def test_every_number_returns(
 
 def test_times_and_bytes() -> None:
     """The unit of times and the byte order are restored."""
-    said = CameraInfo(unit_mm=1.0, origin="x", time_unit="ms", swap_bytes=True)
+    said = CameraInfo(unit_mm=1.0, origin="x", time_unit="ms")
     assert parse(to_text(said), "x") == said
-    assert json.loads(to_text(said)) == {"unit_mm": 1.0, "time_unit": "ms", "swap_bytes": True}
+    assert json.loads(to_text(said)) == {"unit_mm": 1.0, "time_unit": "ms"}
 
 
 def test_a_file(tmp_path: Path) -> None:

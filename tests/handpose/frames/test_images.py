@@ -71,12 +71,11 @@ def test_crops_are_normalised(tmp_path: Path) -> None:
     assert crop.shape == (128, 128) and (crop[:, :64] == -1).all() and (crop[:, 64:] == 1).all()
 
 
-def test_a_frame_with_distortion_and_exchanged_bytes(tmp_path: Path) -> None:
-    """A frame is read like one of a recording: the lens and the byte order are corrected."""
+def test_a_frame_with_distortion(tmp_path: Path) -> None:
     depth = np.random.default_rng(0).integers(300, 900, (30, 40)).astype(np.uint16)
     camera, lens = Camera("own", 30.0, 30.0, 19.5, 14.5, 40, 30), Lens((-0.1, 0.02, 0, 0))
-    cv2.imwrite(str(tmp_path / "frame.png"), depth.byteswap())
-    found = images.read_frame(tmp_path / "frame.png", CameraInfo(camera, lens, 0.5, swap_bytes=True))
+    cv2.imwrite(str(tmp_path / "frame.png"), depth)
+    found = images.read_frame(tmp_path / "frame.png", CameraInfo(camera, lens, 0.5))
     np.testing.assert_array_equal(found, Undistorter(camera, lens)(depth.astype(np.float32) / 2))
 
 

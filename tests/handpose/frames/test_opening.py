@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
+from fractions import Fraction
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 
-from handpose.frames import formats
+from handpose.frames import camera_file, formats
 from handpose.frames.formats.folder import FolderRecording
 from handpose.frames.formats.stack import StackRecording
 from handpose.frames.opening import open_recording
@@ -24,8 +27,7 @@ from tests.support.bad_input import bad_inputs
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, object, CameraInfo]]:
     """The calls of readers that need packages; the readers themselves are replaced."""
     found: list[tuple[str, object, CameraInfo]] = []
-    live = [(module, "open_live") for module in ("realsense", "orbbec", "oak", "ros2")]
-    for module, name in (("video", "open_video"), ("ros_bag", "open_bag"), *live):
+    for module, name in (("ros_bag", "open_bag"), ("realsense", "open_live")):
 
         def opened(source: object, given: CameraInfo, name: str = name) -> None:
             found.append((name, source, given))
@@ -52,7 +54,7 @@ def test_stacks(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "reader"),
-    [("a.mkv", "open_video"), ("A.AVI", "open_video"), ("a.bag", "open_bag"), ("a.mcap", "open_bag")],
+    [("a.bag", "open_bag"), ("A.MCAP", "open_bag")],
 )
 def test_containers(tmp_path: Path, asked: list[tuple[str, object, CameraInfo]], name: str, reader: str) -> None:
     """Containers are opened by readers that are imported on demand."""
@@ -68,17 +70,16 @@ def test_a_bag_that_is_a_folder(tmp_path: Path, asked: list[tuple[str, object, C
     assert asked == [("open_bag", tmp_path, UNKNOWN)]
 
 
-@pytest.mark.parametrize("kind", ["realsense", "orbbec", "oak", "ros2"])
-def test_a_live_camera(asked: list[tuple[str, object, CameraInfo]], kind: str) -> None:
-    """The first camera is opened, or the one with a serial number or topic."""
-    open_recording(kind)
-    open_recording(f"{kind}:/a:b", GIVEN)
+def test_a_live_camera(asked: list[tuple[str, object, CameraInfo]]) -> None:
+    """The first camera is opened, or the one with a serial number."""
+    open_recording("realsense")
+    open_recording("realsense:/a:b", GIVEN)
     assert asked == [("open_live", None, UNKNOWN), ("open_live", "/a:b", GIVEN)]
 
 
 @bad_inputs(DataError, {
     name: f"{name}: its times have a unit; --time-unit is for the names of images and for arrays"
-    for name in ("a.mkv", "a.bag", "realsense", "oak")
+    for name in ("a.bag", "realsense")
 })
 def test_a_unit_of_times_where_there_is_none(
     tmp_path: Path, asked: list[Any], monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any
@@ -95,7 +96,7 @@ def test_a_unit_of_times_where_there_is_none(
 @bad_inputs(DataError, {
     **{name: f"{name}: no such file" for name in ("none.npz", "none.mkv", "none.bag")},
     **{name: f"{name}: no such file or folder" for name in ("none", "none/of/these.png")},
-    "a.txt": "a.txt: not a recording; expected a folder of 16-bit PNG, ..., .npz, ...: realsense, orbbec or oak...",
+    "a.txt": "a.txt: not a recording; expected a folder of 16-bit PNG, ..., .npz, ...: realsense or realsense:SERIAL",
 })
 def test_what_is_no_recording(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any, asked: list[Any]
@@ -106,3 +107,44 @@ def test_what_is_no_recording(
     with rejected:
         open_recording(given)
     assert not asked
+
+
+def in_python(error: str) -> None:
+    """Run the Python statement in an error message."""
+    command = error.partition('python -c "')[2].removesuffix('"')
+    subprocess.run([sys.executable, "-c", command], check=True)
+
+
+def test_videos_are_converted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As tools/record.py wrote them once: every value, the times to 1 ms, and the camera in a tag."""
+    av = pytest.importorskip("av", reason="PyAV is missing: pip install av")
+    monkeypatch.chdir(tmp_path)
+    depth = [hand_sized(distance=1000 + i) for i in range(3)]
+    with av.open("take.mkv", "w", format="matroska") as video:
+        video.metadata["CAMERA"] = camera_file.to_text(GIVEN)
+        stream = video.add_stream("ffv1", rate=30, options={"level": "3", "g": "1"})
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "gray16le"
+        stream.codec_context.time_base = Fraction(1, 1000)
+        for milliseconds, values in zip((0, 33, 100), depth):
+            picture = av.VideoFrame.from_ndarray(values.astype("<u2"), format="gray16le")
+            picture.pts, picture.time_base = milliseconds, Fraction(1, 1000)
+            video.mux(stream.encode(picture))
+        video.mux(stream.encode(None))
+    with pytest.raises(DataError, match=r"^take.mkv: not a recording; .* and this converts it: python") as raised:
+        open_recording("take.mkv")
+    in_python(str(raised.value))
+    with open_recording("frames") as recording:
+        assert (recording.camera, recording.unit_mm) == (GIVEN.camera, GIVEN.unit_mm)
+        assert [frame.time for frame in recording] == pytest.approx([0, 0.033, 0.1])
+        np.testing.assert_array_equal([frame.depth for frame in recording], np.array(depth) / np.float32(2))
+
+
+def test_hdf5_is_converted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with h5py.File("take.h5", "w") as file:
+        file["depth"], file["timestamps_ms"] = hand_sized()[None], [5]
+        file.attrs.update(fx=60.0, fy=61.0, cx=31.5, cy=23.5)
+    with pytest.raises(DataError, match=r"^take.h5: not a recording") as raised:
+        open_recording("take.h5")
+    in_python(str(raised.value))
+    assert open_recording("frames.npz").camera.fy == 61

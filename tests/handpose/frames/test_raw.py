@@ -36,15 +36,6 @@ def test_what_is_no_number_was_not_read() -> None:
     np.testing.assert_array_equal(decode(np.array([[np.nan, np.inf, -np.inf, 1e300, 2]])), [[0, 0, 0, 0, 1]])
 
 
-@pytest.mark.parametrize("dtype", [np.uint16, ">u2", np.int32])
-def test_bytes_are_exchanged(dtype: str) -> None:
-    """With swap_bytes the bytes of each value are exchanged first, and a remark reports it."""
-    found = calibration_of(CameraInfo(CAMERA, swap_bytes=True), UNKNOWN, UNKNOWN, (48, 64), np.dtype(dtype), "take")
-    assert "the bytes of every value are exchanged, as given" in found.remarks
-    raw = hand_sized().astype(dtype)
-    np.testing.assert_array_equal(found.decoder("take")(raw.byteswap()), raw)
-
-
 def test_the_lens_is_taken_out() -> None:
     """The distortion is removed as by Undistorter."""
     lens, raw = Lens((0.3, 0, 0, 0)), hand_sized()

@@ -17,10 +17,8 @@ from handpose.frames.cameras import Camera
 from handpose.frames.images import BadFrameError, read_png
 from handpose.frames.opening import open_recording
 from handpose.frames.recording import CameraInfo
-from handpose.frames.writing import RecordingWriter
 from netlib.errors import DataError, system_error_of
 from netlib.files import reading
-from tests.support.hdf5_files import write_hdf5
 
 CAMERA = Camera("own", 60, 60, 15.5, 11.5, 32, 24)
 DEPTH = np.full((4, 24, 32), 500, np.uint16)
@@ -45,21 +43,6 @@ def archive(path: Path) -> Path:
     return path / "take.npz"
 
 
-def hdf5(path: Path) -> Path:
-    write_hdf5(path / "take.h5", depth=DEPTH)
-    return path / "take.h5"
-
-
-def video(path: Path) -> Path:
-    pytest.importorskip("av")
-    from handpose.frames.recording import DepthFrame
-
-    with RecordingWriter(path / "take.mkv", CAMERA, 1.0, 30.0) as writer:
-        for i, image in enumerate(DEPTH):
-            writer.write(DepthFrame(i, i / 30, image.astype(np.float32)))
-    return path / "take.mkv"
-
-
 class Failing(FileIO):
     """A file whose reads fail with ``number`` once ``left`` of them were made."""
 
@@ -79,7 +62,7 @@ class Failing(FileIO):
         return super().readinto(buffer) or 0
 
 
-@pytest.mark.parametrize("make", [folder, archive, video])
+@pytest.mark.parametrize("make", [folder, archive])
 def test_reads_that_fail(make: Callable[[Path], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A read that the system refuses raises DataError with its reason, wherever it happens."""
     place = make(tmp_path)
@@ -101,7 +84,7 @@ def test_reads_that_fail(make: Callable[[Path], Path], tmp_path: Path, monkeypat
 
 @pytest.mark.parametrize(
     ("make", "number"),
-    [*((folder, number) for number in ERRORS), *((make, errno.EMFILE) for make in (array, archive, hdf5, video))],
+    [*((folder, number) for number in ERRORS), *((make, errno.EMFILE) for make in (array, archive))],
 )
 def test_files_that_cannot_be_opened(
     make: Callable[[Path], Path], number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

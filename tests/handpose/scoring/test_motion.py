@@ -1,11 +1,11 @@
-"""handpose/scoring/motion.py"""
+"""handpose/scoring/tracks.py"""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from handpose.scoring.motion import bone_changes, jitter, lag_s, rests
+from handpose.scoring.tracks import bone_changes, jitter, lag_s, rests
 from netlib.blob import Array
 
 RATE = 30.0

@@ -1,4 +1,4 @@
-"""handpose/scoring/test_sets.py"""
+"""handpose/scoring/held_out.py"""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 import netlib
 from handpose.frames.cameras import NYU
-from handpose.scoring.test_sets import centers_of, crops_of, data_layer
+from handpose.scoring.held_out import centers_of, crops_of, data_layer
 from netlib.errors import NetlibError
 from netlib.net import Net
 from netlib.proto import prototxt

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from handpose.frames.cameras import ICVL, NYU
-from handpose.sequences.acts import FINGER_SPEED, HAND_SPEED, Act, Actor
-from handpose.sequences.choices import Choices
+from handpose.sequences.acts import FINGER_SPEED, HAND_SPEED, Act, Actor, Choices
 from handpose.sequences.gestures import fingers_of, poses
 from handpose.sequences.movements import Movement
 from handpose.sequences.person import Person

@@ -13,8 +13,7 @@ from handpose.body.render import in_front
 from handpose.frames.cameras import ICVL, NYU, SR305, Camera
 from handpose.scoring.tracks import score
 from handpose.sequences.acts import Act
-from handpose.sequences.recordings import SyntheticRecording
-from handpose.sequences.scripts import SCRIPTS, Role, Script
+from handpose.sequences.recordings import SCRIPTS, Role, Script, SyntheticRecording
 from handpose.synthetic.scenes import render_image
 from handpose.tracking.track import HIDDEN, LEFT, PARTLY, joints_of
 from netlib.errors import DataError

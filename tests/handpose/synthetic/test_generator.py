@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import pickle
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,19 +21,16 @@ from handpose.frames.crops import (
     crop_pixels,
     restore_joints,
     window,
-    without_flying_pixels,
-    without_isolated_near,
 )
 from handpose.synthetic import prior_file, recipes
 from handpose.synthetic.generator import BLOCK, VERSION, Generator, Recipe, View
-from handpose.synthetic.many import generate
+from handpose.synthetic.many import generate, processes
 from handpose.synthetic.places import PlaceGenerator
 from handpose.synthetic.prior_file import NormalParameter, RangeParameter
-from handpose.synthetic.workers import processes
 from netlib.errors import DataError
 from netlib.files.paths import ROOT
+from tests.handpose.synthetic.same_frames import assert_equal
 from tests.support.bad_input import bad_inputs
-from tests.support.same_frames import assert_equal
 
 
 def test_arrays(generator: Generator, frames: Frames) -> None:
@@ -187,26 +183,3 @@ def test_mistakes(given: Callable[[], object], rejected: Any) -> None:
     """An invalid seed, split or number raises an error that names it."""
     with rejected:
         given()
-
-
-def test_walls_are_behind_bodies() -> None:
-    """A plane changes the background of a fraction of the frames, and at most 10 mm of what a body showed."""
-    recipe = replace(recipes.recipe("nyu"), views=(View(NYU, None),))
-    plain, walled = (Generator(4, "train", replace(recipe, wall=wall)).block(0) for wall in (0.0, 0.5))
-    np.testing.assert_array_equal(plain.joint, walled.joint)
-    background = plain.depth == 1
-    changed = np.array([(new[old] < 1).any() for new, old in zip(walled.depth, background)])
-    assert 0.2 < changed.mean() < 0.7
-    np.testing.assert_allclose(walled.depth[~background], plain.depth[~background], atol=10.1 / 150)
-
-
-def test_cleared_crops_are_those_of_a_recording() -> None:
-    """Cleared crops are the same ones without flying and isolated near pixels."""
-    people = recipes.recipe("cluttered")
-    one = replace(people, views=people.views[2:3])
-    raw, cleared = (Generator(4, "train", replace(one, cleared=which)).block(0) for which in (False, True))
-    fx = one.views[0].camera.fx
-    for before, after, center in zip(raw.depth[:, 0], cleared.depth[:, 0], raw.center_uvd):
-        expected = without_isolated_near(without_flying_pixels(before, 150, float(center[2]) / fx), 150)
-        np.testing.assert_array_equal(after, expected)
-    assert (raw.depth != cleared.depth).any()

@@ -7,7 +7,7 @@ import numpy as np
 from handpose.datasets.frames import Frames
 from handpose.synthetic.generator import BLOCK, Generator
 from handpose.synthetic.many import generate
-from tests.support.same_frames import assert_equal
+from tests.handpose.synthetic.same_frames import assert_equal
 
 
 def test_generate_cuts_anywhere(generator: Generator, frames: Frames) -> None:

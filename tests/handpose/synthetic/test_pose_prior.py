@@ -87,28 +87,3 @@ def test_people_are_seen_from_every_side() -> None:
         pointing = Rotation.from_euler("ZXY", angles).apply(axis) > 0
         octant = np.bincount(pointing @ [1, 2, 4], minlength=8)
         assert octant == pytest.approx([500] * 8, rel=0.15)
-
-
-def test_joints_of_a_chain_bend_apart() -> None:
-    """With ``apart``, the joints of a finger bend independently of each other; without it they bend alike."""
-    people = prior_file.load(prior_file.PEOPLE_PRIOR).but(blend=0.0, redraws=1)
-    found = []
-    for apart in (0.0, 1.0):
-        sampler = BodySampler(people.but(bend=tuple(schema.changed(bend, apart=apart) for bend in people.bend)))
-        inputs = sampler.draw(np.random.default_rng(0), 400).inputs
-        index = [sampler.skeleton.dof_names.index(f"index_{joint}_rot_x") for joint in ("pip", "dip")]
-        found.append(np.corrcoef(inputs[:, index].T)[0, 1])
-    assert found[0] > 0.6 and abs(found[1]) < 0.15
-
-
-def test_most_blended_poses_are_nearly_pure() -> None:
-    """With ``blend_part`` of a and b below 1, most poses are close to one named pose, and with 1 and 1 few are."""
-    people = prior_file.load(prior_file.PEOPLE_PRIOR).but(blend=1.0, blend_noise=0.0, redraws=1)
-    shares = []
-    for a in (0.3, 1.0):
-        sampler = BodySampler(people.but(blend_part=prior_file.BetaParameter(a, a)))
-        drawn = sampler.draw(np.random.default_rng(0), 400).inputs[:, sampler.limbs]
-        own = np.stack(list(sampler.poses.values()))[:, sampler.limbs]
-        distance = np.abs(drawn[:, None] - own).max(axis=2).min(axis=1)
-        shares.append((distance < 0.1).mean())
-    assert shares[0] > 0.5 > 0.4 > shares[1]

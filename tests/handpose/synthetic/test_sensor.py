@@ -125,29 +125,3 @@ def test_near_surfaces_spread() -> None:
         covered = np.flatnonzero(read[0, :, 60] < 900)
         assert covered.min() == 40 - rows and covered.max() == 79 + rows
         np.testing.assert_allclose(read[0, covered, 60], 700, atol=0.1)
-
-
-def test_specks_are_in_front_of_everything() -> None:
-    """Spots of a few pixels read a depth in front of the nearest surface; without them nothing changes."""
-    speckled = replace(PERFECT, specks=(5.0, 5.0), speck_mm=(50.0, 100.0))
-    read = sense(np.random.default_rng(0), slope(), FAR, speckled, NYU)
-    specks = read < 655
-    assert (read[specks] >= 595).all()
-    for frame in specks:
-        assert 1 <= cv2.connectedComponents(frame.astype(np.uint8))[0] - 1 <= 5
-        assert 5 <= frame.sum() <= 5 * 21
-    plain = sense(np.random.default_rng(0), slope(), FAR, PERFECT, NYU)
-    np.testing.assert_array_equal(read[~specks], plain[~specks])
-
-
-def test_a_median_filter_closes_cracks_and_removes_single_pixels() -> None:
-    """A crack of one pixel in a plate is closed, a single reading disappears, and straight edges stay."""
-    depth = np.full((1, 128, 128), 950, np.float32)
-    depth[:, 40:80, 40:80] = 700
-    depth[:, 40:80, 60] = 950
-    depth[:, 20, 20] = 700
-    filtered = replace(PERFECT, median=(1.0, 1.0), disparity_step=1e-4)
-    read = sense(np.random.default_rng(0), depth, FAR[:1], filtered, NYU)[0]
-    np.testing.assert_allclose(read[42:78, 60], 700, atol=0.1)
-    assert read[20, 20] == 950
-    assert (read[42:78, 39] == 950).all() and (read[42:78, 40] < 701).all()

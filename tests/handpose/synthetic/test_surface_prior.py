@@ -99,18 +99,3 @@ def test_palms_are_thicker_than_fingers(sampler: BodySampler) -> None:
     parts = np.array(sampler.surface.parts)
     np.testing.assert_allclose(factor[:, parts == "palm"], 3.0)
     np.testing.assert_allclose(factor[:, (parts == "thumb") | (parts == "index") | sampler.surface.limbs], 1.5)
-
-
-def test_objects_near_hands(sampler: BodySampler) -> None:
-    """A fraction of the hands has one more capsule, whose middle is at the given distance; others hide it inside."""
-    prior = replace(EXACT, object=0.4, object_from=(0.8, 1.0), object_length=(0.2, 0.2), object_radius=(0.1, 0.1))
-    without, surface = drawn(sampler, EXACT), drawn(sampler, prior)
-    assert surface.a.shape[1] == without.a.shape[1] + 1
-    present = surface.radius_a[:, -1] > 2
-    assert 0.3 < present.mean() < 0.5
-    length = np.linalg.norm(surface.b - surface.a, axis=2)[:, -1]
-    np.testing.assert_allclose(length[present], 0.2 * 150)
-    np.testing.assert_array_equal(surface.radius_a[present, -1], 0.1 * 150)
-    hidden = ~present
-    np.testing.assert_array_equal(surface.a[hidden, -1], surface.a[hidden, 0])
-    assert (surface.radius_a[hidden, -1] <= surface.radius_a[hidden, 0]).all()

@@ -13,8 +13,7 @@ from handpose.frames.cameras import ICVL
 from handpose.frames.recording import DepthFrame
 from handpose.scoring.tracks import TrackScores, score
 from handpose.sequences.acts import Act
-from handpose.sequences.recordings import SyntheticRecording
-from handpose.sequences.scripts import Role, Script
+from handpose.sequences.recordings import Role, Script, SyntheticRecording
 from handpose.tracking import sizing
 from handpose.tracking.track import TrackedFrame
 from handpose.tracking.tracker import Tracker

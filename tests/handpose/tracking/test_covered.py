@@ -22,8 +22,7 @@ from handpose.output.live.messages import Messages
 from handpose.output.tracks.writing import open_writer
 from handpose.sequences.acts import Act
 from handpose.sequences.movements import HandPose
-from handpose.sequences.recordings import SyntheticRecording
-from handpose.sequences.scripts import Role, Script
+from handpose.sequences.recordings import Role, Script, SyntheticRecording
 from handpose.tracking.acceptance import Offer
 from handpose.tracking.track import HIDDEN, TrackedFrame
 from handpose.tracking.tracker import Tracker
@@ -234,7 +233,7 @@ def test_frames_of_one_value(begun: Tracker, resting: Take, value: float) -> Non
 
 
 def test_all_outputs(begun: Tracker, resting: Take, tmp_path: Path) -> None:
-    """Files, and the messages sent by WebSocket and UDP, have no pose of a covered hand, and the reason."""
+    """Files, and the messages sent by WebSocket, have no pose of a covered hand, and the reason."""
     header = begun.header("a recording")
     frames = [*after(begun, resting, 1.0, 0.6, 3)]
     for name in ("t.json", "t.csv"):
@@ -245,8 +244,7 @@ def test_all_outputs(begun: Tracker, resting: Take, tmp_path: Path) -> None:
     messages = Messages(header)
     records = [messages.record(frame) for frame in frames]
     sent = [json.loads(messages.line(record)) for record in records]
-    datagrams = [json.loads(messages.datagram(record)) for record in records]
-    for written in (document["frames"], sent, datagrams):
+    for written in (document["frames"], sent):
         assert [frame["hands"] for frame in written] == [[]] * 3
         assert [lost["reason"] for frame in written for lost in frame["lost"]] == [REASON] * 3
     rows = list(csv.DictReader((tmp_path / "t.csv").read_text().splitlines()))

@@ -18,8 +18,7 @@ from handpose.fit.body import WorldPose
 from handpose.fit.search import ACCURATE
 from handpose.frames.cameras import ICVL, Camera
 from handpose.sequences.acts import Act
-from handpose.sequences.recordings import SyntheticRecording
-from handpose.sequences.scripts import Role, Script
+from handpose.sequences.recordings import Role, Script, SyntheticRecording
 from handpose.tracking.pose_estimator import PoseEstimator
 from tests.handpose.tracking.conftest import Take
 

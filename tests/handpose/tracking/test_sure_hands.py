@@ -106,7 +106,7 @@ def test_the_tracker_reports_by_this_rule(predictor: Predictor, shown: Take) -> 
 def test_no_output_has_the_joints(tmp_path: Path) -> None:
     """Files and messages have the reason in their place."""
     frames = reported((tracked(),), (tracked(confidence=0.1),), (tracked(id=2, confidence=0.1),))
-    for name in ("t.json", "t.jsonl", "t.csv", "t.bvh"):
+    for name in ("t.json", "t.jsonl", "t.csv"):
         with open_writer(tmp_path / name, HEADER) as writer:
             for frame in frames:
                 writer.write(frame)
@@ -114,8 +114,7 @@ def test_no_output_has_the_joints(tmp_path: Path) -> None:
     records = [messages.record(frame) for frame in frames]
     written = json.loads((tmp_path / "t.json").read_text())["frames"]
     lines = [json.loads(line) for line in (tmp_path / "t.jsonl").read_text().splitlines()[1:]]
-    for every in (written, lines, [json.loads(messages.line(one)) for one in records],
-                  [json.loads(messages.datagram(one)) for one in records]):
+    for every in (written, lines, [json.loads(messages.line(one)) for one in records]):
         assert [len(frame["hands"]) for frame in every] == [1, 0, 0]
         assert [one["reason"] for one in every[1]["lost"]] == ["the pose is uncertain (confidence 10%)"]
         assert every[2]["refused"] == [
@@ -125,4 +124,3 @@ def test_no_output_has_the_joints(tmp_path: Path) -> None:
     empty = [{value for key, value in row.items() if key.endswith(("_mm", "_rad"))} == {""} for row in rows]
     assert [row["lost"] for row in rows] == ["", *["the pose is uncertain (confidence 10%)"] * (len(rows) - 1)]
     assert empty == [False, *[True] * (len(rows) - 1)]
-    assert [path.name for path in tmp_path.glob("*.bvh")] == ["t_right_1.bvh"]

@@ -6,7 +6,6 @@ import argparse
 import contextlib
 import json
 import signal
-import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -66,34 +65,14 @@ def test_addresses(text: str, address: tuple[str, int]) -> None:
     assert parsed("--serve").serve == ("127.0.0.1", 0) and parsed().serve is None
 
 
-def test_datagrams() -> None:
-    """One datagram is sent for each frame, without a server."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
-        receiver.bind(("127.0.0.1", 0))
-        receiver.settimeout(60)
-        with LiveOutput(parsed("--udp", f"127.0.0.1:{receiver.getsockname()[1]}"), HEADER) as output:
-            output.begin(source(live=True), ends, sys.stdout)
-            for number in range(2):
-                output.write(DEPTH, frame(number))
-                found = json.loads(receiver.recv(1 << 16))
-                assert found["number"] == number and len(found["hands"][0]["positions_mm"]) == 31
-
-
-def test_datagrams_that_are_not_sent(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Datagrams that cannot be sent are counted in a final warning and do not stop the run."""
-    with LiveOutput(parsed("--udp", "127.0.0.1:9"), HEADER) as output:
-        output.begin(source(live=True), ends, sys.stdout)
-        monkeypatch.setattr(output._messages, "datagram", lambda record: bytes(1 << 17))
-        output.write(DEPTH, frame(0))
-    assert capsys.readouterr().err == "warning: --udp: 1 datagrams were not sent: Message too long\n"
-
-
 def test_a_recording_is_no_faster_than_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
     """A recording's frames are sent at their times, a camera's immediately; a stop request ends the wait."""
+    pytest.importorskip("websockets")
+    monkeypatch.setattr(track_outputs.LiveServer, "wait_for_client", lambda self, seconds: True)
     clock = [100.0]
     monkeypatch.setattr(track_outputs.time, "perf_counter", lambda: clock[0])
     monkeypatch.setattr(track_outputs.time, "sleep", lambda seconds: clock.append(clock.pop() + seconds))
-    with LiveOutput(parsed("--udp", "127.0.0.1:9"), HEADER) as output:
+    with LiveOutput(parsed("--serve"), HEADER) as output:
         output.write(DEPTH, frame(50))
         output.begin(source(live=True), ends, sys.stdout)
         output.write(DEPTH, frame(51))
@@ -112,47 +91,16 @@ def test_a_recording_is_no_faster_than_it_was(monkeypatch: pytest.MonkeyPatch) -
 @pytest.mark.parametrize("step", [0.0, -1e6])
 def test_a_clock_that_stops_or_is_set_back(monkeypatch: pytest.MonkeyPatch, step: float) -> None:
     """A frame waits at most as long as it is after the frame before, whatever the clock does."""
+    pytest.importorskip("websockets")
+    monkeypatch.setattr(track_outputs.LiveServer, "wait_for_client", lambda self, seconds: True)
     clock, slept = [1e9], []
     monkeypatch.setattr(track_outputs.time, "perf_counter", lambda: clock.append(clock.pop() + step) or clock[0])
     monkeypatch.setattr(track_outputs.time, "sleep", slept.append)
-    with LiveOutput(parsed("--udp", "127.0.0.1:9"), HEADER) as output:
+    with LiveOutput(parsed("--serve"), HEADER) as output:
         output.begin(source(live=False), lambda: None, sys.stdout)
         for number in range(5):
             output.write(DEPTH, frame(number))
     assert sum(slept) == pytest.approx(0.4)
-
-
-def test_a_page_holds_a_recording(monkeypatch: pytest.MonkeyPatch) -> None:
-    """While a page holds it, a recording's frame waits, and later frames keep their distance in time."""
-    pytest.importorskip("websockets")
-    clock, checks = [100.0], []
-    monkeypatch.setattr(track_outputs.time, "perf_counter", lambda: clock[0])
-    monkeypatch.setattr(track_outputs.time, "sleep", lambda seconds: clock.append(clock.pop() + seconds))
-    with LiveOutput(parsed("--serve"), HEADER) as output:
-        pace = output._server.pace
-        monkeypatch.setattr(output._server, "wait_for_client", lambda seconds: True)
-
-        def check() -> None:
-            checks.append(clock.append(clock.pop() + 7))
-            if len(checks) == 3:
-                pace.command("page", "play")
-
-        output.begin(source(live=False), check, sys.stdout)
-        pace.command("page", "pause")
-        output.write(DEPTH, frame(0))
-        assert len(checks) == 3 and clock == [121.0]
-        monkeypatch.setattr(output, "_check", lambda: None)
-        output.write(DEPTH, frame(3))
-        assert clock == [pytest.approx(121.3)]
-
-
-def test_a_camera_is_not_held() -> None:
-    """Pausing a page does not hold a live camera."""
-    pytest.importorskip("websockets")
-    with LiveOutput(parsed("--serve"), HEADER) as output:
-        output._server.pace.command("page", "pause")
-        output.begin(source(live=True), ends, sys.stdout)
-        output.write(DEPTH, frame(0))
 
 
 def test_what_is_printed(capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,7 +9,7 @@ import functools
 from pathlib import Path
 
 from handpose.body.model import Surface
-from handpose.output.drawing import labels
+from handpose.output.drawing.view import colour_of
 from handpose.output.hand_page.assembly import assembled, script_of, source
 from handpose.output.live.messages import VIEWS
 from handpose.tracking.track import TrackHeader
@@ -28,7 +28,7 @@ def page(header: TrackHeader, live: bool = False) -> str:
         "stream": VIEWS.removeprefix("/"), "camera": vars(camera),
         "skeleton": {"joints": header.skeleton.joint_names, "parents": header.skeleton.parents.tolist()},
         "whole": surface.whole.joint_names, "capsules": [[int(a), int(b)] for a, b in zip(surface.start, surface.end)],
-        "colours": [labels.colour_of(id)[::-1] for id in range(COLOURS)],
+        "colours": [colour_of(id)[::-1] for id in range(COLOURS)],
     }
     title = f"{header.source}, live" if live else f"{Path(header.source).name}, recording"
     style, body = source("page.css") + source("live.css", FOLDER), source("live.html", FOLDER)
@@ -38,4 +38,5 @@ def page(header: TrackHeader, live: bool = False) -> str:
 @functools.cache
 def page_without_token() -> str:
     """The answer to a request without a token: a tab that had one continues with it, any other shows the error."""
-    return assembled("Wrong token", {}, source("without_token.html", FOLDER), "", script_of("without_token", FOLDER))
+    words = "<p>Wrong token. Open the address that the tracker has printed.</p>\n"
+    return assembled("Wrong token", {}, words, "", script_of("without_token", FOLDER))

@@ -16,7 +16,7 @@ export class Confidence {
     return `rgb(${this.colours[id % this.colours.length].join(" ")})`;
   }
 
-  /* Show the state in a record. Records that are later than it are removed, which happens when the user steps back. */
+  /* Show the state in a record. */
   show(record) {
     const now = record.time_s;
     this.records = [...this.records.filter(({ time_s: time }) => time < now && time >= now - SECONDS), record];

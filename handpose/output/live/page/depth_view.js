@@ -1,8 +1,7 @@
 /* The part of the depth image around the hands, with the bones of all hands where the camera sees them. */
 
-import { drawBones } from "./bones.js";
+import { drawBones, paintDepth } from "./shading.js";
 import { formatNumber } from "./elements.js";
-import { paintDepth } from "./shading.js";
 
 const LABEL_HEIGHT = 20; // px
 const DARKEST = 0.65; // grey value of the farthest depth; 1 is black

@@ -1,10 +1,9 @@
-/* The live page: it shows the newest frame of the tracker, or, while it is paused, any of the last frames. */
+/* The live page: it shows the newest frame of the tracker. */
 
 import { BodyView } from "./body_view.js";
 import { Confidence } from "./confidence.js";
 import { DepthView } from "./depth_view.js";
 import { byId, formatNumber } from "./elements.js";
-import { History } from "./history.js";
 import { Scene } from "./scene.js";
 import { takeQuery } from "./token.js";
 import { add, length, minus, times } from "./vectors.js";
@@ -70,9 +69,7 @@ function draw() {
 function showState(record) {
   const place = `frame ${record.number}, ${formatNumber(record.time_s, 2)} s`;
   if (endReason !== null) {
-    state.textContent = frames.paused ? `${place}; ${endReason}` : `${endReason}; the last frame is ${record.number}`;
-  } else if (frames.paused) {
-    state.textContent = `${place}; paused`;
+    state.textContent = `${endReason}; the last frame is ${record.number}`;
   } else {
     const now = performance.now() / 1000;
     arrivals = [...arrivals.filter((time) => time > now - RATE_S), now];
@@ -81,21 +78,20 @@ function showState(record) {
   }
 }
 
-/* Draw the current frame with the next picture of the screen. */
-function requestDraw() {
-  live.frame = frames.current;
-  if (live.frame) frameRequest ??= requestAnimationFrame(() => ((frameRequest = null), draw()));
+/* Draw the frame with the next picture of the screen. */
+function requestDraw(frame) {
+  live.frame = frame;
+  frameRequest ??= requestAnimationFrame(() => ((frameRequest = null), draw()));
 }
 
 const address = new URL(data.stream + takeQuery(), location.href);
 address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
 const socket = new WebSocket(address);
 socket.binaryType = "arraybuffer";
-const frames = new History((word) => socket.readyState === WebSocket.OPEN && socket.send(word), requestDraw);
 const live = { drawn: 0, frame: null, scene, view };
 socket.addEventListener("open", () => (state.textContent = "connected; no frame yet"));
 socket.addEventListener("message", (event) => {
-  frames.add(frameOf(event.data));
+  requestDraw(frameOf(event.data));
   socket.send("next"); // the server answers with the newest frame and drops those before it
 });
 socket.addEventListener("close", ({ code, reason }) => {

@@ -1,6 +1,6 @@
 /* All hands of a frame as one body, in the form that body_view.js and bones.js draw. */
 
-import { unproject } from "./crop.js";
+import { unproject } from "./render.js";
 import { boundingSphere } from "./vectors.js";
 
 const MIN_RADIUS = 130; // mm, of the bounds of the hands

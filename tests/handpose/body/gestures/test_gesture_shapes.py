@@ -1,11 +1,11 @@
-"""handpose/body/gestures/shapes.py: the scores of one frame"""
+"""handpose/body/gestures.py: the scores of one frame"""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from handpose.body.gestures.shapes import GESTURES, NUMBERS, scores
+from handpose.body.gestures import GESTURES, NUMBERS, scores
 from handpose.sequences.gestures import SHOWN
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler

@@ -1,13 +1,12 @@
-"""handpose/body/gestures/over_time.py: hysteresis"""
+"""handpose/body/gestures.py: hysteresis"""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from handpose.body.gestures import over_time
-from handpose.body.gestures.over_time import BEGIN, END, FORGET_S, GestureReader
-from handpose.body.gestures.shapes import GESTURES
+from handpose.body import gestures
+from handpose.body.gestures import BEGIN, END, FORGET_S, GESTURES, GestureReader
 from layers.hand.skeleton import load
 
 RATE = 30.0
@@ -17,7 +16,7 @@ def read(monkeypatch: pytest.MonkeyPatch, *seen: dict[str, float], ids: list[int
          times: list[float] | None = None) -> list[str]:
     """The gestures read from one hand's frames with these scores, at 30 frames per second."""
     frames = iter(seen)
-    monkeypatch.setattr(over_time, "scores", lambda *_: dict.fromkeys(GESTURES, 0.0) | next(frames))
+    monkeypatch.setattr(gestures, "scores", lambda *_: dict.fromkeys(GESTURES, 0.0) | next(frames))
     reader = GestureReader(load())
     times = times or [i / RATE for i in range(len(seen))]
     return [reader.read(id, "right", np.zeros((31, 3)), time).name for id, time in zip(ids or [0] * len(seen), times)]
@@ -58,7 +57,7 @@ def test_a_hand_that_was_away_begins_anew(monkeypatch: pytest.MonkeyPatch) -> No
 def test_confidence(monkeypatch: pytest.MonkeyPatch) -> None:
     """The confidence is the gesture's score, or without a gesture what the scores leave of 1."""
     frames = iter([{"open": 0.9}, {"open": 0.2, "fist": 0.3}])
-    monkeypatch.setattr(over_time, "scores", lambda *_: dict.fromkeys(GESTURES, 0.0) | next(frames))
+    monkeypatch.setattr(gestures, "scores", lambda *_: dict.fromkeys(GESTURES, 0.0) | next(frames))
     for name, confidence in (("open", 0.9), ("", 0.5)):
         found = GestureReader(load()).read(0, "right", np.zeros((31, 3)), 0.0)
         assert found.name == name and found.confidence == pytest.approx(confidence)

@@ -1,4 +1,4 @@
-"""handpose/body/joint_formats/angles.py"""
+"""handpose/body/joint_formats/formats.py"""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from posed_hands import MIRROR, PEOPLE, any_pose, right_hand
 
-from handpose.body.joint_formats.angles import ANGLES, anatomical_angles, turned
-from handpose.body.joint_formats.points import FINGERS
+from handpose.body.joint_formats.formats import ANGLES, anatomical_angles, turned
+from handpose.body.joint_formats.frames import FINGERS
 from netlib.blob import Array
 
 

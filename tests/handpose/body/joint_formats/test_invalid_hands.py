@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handpose.body.gestures.over_time import GestureReader
-from handpose.body.gestures.shapes import scores
-from handpose.body.joint_formats.angles import anatomical_angles
-from handpose.body.joint_formats.formats import FORMAT_NAMES, FormatName, formatted
+from handpose.body.gestures import GestureReader, scores
+from handpose.body.joint_formats.formats import FORMAT_NAMES, FormatName, anatomical_angles, formatted
 from handpose.body.joint_formats.frames import hand_frames, palm_frame
 from netlib.blob import Array
 from netlib.errors import DataError
@@ -27,8 +25,8 @@ NAMES = list(SKELETON.joint_names)
 def numbers_of(name: FormatName, xyz: Any) -> list[float]:
     """All numbers of a hand in a format."""
     found = formatted(name, SKELETON, "right", xyz, CAMERA)
-    arrays = [found.positions, found.orientations, found.radii, found.landmarks]
-    return [float(number) for array in arrays if array is not None for number in array.ravel()]
+    arrays = [found.positions] if found.landmarks is None else [found.positions, found.landmarks]
+    return [float(number) for array in arrays for number in array.ravel()]
 
 
 CALLS: dict[str, Callable[[Any], Any]] = {
@@ -91,7 +89,7 @@ def test_degenerate_hands(call: str, xyz: Array) -> None:
 
 
 @bad_inputs(DataError, dict.fromkeys(
-    ("angles", "frames", "scores", "gestures", "openxr"),
+    ("angles", "frames", "scores", "gestures"),
     "the wrist and the knuckles of index and little finger are on a line; expected a palm"))
 def test_one_point_has_no_directions(given: str, rejected: Any) -> None:
     """Directions, angles and gestures need a palm; positions of a format do not."""
@@ -110,7 +108,7 @@ def read_at(time: float) -> Callable[[], object]:
 @bad_inputs(DataError, {
     "side": (lambda: hand_frames(SKELETON, "both", XYZ), "hand 'both'; expected right or left"),  # type: ignore[arg-type]
     "format": (lambda: formatted("manos", SKELETON, "left", XYZ),  # type: ignore[arg-type]
-               "format 'manos' (did you mean 'mano'?); expected mediapipe, openxr, mano, nyu"),
+               "format 'manos' (did you mean 'mano'?); expected mediapipe, mano, nyu"),
     **{f"cube {cube}": (lambda cube=cube: formatted("mediapipe", SKELETON, "left", XYZ, cube_mm=cube),
                         f"cube_mm {cube}; expected a positive number") for cube in (0.0, np.nan, -1.0)},
     **{f"{time} s": (read_at(time), f"hand 1 at {time} s after 1 s; expected finite times that do not descend")

@@ -1,4 +1,4 @@
-"""handpose/body/joint_formats/points.py"""
+"""handpose/body/joint_formats/frames.py"""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from posed_hands import PEOPLE, any_pose, right_hand
 
-from handpose.body.joint_formats.points import FINGERS, POINTS, SKIN, hinges_of, weights_of
+from handpose.body.joint_formats.frames import FINGERS, POINTS, SKIN, hinges_of, weights_of
 from layers.hand.skeleton import NYU_HAND, Skeleton, load
 from netlib.errors import DataError
 

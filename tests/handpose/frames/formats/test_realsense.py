@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import sys
 import threading
 from collections.abc import Iterator
@@ -101,7 +100,7 @@ def plug_in(monkeypatch: pytest.MonkeyPatch, *arguments: Any, **more: Any) -> Fa
 def test_frames_as_they_come(monkeypatch: pytest.MonkeyPatch) -> None:
     """Depth is in the camera's unit, with its numbers and times; unplugging the camera ends the recording."""
     module = plug_in(monkeypatch, every())
-    with open_live(None, UNKNOWN) as recording:
+    with open_live("0123", UNKNOWN) as recording:
         assert recording.camera == Camera("Fake D400 0123", 60.5, 61.5, 31.25, 23.75, 64, 48)
         assert (recording.unit_mm, recording.rate, recording.live, recording.count) == (0.1, 30, True, None)
         frames = list(recording)
@@ -114,31 +113,6 @@ def test_frames_as_they_come(monkeypatch: pytest.MonkeyPatch) -> None:
     assert module.stopped == 2
 
 
-def test_frames_that_nobody_took(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Frames that were not read in time are counted, and no frame is returned twice."""
-    sent = every(6)
-    plug_in(monkeypatch, [sent[0], sent[0], sent[1], sent[4], sent[5]])
-    recording = open_live(None, UNKNOWN)
-    assert [(f.number, round(f.time, 3)) for f in recording] == [(0, 0.0), (1, 0.033), (4, 0.132), (5, 0.165)]
-    assert recording.remarks == ("frames lost because they were not taken in time: 2",)
-
-
-def test_a_clock_that_changes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Times continue if the clock changes from the camera's to the computer's."""
-    later = [(12 + i, 1.7e12 + i * 33.0, "global") for i in range(2)]
-    plug_in(monkeypatch, every(2) + later)
-    times = [f.time for f in open_live(None, UNKNOWN)]
-    assert np.diff(times) == pytest.approx([0.033, 1 / 30, 0.033], abs=1e-3)
-
-
-def test_times_always_ascend(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Times ascend, also if the camera's clock restarts or stands still."""
-    plug_in(monkeypatch, [(1, 500.0, "a"), (2, 500.0, "a"), (3, 0.0, "a"), (4, 33.0, "a"), (0, 40.0, "a")])
-    frames = list(open_live(None, UNKNOWN))
-    assert all(a.time < b.time and a.number < b.number for a, b in itertools.pairwise(frames))
-    assert len(frames) == 5
-
-
 def test_its_lens(monkeypatch: pytest.MonkeyPatch) -> None:
     """The lens distortion is removed, unless the user gives a camera without a lens."""
     lens: dict[str, Any] = {"model": "distortion.inverse_brown_conrady", "coeffs": (0.2, 0.1, 0, 0, 0)}
@@ -148,12 +122,6 @@ def test_its_lens(monkeypatch: pytest.MonkeyPatch) -> None:
     plain = next(iter(open_live(None, CameraInfo(Camera("own", 60.5, 61.5, 31.25, 23.75, 64, 48), Lens()))))
     assert (plain.depth > 0).all()
     assert not np.array_equal(bent.depth, plain.depth)
-
-
-def test_a_camera_by_its_number(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A camera is selected by its serial number."""
-    plug_in(monkeypatch, every())
-    assert open_live("0123", UNKNOWN).name == "Fake D400 0123"
 
 
 @bad_inputs(DataError, {

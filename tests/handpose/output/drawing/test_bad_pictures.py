@@ -9,8 +9,7 @@ import numpy as np
 
 from handpose.output.drawing import hands, strokes
 from handpose.output.drawing.sheets import ContactSheet
-from handpose.output.drawing.tracks import annotated
-from handpose.output.tracks.bvh_file import nearest_frames
+from handpose.output.drawing.tracks import Painter
 from handpose.output.tracks.writing import open_writer
 from handpose.tracking.track import TrackedFrame
 from netlib.errors import DataError
@@ -33,14 +32,10 @@ PICTURE, DEPTH = np.ones((128, 128), np.uint8), np.zeros((480, 640), np.float32)
                   "joints of shape (31, 3), expected (31, 3) finite numbers"),
     "an oblong crop": (lambda: hands.overlay(np.ones((10, 20)), JOINTS, SKELETON),
                        "crop of shape (10, 20), expected a square of depths"),
-    "another size": (lambda: annotated(DEPTH, TrackedFrame(30, 1.0, (), ()), HEADER),
+    "another size": (lambda: Painter(HEADER).picture(DEPTH, TrackedFrame(30, 1.0, ())),
                      "depth image of shape (480, 640), expected (120, 160) of camera 'small'"),
-    "many frames of BVH": (lambda: nearest_frames(np.array([0, 0.1, 0.2, 1e9])), "4 frames from 0 s to 1e+09 s, 10 a "
-                           "second, would be 1e+10 frames of BVH; at most 10000 are written"),
-    "a pause of hours": (lambda: nearest_frames(np.array([0, 0.03, 0.06, 18000, 18000.03])), "5 frames from 0 s to "
-                         "18000 s, 33.3333 a second, would be 6e+05 frames of BVH; at most 10000 are written"),
     "a track as text": (lambda: open_writer("a.txt", header_of(SKELETON)), "a.txt: cannot write a track of this kind; "
-                        "expected a name in .json, .jsonl, .csv or .bvh, or - for standard output"),
+                        "expected a name in .json, .jsonl or .csv, or - for standard output"),
 })
 def test_what_cannot_be_drawn(given: Callable[[], object], rejected: Any) -> None:
     """Joints, pictures and depth images of another shape, and tracks of too many frames, raise an error."""

@@ -1,4 +1,4 @@
-"""handpose/output/drawing/contrast.py"""
+"""handpose/output/drawing/view.py"""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from handpose.output.drawing.contrast import Contrast
+from handpose.output.drawing.view import Contrast
 
 DEPTH = np.array([[0, 400, 600, 620, 1000, 3000, 70000]], np.float32)
 

@@ -1,4 +1,4 @@
-"""handpose/output/drawing/labels.py"""
+"""handpose/output/drawing/view.py"""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from handpose.output.drawing.labels import HEIGHT, Tags, colour_of, percent, spoken, spoken_loss
+from handpose.output.drawing.view import HEIGHT, Tags, colour_of, percent, spoken, spoken_loss
 from handpose.tracking.track import LostHand
 from tests.support.tracked_hands import tracked
 

@@ -1,4 +1,4 @@
-"""handpose/output/drawing/window.py"""
+"""handpose/output/drawing/view.py"""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from handpose.output.drawing.window import MARGIN, MAX_ZOOM, View, Window, box_of
+from handpose.output.drawing.view import MARGIN, MAX_ZOOM, View, Window, box_of
 from tests.support.tracked_hands import CAMERA, tracked
 
 NEAR, FAR, BESIDE = tracked("right", (0, 0, 600)), tracked("left", (40, 0, 3000)), tracked("right", (-250, 0, 600))

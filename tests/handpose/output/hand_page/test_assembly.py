@@ -13,8 +13,6 @@ import pytest
 from handpose.output.drawing.hands import COLOURS
 from handpose.output.hand_page import assembly
 from handpose.output.hand_page.assembly import escaped, page, script_of
-from handpose.output.hand_page.content import body, content
-from layers.hand import skeleton
 
 
 def test_the_page_is_one_file_that_names_no_other() -> None:
@@ -45,11 +43,6 @@ def test_data_cannot_leave_their_place(evil: str) -> None:
     assert json.loads(text) == {evil: [evil]}
 
 
-def test_numbers_that_json_lacks() -> None:
-    with pytest.raises(ValueError, match="float values are not JSON compliant"):
-        escaped({"x": float("nan")})
-
-
 def test_modules_stand_after_those_that_they_import(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each module occurs once, after its imports; other modules can import only its exports."""
     (tmp_path / "a.js").write_text(
@@ -76,11 +69,6 @@ def test_all_sources_are_used() -> None:
     for path in modules:
         assert path.read_text(encoding="utf-8").startswith("/* "), path.name
         assert f"modules.{path.stem} = " in script, path.name
-
-
-def test_pages_are_the_same_every_time() -> None:
-    data = content([body("hand", skeleton.load())])
-    assert page("x", data) == page("x", data)
 
 
 def test_fingers_have_the_colours_of_other_pictures() -> None:

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import base64
-from typing import Any
 
 import numpy as np
 import pytest
 
-from handpose.frames.cameras import CAMERAS, ICVL, KINECT2, NYU, Camera
+from handpose.frames.cameras import ICVL, KINECT2, NYU, Camera
 from handpose.frames.crops import SIZE, crop
-from handpose.output.hand_page.content import body, content, crop_points, hand, skeleton_values
+from handpose.output.hand_page.content import crop_points, hand
 from layers.hand import skeleton as skeletons
-from tests.handpose.output.hand_page.conftest import skeleton_of
 
 HAND = skeletons.load()
 
@@ -54,46 +52,3 @@ def test_a_hand_as_values(cube: float) -> None:
     assert made["step_mm"] <= cube / 30000 * 2
     np.testing.assert_allclose(np.frombuffer(base64.b64decode(made["crop"]), "<i2") / 32767, seen.ravel(), atol=2e-5)
     assert made["place"]["unit_mm"] == cube / 2 and len(made["inputs"]) == 47
-
-
-def test_a_body_is_in_the_middle_of_the_image() -> None:
-    made = body("hand", HAND, unit_mm=125.0)
-    camera = vars(NYU)
-    assert made["place"] == {"unit_mm": 125.0, "camera": camera, "center_uvd": [320.0, 240.0, 700.0], "cube_mm": 250.0}
-    assert made["poses"] == {} and content([made]) == {
-        "bodies": [made], "cameras": [vars(camera) for camera in CAMERAS.values()], "hands": []
-    }
-
-
-def test_a_skeleton_as_values() -> None:
-    text = """name: "arm"
-        dof { name: "x" } dof { name: "turn" initial: 0.25 lower: -1 upper: 10000 } dof { name: "still" fixed: true }
-        joint { name: "hand" parent: "base" rotate { axis: NEG_Z dof: "turn" } bone { axis: NEG_X length: 0.5 } }
-        joint { name: "base" translate { axis: X dof: "x" } rotate { axis: Y dof: "still" } }
-        flesh {
-          dof { name: "own" } joint { name: "stump" parent: "base" rotate { axis: X dof: "own" } }
-          capsule { from: "hand" to: "stump" radius: 0.1 } offset { joint: "stump" axes: "hand" y: 0.25 }
-        }"""
-
-    def dof(name: str, initial: float = 0.0, lower: float | None = None, fixed: bool = False) -> dict[str, Any]:
-        return {"name": name, "initial": initial, "lower": lower, "upper": None, "fixed": fixed}
-
-    def motion(kind: str, axis: int, sign: int, dof: int) -> dict[str, Any]:
-        return {"kind": kind, "axis": axis, "sign": sign, "dof": dof}
-
-    assert skeleton_values(skeleton_of(text)) == {
-        "name": "arm",
-        "joints": [
-            {"name": "hand", "parent": 1, "motions": [motion("rotate", 2, -1, 1)],
-             "bone": {"axis": 0, "length": -0.5}},
-            {"name": "base", "parent": None, "motions": [motion("translate", 0, 1, 0), motion("rotate", 1, 1, 2)],
-             "bone": None},
-        ],
-        "dofs": [dof("x"), dof("turn", 0.25, -1), dof("still", fixed=True)],
-        "surface": {
-            "joints": [{"name": "stump", "parent": 1, "motions": [motion("rotate", 0, 1, 3)], "bone": None}],
-            "dofs": [dof("own")],
-            "capsules": [{"from": 0, "to": 2, "radii": [0.1, 0.1]}],
-            "offsets": [{"joint": 2, "axes": 0, "vector": [0, 0.25, 0]}],
-        },
-    }

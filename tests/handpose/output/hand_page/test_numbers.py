@@ -11,7 +11,7 @@ import pytest
 from handpose.body.model import Surface
 from handpose.body.render import CLEAR_MM, Capsules, in_front, render_crop
 from handpose.fit.body import CapsuleModel
-from handpose.frames.cameras import CAMERAS, KINECT2, NYU, Camera
+from handpose.frames.cameras import KINECT2, NYU, Camera
 from handpose.output.hand_page.content import skeleton_values
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
@@ -112,15 +112,6 @@ def test_the_depth_of_hands(tab: Any, camera: Camera) -> None:
         check_depth(depth, expected[n])
 
 
-def test_the_edges_of_wedges_are_capsules(tab: Any) -> None:
-    model, uvd = CapsuleModel(HANDS["people"], 150.0), np.array([[300.0, 250, 700]])
-    x = model.variables_of(np.random.default_rng(0).normal(0, 0.2, (1, 47)))
-    inputs = model.whole_inputs_of(x)[0].tolist()
-    bodies = [[{"inputs": inputs, "size": 1, "thickness": 1}, vars(NYU), uvd[0].tolist(), 300.0]]
-    ((ends, _),) = rendered(tab, HANDS["people"], bodies)
-    np.testing.assert_allclose(ends, rows_of(model.capsules(x, NYU.unproject(uvd)), 0), atol=0.01)
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_the_depth_of_any_body(tab: Any, seed: int) -> None:
     """For nested spheres, cones seen from their tip, and parts behind the camera."""
@@ -135,10 +126,6 @@ def test_the_depth_of_any_body(tab: Any, seed: int) -> None:
     for n, (found, depth) in enumerate(rendered(tab, skeleton, bodies)):
         np.testing.assert_allclose(found, rows_of(capsules, n), atol=1e-6)
         check_depth(depth, expected[n])
-
-
-def test_the_cameras_are_those_of_the_project(tab: Any) -> None:
-    assert tab.locator("#camera option").all_text_contents() == list(CAMERAS)
 
 
 POSED = """(inputs) => {

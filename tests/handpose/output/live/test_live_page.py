@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from handpose.output.drawing.hands import COLOURS
-from handpose.output.drawing.window import Window
+from handpose.output.drawing.view import Window
 from handpose.output.hand_page.assembly import script_of
 from handpose.output.live.messages import Messages
 from handpose.output.live.page import FOLDER, page
@@ -96,45 +96,6 @@ def test_a_side_that_is_assumed(shown: Shown) -> None:
     assert texts[0].startswith("right? 93%, ") and texts[1] == "hand lost 0.0 s: hidden"
 
 
-def test_pausing_and_stepping(shown: Shown) -> None:
-    """Pause holds the recording; steps go back through the frames that came, and forward to further ones."""
-    frames = [BOTH._replace(number=number, time=number / 10) for number in range(6)]
-    for frame in frames[:3]:
-        shown.show(frame)
-    pause, back, step = (shown.tab.get_by_role("button", name=name, exact=True)
-                         for name in ("Pause", "Step back", "Step"))
-    assert back.is_disabled() and step.is_disabled() and shown.server.pace.wait(60)
-    pause.click()
-    shown.state("frame 2, 0.20 s; paused")
-    while shown.server.pace.wait(0):  # the message arrives after the click
-        pass
-    back.click()
-    back.click()
-    shown.state("frame 0, 0.00 s; paused")
-    assert back.is_disabled()
-    step.click()
-    shown.state("frame 1, 0.10 s; paused")
-    step.click()
-    step.click()
-    assert shown.server.pace.wait(60), "a further frame is asked for"
-    assert not shown.server.pace.wait(0)
-    shown.put(frames[3])
-    shown.state("frame 3, 0.30 s; paused")
-    shown.tab.get_by_role("button", name="Play").click()
-    assert shown.server.pace.wait(60)
-    shown.show(frames[4])
-
-
-def test_a_page_that_leaves_holds_nothing(shown: Shown) -> None:
-    """A recording continues when the page that paused it is closed."""
-    shown.show(BOTH)
-    shown.tab.get_by_role("button", name="Pause").click()
-    while shown.server.pace.wait(0):
-        pass
-    shown.tab.close()
-    assert shown.server.pace.wait(60)
-
-
 def test_the_space(shown: Shown) -> None:
     """Surface, skeleton and points are drawn, can be switched off, and rotate with the mouse."""
     shown.show(BOTH)
@@ -202,15 +163,6 @@ def test_the_end(serve: Callable[..., LiveServer], visit: Visit) -> None:
         shown = Shown(server, visit)
         raise RuntimeError
     shown.state("the tracker was stopped")
-
-
-def test_two_pages(server: LiveServer, visit: Visit) -> None:
-    """Two pages show the same frame."""
-    one, other = Shown(server, visit), Shown(server, visit)
-    other.state("connected; no frame yet")
-    one.put(BOTH)
-    for shown in (one, other):
-        shown.state("frame 0, 0.00 s; ")
 
 
 def test_the_token_leaves_the_address(server: LiveServer, browser: Any) -> None:

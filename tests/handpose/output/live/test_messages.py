@@ -11,11 +11,10 @@ import pytest
 
 from handpose.body.joint_formats.formats import FORMATS, FormatName
 from handpose.frames.cameras import CAMERAS
-from handpose.output.drawing.contrast import Contrast
-from handpose.output.drawing.window import View, Window
-from handpose.output.live.messages import MAX_DATAGRAM, MAX_SAMPLES, Grid, Messages, grid_of
+from handpose.output.drawing.view import Contrast, View, Window
+from handpose.output.live.messages import MAX_SAMPLES, Grid, Messages, grid_of
 from handpose.output.tracks.json_values import FrameValues, header_values
-from handpose.tracking.track import LostHand, TrackedFrame
+from handpose.tracking.track import TrackedFrame
 from tests.handpose.output.live.conftest import BOTH, DEPTH, LEFT, ONE, RIGHT
 from tests.support import json_schema
 from tests.support.tracked_hands import CAMERA, HEADER
@@ -44,7 +43,7 @@ def test_records_of_all_formats_are_valid(joints: FormatName) -> None:
 
 
 def test_records_have_no_raw_positions() -> None:
-    """Joints before smoothing are for files: a datagram is short."""
+    """Joints before smoothing are for files: a message is short."""
     hand = dataclasses.replace(ONE.hands[0], raw_xyz=ONE.hands[0].xyz)
     assert "raw_positions_mm" in FrameValues(HEADER).values(ONE._replace(hands=(hand,)))["hands"][0]
     assert "raw_positions_mm" not in Messages(HEADER).record(ONE._replace(hands=(hand,)))["hands"][0]
@@ -109,20 +108,3 @@ def test_the_part_around_a_hand_is_sent_with_all_its_pixels() -> None:
     grid = grid_of(camera, window, [hand])
     assert (grid.left, grid.left + grid.step * grid.columns) == (0, 903) and grid.step == 3
     assert grid.of(np.zeros((1200, 1600))).shape == (grid.rows, grid.columns)
-
-
-@pytest.mark.parametrize("hands", [0, 2, 3, 40])
-def test_a_datagram_is_bounded(hands: int) -> None:
-    """A datagram holds at least two hands; those that do not fit are omitted and counted."""
-    every = tuple(dataclasses.replace(RIGHT, id=id) for id in range(hands))
-    lost = tuple(LostHand(100 + id, "left", 0.0, "left the image") for id in range(hands))
-    messages = Messages(HEADER)
-    record = messages.record(TrackedFrame(7, 0.2, every, lost))
-    datagram = messages.datagram(record)
-    found = json.loads(datagram)
-    assert not json_schema.faults(found, "frame")
-    assert len(datagram) <= MAX_DATAGRAM and found["number"] == 7
-    kept = len(found["hands"])
-    assert found["hands"] == json.loads(messages.line(record))["hands"][:kept] and kept >= min(hands, 2)
-    assert found.get("omitted", 0) == hands - kept
-    assert len(record["hands"]) == hands, "the record itself is as before"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +14,6 @@ from handpose.output.tracks import csv_file
 from handpose.output.tracks.csv_file import CsvWriter
 from handpose.tracking.track import LostHand, TrackedFrame, TrackHeader
 from layers.hand.skeleton import load
-from netlib.errors import DataError
 from tests.support.made_tracks import any_hand, any_skeleton, any_track, header_of
 
 HAND = header_of(load())
@@ -83,31 +81,6 @@ def test_no_hand_no_row(tmp_path: Path) -> None:
     )
 
 
-def test_an_interruption_leaves_whole_rows(tmp_path: Path) -> None:
-    """After an error the file has complete rows for the frames so far."""
-    frames = any_track(HAND, 3, 4)
-    rows = written(tmp_path / "whole.csv", HAND, frames)
-    with pytest.raises(DataError), CsvWriter(tmp_path / "cut.csv", HAND) as writer:
-        for frame in frames:
-            writer.write(frame)
-        raise DataError("the camera was unplugged")
-    assert (tmp_path / "cut.csv").read_text() == (tmp_path / "whole.csv").read_text()
-    assert len(rows) == sum(len(frame.hands) + len(frame.lost) for frame in frames)
-
-
-@pytest.mark.parametrize("cell", ["=1+1.png", "+a", "-a", "@a", "\t=a", " =a", "\N{FULLWIDTH EQUALS SIGN}a"])
-def test_cells_that_a_spreadsheet_would_run(cell: str) -> None:
-    """A text that begins like a formula is marked as a text."""
-    (row,) = csv.reader(io.StringIO(csv_file.rows_of([[cell, "b"]]).decode(), newline=""))
-    assert row == [f"'{cell}", "b"]
-
-
 def test_a_carriage_return() -> None:
     """It is escaped, because it would begin another row."""
     assert csv_file.rows_of([["\r=a", "b"]]) == b"\\r=a,b\n"
-
-
-@pytest.mark.parametrize("cell", ["-1.50", "+3", "-1e-05", "", "a=b", "take-1.png", 5])
-def test_numbers_and_names_are_unchanged(cell: object) -> None:
-    """Numbers, and texts that only contain such characters, are not marked."""
-    assert csv_file.rows_of([[cell]]) in (f"{cell}\n".encode(), b'""\n')

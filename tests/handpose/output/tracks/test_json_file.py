@@ -80,16 +80,6 @@ def test_the_packaged_hand(tmp_path: Path, layout: str) -> None:
     assert (tmp_path / f"a.{layout}").read_text().count("bones_mm") == 4  # two hands whose bones change once
 
 
-@both
-def test_numbers_of_numpy(tmp_path: Path, layout: str) -> None:
-    """NumPy's numbers are accepted for frames and hands."""
-    hand = replace(any_hand(HAND, np.random.default_rng(0)), id=np.int64(3))
-    lost = LostHand(np.int32(4), "left", np.float32(0.5), "left the image")
-    track = written(tmp_path / f"a.{layout}", HAND, [TrackedFrame(np.int64(7), np.float64(0.25), (hand,), (lost,))])
-    (frame,) = track.frames
-    assert (frame.number, frame.hands[0].id, frame.lost[0].id) == (7, 3, 4)
-
-
 def test_keys_and_units(tmp_path: Path) -> None:
     """Keys and units are as documented; unknown values are null."""
     hand = replace(any_hand(HAND, np.random.default_rng(0)), confidence=np.nan, error_mm=float("nan"))
@@ -158,29 +148,10 @@ def test_an_interruption_leaves_a_whole_document(tmp_path: Path, error: type[Bas
     assert len(list(tmp_path.iterdir())) == 1
 
 
-def test_an_interruption_before_the_first_frame_leaves_what_was_there(tmp_path: Path) -> None:
-    """An interruption before the first frame leaves an older file."""
-    (tmp_path / "a.json").write_text("yesterday")
-    with pytest.raises(DataError), JsonWriter(tmp_path / "a.json", HAND):
-        raise DataError("no camera")
-    assert (tmp_path / "a.json").read_text() == "yesterday"
-
-
 def test_no_frame_at_all(tmp_path: Path) -> None:
     """A recording without frames gives a track without frames."""
     assert written(tmp_path / "a.json", HAND, []).frames == []
     assert written(tmp_path / "a.jsonl", HAND, []).frames == []
-
-
-def test_lines_on_standard_output(capsys: pytest.CaptureFixture[str]) -> None:
-    """Each line is flushed as soon as it is written."""
-    frames = any_track(HAND, 1, 2)
-    with JsonLinesWriter(None, HAND) as writer:
-        assert json.loads(capsys.readouterr().out)["format"] == "handpose"
-        for frame in frames:
-            writer.write(frame)
-            assert json.loads(capsys.readouterr().out)["number"] == frame.number
-    assert writer.files == []
 
 
 def test_numbers_that_are_not_known_are_null() -> None:

@@ -12,14 +12,14 @@ from layers.hand.skeleton import load
 from tests.support.made_tracks import any_track, header_of
 
 HAND = header_of(load())
-NAMES = {"a.json": ["a.json"], "b.JSONL": ["b.JSONL"], "c.csv": ["c.csv"], "d.bvh": ["d_left_1.bvh", "d_right_0.bvh"]}
+NAMES = {"a.json": ["a.json"], "b.JSONL": ["b.JSONL"], "c.csv": ["c.csv"]}
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_by_the_ending(tmp_path: Path, name: str) -> None:
     """The suffix selects the writer, which returns the files that it wrote."""
     frames = any_track(HAND, 1)
-    with open_writer(tmp_path / name, HAND, rate=30.0) as writer:
+    with open_writer(tmp_path / name, HAND) as writer:
         for frame in frames:
             writer.write(frame)
     assert sorted(writer.files) == sorted(tmp_path.iterdir()) == [tmp_path / file for file in NAMES[name]]

@@ -1,4 +1,4 @@
-"""Scores of the gestures, from 0 to 1, for the joints of one frame.
+"""The gesture of a hand: open, fist, point, pinch, thumb up, two, three, four; its score in one frame, and over time.
 
 Four fingers are straight or bent, the thumb is out or across the palm, thumb and index finger touch or not. Each of
 these is a probability, a logistic function of one measure of the hand; a gesture is the product of those it requires:
@@ -7,19 +7,23 @@ these is a probability, a logistic function of one measure of the hand; a gestur
     thumb out         distance of its tip from the middle knuckle, about OUT palms
     touch             distance of the tips of thumb and index finger, about TOUCH palms
 
-A palm is the distance of the wrist from the middle knuckle.
+A palm is the distance of the wrist from the middle knuckle. Gestures exclude each other, so the scores sum to 1 at
+most; the rest is no gesture. "open" is the number five, "point" the number one, with the thumb anywhere; "two" is index
+and middle finger, "three" the ring finger, too.
 
-Gestures exclude each other, so the scores sum to 1 at most; the rest is no gesture. "open" is the number five, "point"
-the number one, with the thumb anywhere; "two" is index and middle finger, "three" the ring finger, too.
+Over time, scores are smoothed with the time constant SMOOTH_S. A gesture begins when its smoothed score is above BEGIN,
+and lasts until it is below END or another one begins. A hand that was missing for FORGET_S starts without history.
 """
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
 import numpy as np
 
-from handpose.body.joint_formats.angles import angles_of
-from handpose.body.joint_formats.frames import MIN_PALM_MM, HandFrames, hand_frames, joints_of
-from handpose.body.joint_formats.points import FINGERS
+from handpose.body.joint_formats.formats import angles_of
+from handpose.body.joint_formats.frames import FINGERS, MIN_PALM_MM, HandFrames, hand_frames, joints_of
 from handpose.body.sides import Side
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
@@ -72,3 +76,58 @@ def _over(value: float, threshold: tuple[float, float]) -> float:
 
 def _distance(a: Array, b: Array) -> float:
     return float(np.linalg.norm(a - b))
+
+
+SMOOTH_S = 0.08
+BEGIN, END = 0.6, 0.35
+FORGET_S = 0.4
+
+
+class Gesture(NamedTuple):
+    """A gesture: its name, "" for none, and its smoothed score (for none, one minus the others')."""
+
+    name: str
+    confidence: float
+
+    @property
+    def number(self) -> int | None:
+        """The number that the fingers show, if any."""
+        return NUMBERS.get(self.name)
+
+
+class _State(NamedTuple):
+    time: float
+    scores: Array
+    name: str
+
+
+class GestureReader:
+    """Reads the gestures of all hands of a track, frame by frame."""
+
+    def __init__(self, skeleton: Skeleton) -> None:
+        self._skeleton = skeleton
+        self._states: dict[int, _State] = {}
+
+    def read(self, id: int, hand: Side, xyz: Array, time: float, frames: HandFrames | None = None) -> Gesture:
+        """The gesture of the hand ``id`` with joints (K, 3) in mm, at ``time`` s.
+
+        Raises DataError for times of a hand that descend, and for joints that form no hand (``hand_frames``).
+        frames  the hand's directions, if they are computed already
+        """
+        before = self._states.get(id)
+        if not math.isfinite(time) or (before is not None and time < before.time):
+            after = "" if before is None else f" after {before.time:g} s"
+            raise DataError(f"hand {id} at {time:g} s{after}; expected finite times that do not descend")
+        seen = np.array(list(scores(self._skeleton, hand, xyz, frames).values()))
+        if before is None or time - before.time > FORGET_S:
+            smooth, name = seen, ""
+        else:
+            part = 1 - math.exp(-(time - before.time) / SMOOTH_S)
+            smooth, name = before.scores + part * (seen - before.scores), before.name
+        best = int(smooth.argmax())
+        if smooth[best] > BEGIN:
+            name = GESTURES[best]
+        elif name and smooth[GESTURES.index(name)] < END:
+            name = ""
+        self._states[id] = _State(time, smooth, name)
+        return Gesture(name, float(smooth[GESTURES.index(name)] if name else max(0.0, 1 - smooth.sum())))

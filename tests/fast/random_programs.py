@@ -5,8 +5,8 @@ between them, blobs read, parameters shared. After every operation the three net
 errors raised, on all parameters and their gradients, on all outputs. Plain and fast agree to rounding in float64, fast
 on 1 and on 4 threads bit for bit.
 
-    python -m tests.support.random_programs --count 20000 --first 0     a campaign; prints the seeds that fail
-    python -m tests.support.random_programs --show 123                  one program and what it does
+    python -m tests.fast.random_programs --count 20000 --first 0     a campaign; prints the seeds that fail
+    python -m tests.fast.random_programs --show 123                  one program and what it does
 
 Uses that the documents exclude are not generated: a hidden diff read after another forward pass (docs/net.md), writing
 through an array that was taken before a pass, and inputs given as views of each other.
@@ -35,8 +35,8 @@ from fast import parallel, slices
 from netlib.proto import prototxt
 from netlib.proto.messages import NetParameter
 from netlib.proto.net_parameter import load_parameter
+from tests.fast.rounding_noise import add_noise, spread
 from tests.support.nets import inputs
-from tests.support.rounding_noise import add_noise, spread
 
 TOLERANCE = 1e-9  # of the largest value of an array, or of 1 where all are smaller
 NOISY = 6  # number of perturbed nets

@@ -1,0 +1,194 @@
+"""What pictures of a track share: the shown part of the frame, the contrast, and the labels of hands.
+
+Part and contrast follow the hands slowly, so that a video neither jerks nor flickers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.frames.cameras import Camera
+from handpose.output.drawing import strokes
+from handpose.output.drawing.strokes import Colour, Image
+from handpose.tracking.track import LostHand, TrackedHand
+from netlib.blob import Array
+
+SECONDS = 0.5  # time constant of a move
+MARGIN = 1.1  # of the crops of all hands
+MAX_ZOOM = 5.0  # at least a fifth of the frame is shown
+
+
+class View(NamedTuple):
+    """A part of a frame in pixels; the pixel in column c covers c to c + 1. Parts have the frame's aspect ratio."""
+
+    left: float
+    top: float
+    width: float
+    height: float
+
+
+class Window:
+    """Follows the hands in the frames of one camera, in the order of time; without hands it is the whole frame."""
+
+    def __init__(self, camera: Camera) -> None:
+        self._camera = camera
+        self._state: Array | None = None  # middle u, v and the logarithm of the width in frame widths
+        self._time = 0.0
+
+    def see(self, time: float, hands: Sequence[TrackedHand]) -> View:
+        """The part to show at a time in s."""
+        wanted = self._around(hands)
+        part = 1.0 if self._state is None else 1 - np.exp(-max(time - self._time, 0.0) / SECONDS)
+        self._state = wanted if self._state is None else self._state + part * (wanted - self._state)
+        self._time = time
+        frame = np.array([self._camera.width, self._camera.height], np.float64)
+        size = frame * min(float(np.exp(self._state[2])), 1.0)
+        corner = np.clip(self._state[:2] - size / 2, 0, frame - size)
+        return View(float(corner[0]), float(corner[1]), float(size[0]), float(size[1]))
+
+    def _around(self, hands: Sequence[TrackedHand]) -> Array:
+        width, height = self._camera.width, self._camera.height
+        if not hands:
+            return np.array([width / 2, height / 2, 0.0])
+        boxes = np.array([box_of(hand, self._camera) for hand in hands])
+        low, high = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
+        low, high = np.clip(low, 0, (width, height)), np.clip(high, 0, (width, height))
+        part = MARGIN * float(((high - low) / (width, height)).max())
+        return np.array([*(low + high) / 2, np.log(np.clip(part, 1 / MAX_ZOOM, 1))])
+
+
+def box_of(hand: TrackedHand, camera: Camera) -> tuple[float, float, float, float]:
+    """Left, top, right and bottom edge in pixels of the middle plane of a hand's crop."""
+    u, v, d = hand.center_uvd
+    across, down = camera.fx * hand.cube_mm / 2 / d, camera.fy * hand.cube_mm / 2 / d
+    return u + 0.5 - across, v + 0.5 - down, u + 0.5 + across, v + 0.5 + down
+
+
+# ---------------------------------------------------------------------------------------------- contrast
+
+CONTRAST_S = 0.7  # time constant of a change of contrast
+SPREAD_MM = 90.0  # in front of and behind the hands: the range with most of the greys
+_MAX_DEPTH = (1 << 14) - 1  # mm; everything beyond is equally dark
+_DARK, _LIGHT = 40.0, 230.0
+
+
+class Contrast:
+    """The mapping from depth to grey: nearer is lighter, steepest at the hands, black without a reading."""
+
+    def __init__(self) -> None:
+        self._middle: float | None = None  # mm
+        self._spread: float | None = None  # mm
+        self._time = 0.0
+
+    def see(self, time: float, depth: NDArray[np.floating], hands: Array) -> None:
+        """Follow the depths (n,) in mm of all joints at a time in s; without any, the nearer half of the scene."""
+        if len(hands):
+            middle, spread = (hands.max() + hands.min()) / 2, SPREAD_MM + (hands.max() - hands.min()) / 4
+        else:
+            middle, spread = _nearer_half(depth)
+        part = 1.0 if self._middle is None else 1 - np.exp(-max(time - self._time, 0.0) / CONTRAST_S)
+        self._middle = middle if self._middle is None else self._middle + part * (middle - self._middle)
+        self._spread = spread if self._spread is None else self._spread + part * (spread - self._spread)
+        self._time = time
+
+    @property
+    def middle(self) -> float:
+        """The depth in mm with medium grey."""
+        assert self._middle is not None, "see() comes first"
+        return self._middle
+
+    @property
+    def spread(self) -> float:
+        """The distance in mm from ``middle`` that spans seven tenths of the greys of one side."""
+        assert self._spread is not None, "see() comes first"
+        return self._spread
+
+    def grey(self, depth: NDArray[np.floating]) -> NDArray[np.uint8]:
+        """The image (height, width) of a depth image in mm."""
+        away = (np.arange(_MAX_DEPTH + 1) - self.middle) / self.spread
+        shades = np.rint(_DARK + (_LIGHT - _DARK) * (0.5 - 0.5 * away / np.hypot(1, away))).astype(np.uint8)
+        shades[0] = 0
+        return np.asarray(shades[np.minimum(depth, _MAX_DEPTH).astype(np.uint16)])
+
+
+def _nearer_half(depth: NDArray[np.floating]) -> tuple[float, float]:
+    """The middle and half of the range in mm that contains the nearer half of the readings."""
+    read = depth[::4, ::4]
+    read = read[read > 0]
+    near, far = np.percentile(read, (2, 50)) if len(read) else (600.0, 800.0)
+    return float(near + far) / 2, max(float(far - near) / 2, SPREAD_MM)
+
+
+# ---------------------------------------------------------------------------------------------- labels
+
+# Blue, green, red: dark enough for white letters on them, and for curves on white.
+_COLOURS: tuple[Colour, ...] = (
+    (190, 110, 25),
+    (30, 95, 210),
+    (60, 130, 40),
+    (160, 55, 150),
+    (60, 60, 60),
+    (130, 130, 0),
+)
+
+HEIGHT = 22  # pixels
+_WORDS = 0.55  # scale of text
+_BESIDE = 6  # pixels of background left and right of the text
+
+
+def colour_of(id: int) -> Colour:
+    """The colour of the hand with this id."""
+    return _COLOURS[id % len(_COLOURS)]
+
+
+def percent(confidence: float) -> str:
+    """``93%``; ``>99%`` for what would be rounded to 100%, since no estimate is certain."""
+    return ">99%" if confidence >= 0.995 else f"{confidence:.0%}"
+
+
+def spoken(hand: TrackedHand) -> str:
+    """``right 93%``, ``right? 49%`` while the side is assumed; without the number if it was not measured."""
+    side = hand.known_side or f"{hand.hand}?"
+    return f"{side} {percent(hand.confidence)}" if math.isfinite(hand.confidence) else side
+
+
+def spoken_loss(hand: LostHand, time: float) -> str:
+    """``left hand lost 0.4 s: it left the image``."""
+    return f"{f'{hand.hand} ' if hand.hand else ''}hand lost {max(time - hand.since, 0):.1f} s: {hand.reason}"
+
+
+class Tags:
+    """The tags of one image."""
+
+    def __init__(self, canvas: Image) -> None:
+        self._canvas = canvas
+        self._taken: list[tuple[int, int, int]] = []  # left, right, top
+
+    def add(self, words: str, left: float, bottom: float, colour: Colour, *, sure: bool = True) -> None:
+        """Add a tag with its lower left corner as close to the point as possible, above rather than below.
+
+        Unless it is ``sure``, the text is coloured on white.
+        """
+        height, width = self._canvas.shape[:2]
+        room = width - 2 * _BESIDE
+        scale = _WORDS * min(1.0, room / max(strokes.text_width(words, _WORDS), 1))
+        wide = strokes.text_width(words, scale) + 2 * _BESIDE
+        x = int(np.clip(left, 0, max(width - wide, 0)))
+        wanted = int(np.clip(bottom - HEIGHT, 0, height - HEIGHT))
+        places = sorted(range(wanted % HEIGHT, height - HEIGHT + 1, HEIGHT), key=lambda y: (abs(y - wanted), y))
+        y = next((y for y in places if not self._hits(x, x + wide, y)), wanted)
+        self._taken.append((x, x + wide, y))
+        white = (255, 255, 255)
+        cv2.rectangle(self._canvas, (x, y), (x + wide - 1, y + HEIGHT - 1), colour, -1)
+        if not sure:
+            cv2.rectangle(self._canvas, (x + 2, y + 2), (x + wide - 3, y + HEIGHT - 3), white, -1)
+        strokes.text(self._canvas, words, np.array([x + _BESIDE, y + HEIGHT - 6]), white if sure else colour, scale)
+
+    def _hits(self, left: int, right: int, top: int) -> bool:
+        return any(left < end and right > start and abs(top - other) < HEIGHT for start, end, other in self._taken)
