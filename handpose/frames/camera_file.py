@@ -84,7 +84,10 @@ def parse(text: str, where: str) -> CameraInfo:
 
 
 def _of(document: Any, where: str) -> CameraInfo:
-    found = camera_values.find(document, where)
+    try:
+        found = camera_values.find(document, where)
+    except RecursionError:  # thousands of brackets
+        raise DataError(f"{where}: not the parameters of a camera") from None
     if found.unused and (found.is_own or found.info.camera is None):
         key, known = found.unused[0], camera_values.KNOWN
         raise DataError(f"{where}: unknown key {key!r}{did_you_mean(key, known)}; known: {', '.join(known)}")
