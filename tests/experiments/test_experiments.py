@@ -50,7 +50,7 @@ def test_help_is_the_docstring(name: str) -> None:
         ("table1 ours --iterations 1", "--iterations: expected an integer of at least 2"),
         ("fit --network a", "fit: error: argument --network: expected 2 arguments"),
         ("fit --seed 4294967296", "--seed: expected an integer of at most 4294967295"),
-        ("tracking --scripts rest --rate 1e300", "--rate: expected a number greater than 0 and at most"),
+        ("tracking --scripts rest --rate 1e300", "--rate: expected a number greater than 1e-06 and at most"),
         ("package_model a --model b --out c --bits 24", "--bits: expected an integer of at most 23"),
     ],
 )
