@@ -27,7 +27,7 @@ class Size(NamedTuple):
 ROOMS = {
     "docs": Size(1894, 1210, 29.4),
     "exercises": Size(2127, 889, 25.1),
-    "experiments": Size(1951, 1178, 31.6),
+    "experiments": Size(1950, 1179, 31.6),
     "export": Size(1338, 822, 29.3),
     "fast": Size(5241, 3188, 35.5),
     "handpose": Size(19401, 11124, 34.5),
@@ -42,7 +42,7 @@ LINES = {  # of files that are not Python, by their patterns
     ("prototxt/*.prototxt", "models/*.prototxt"): 3571,
     ("*.js", "*.css", "*.html"): 2842,
 }
-WORDS = 90013  # of all documents
+WORDS = 94842  # of all documents
 
 
 def tracked(*patterns: str) -> list[Path]:
