@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import netlib
+from netlib.files import atomic, hdf5
 from netlib.snapshots import snapshot
 from netlib.snapshots.solver_state import SolverState
 from netlib.snapshots.weights import image
@@ -149,6 +150,25 @@ def test_a_failure_leaves_the_old_pair(
         ):
             write_pair(net, state_of(net, 6), *names)
     assert everything_in(tmp_path) == before
+
+
+def test_the_state_is_synced_once_and_before_the_weights_are_renamed(
+    net: netlib.Net, names: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls: list[str] = []
+    sync_file, rename = atomic.sync_file, os.replace
+    monkeypatch.setattr(atomic, "sync_file", lambda path: (calls.append(f"sync {path.name[1]}"), sync_file(path)))
+    monkeypatch.setattr(os, "replace", lambda old, new: (calls.append(f"rename {Path(new).name[0]}"), rename(old, new)))
+    write_pair(net, state_of(net), *names)
+    assert calls == ["sync s", "sync w", "rename w", "rename s"]
+
+
+def test_a_checksum_does_not_admit_links_into_other_files(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "w.h5", "w") as file:
+        file["data/fc/0"] = h5py.ExternalLink("other.h5", "/secret")
+    (tmp_path / "w.h5").write_bytes(hdf5.sealed((tmp_path / "w.h5").read_bytes()))
+    with pytest.raises(netlib.WeightsError, match=r"link into another file, 'other\.h5'"):
+        snapshot.read_weights(tmp_path / "w.h5")
 
 
 def test_two_trainings_into_one_prefix(tmp_path: Path) -> None:
