@@ -277,14 +277,10 @@ def test_a_flipped_bit_of_a_state_is_noticed(pair: tuple[Path, Path]) -> None:
     assert refused > 10
 
 
-POINTER = b"version https://git-lfs.github.com/spec/v1\noid"
-
-
 @bad_inputs(netlib.WeightsError, {
     "gone.h5": (None, "...gone.h5: cannot read weights: No such file or directory"),
     "empty.h5": (b"", "...empty.h5: it has no layers; expected weights (.caffemodel); the file is empty"),
     "text.caffemodel": (b"layer {}", "...: ...; expected weights (.caffemodel); it looks like a text file"),
-    "x.caffemodel": (POINTER, "...x.caffemodel: cannot read weights: it is a Git LFS pointer, not the file ..."),
 })
 def test_other_files_where_weights_are_wanted(tmp_path: Path, request: Any, given: bytes | None, rejected: Any) -> None:
     """The error states the actual and the expected kind of file."""
