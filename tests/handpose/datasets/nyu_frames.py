@@ -9,8 +9,7 @@ import numpy as np
 
 from handpose.datasets import nyu_files
 from handpose.frames.cameras import NYU
-from handpose.frames.images import pack_depth
-from tests.support.nyu_data_set import write_annotation
+from tests.support.nyu_data_set import pack_depth, write_annotation
 
 
 def hand(count: int) -> np.ndarray:

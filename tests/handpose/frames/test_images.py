@@ -13,6 +13,7 @@ from handpose.frames.cameras import NYU, SR305, Camera
 from handpose.frames.images import BadFrameError, check_unit, depth_image, without_dropouts
 from handpose.frames.lens import Lens, Undistorter
 from handpose.frames.recording import CameraInfo
+from tests.support.nyu_data_set import pack_depth
 
 
 def test_png_that_is_not_whole(tmp_path: Path) -> None:
@@ -42,7 +43,7 @@ def test_other_formats_than_png(tmp_path: Path) -> None:
 def test_a_picture_is_decoded_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A picture is decoded only once, also a frame in NYU's colour packing."""
     depth = np.random.default_rng(0).integers(0, 3000, (480, 640))
-    cv2.imwrite(str(tmp_path / "frame.png"), images.pack_depth(depth))
+    cv2.imwrite(str(tmp_path / "frame.png"), pack_depth(depth))
     decode, calls = cv2.imdecode, []
     monkeypatch.setattr(cv2, "imdecode", lambda *args: calls.append(1) or decode(*args))
     np.testing.assert_array_equal(images.read_frame(tmp_path / "frame.png", CameraInfo(NYU)), depth)
@@ -82,7 +83,7 @@ def test_a_frame_with_distortion(tmp_path: Path) -> None:
 def test_depth_packed_in_colours() -> None:
     """Whole mm survive packing and unpacking; the green channel counts units of 256 mm."""
     depth = np.array([[0, 1, 255], [256, 773, 65535]])
-    pixels = images.pack_depth(depth)
+    pixels = pack_depth(depth)
     assert pixels[1, 1].tolist() == [5, 3, 0]
     np.testing.assert_array_equal(images.unpack_depth(pixels), depth)
 
