@@ -286,8 +286,7 @@ class Net:
         if self._by_layer:
             return
         old, self.steps = self.steps, self.engine.steps(self.connections, self._outside, self.steps)
-        for blob in [blob for step in old for blob in step.unstored]:
-            blob.on_access = None
+        _unwatch(old)
         for at in [at for step in self.steps if step not in old for at in step.connections]:
             at.ran_with = None
         self._watch(self.steps)
@@ -305,8 +304,7 @@ class Net:
         if self._by_layer:
             return
         old, by_layer = self.steps, self.engine.steps_by_layer(self.connections)
-        for blob in [blob for step in old for blob in step.unstored]:
-            blob.on_access = None
+        _unwatch(old)
         try:
             with np.errstate(all="ignore"):
                 for step in old:
@@ -389,6 +387,13 @@ class OneThread:
     def __exit__(self, *exception: object) -> None:
         self.depth -= 1
         self._lock.release()
+
+
+def _unwatch(steps: Sequence[Step]) -> None:
+    """Let an access to an unstored blob be like any other."""
+    for step in steps:
+        for blob in step.unstored:
+            blob.on_access = None
 
 
 def _store(net: weakref.ref[Net]) -> None:
