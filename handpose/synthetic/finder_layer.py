@@ -71,7 +71,7 @@ class FinderScenes(Layer):
 def channels_of(depth: Floats, focal: float = FOCAL_PX) -> Floats:
     """Frames (N, H, W) in mm as the net's input (N, 4, H, W): read or not, logarithm of depth, slopes across and down.
 
-    A slope is the sine of the surface's angle to the image plane, 0 beside pixels without a reading.
+    A slope is the sine of the surface's angle to the image plane; 0 if a neighbouring pixel has no reading.
     """
     read = (depth > 0) & (depth < BEYOND_MM)
     z = np.where(read, depth, np.float32(MIDDLE_MM))

@@ -99,7 +99,7 @@ class MadeRecording(SyntheticRecording):
 
 
 class MadeTracker:
-    """Returns the truth 3 mm beside it; one frame is missed, and one has a hand where there is none."""
+    """Reports each true hand with an offset of 3 mm; misses one frame, and reports a hand in a frame without one."""
 
     def header(self, source: str) -> TrackHeader:
         return HEADER

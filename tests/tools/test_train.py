@@ -169,7 +169,7 @@ READ = "is read in this run; expected another output"
         *((log, f"{log}: {READ}") for log in ("solver.prototxt", "net.prototxt", "data/train.txt", "data/train_000.h5",
                                               "mine.caffemodel", "link.log")),
         ("hard.log", "hard.log: has another name (a hard link)"),
-        ("pipe.log", "pipe.log: cannot write the log: "),  # nobody reads it, which is no reason to wait
+        ("pipe.log", "pipe.log: cannot write the log: "),  # a pipe without a reader is an error, not a wait
         ("locked.log", "locked.log: another process is writing this log"),
         ("net.prototxt/a.log", "net.prototxt/a.log: cannot write the log: "),
         (".", ".: cannot write the log: Is a directory"),
