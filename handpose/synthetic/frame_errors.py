@@ -1,7 +1,7 @@
 """Errors of depth cameras in whole frames: those of ``sensor``, and what only a whole frame shows.
 
-Filters of stereo cameras smooth neighbouring surfaces together, so that fingers merge. At the edges of near surfaces, one
-of the two cameras does not see what lies behind. Readings are missing in patches and beyond the range, or are wrong.
+Filters of stereo cameras smooth neighbouring surfaces together, so that fingers merge. At the edges of near surfaces,
+one of the two cameras does not see what lies behind. Readings are missing in patches and beyond the range, or wrong.
 """
 
 from __future__ import annotations

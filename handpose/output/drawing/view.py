@@ -38,17 +38,17 @@ class _Follower:
 
     def __init__(self, seconds: float) -> None:
         self._seconds, self._time = seconds, 0.0
-        self.state: Array | None = None
+        self._state: Array | None = None
 
     def follow(self, time: float, wanted: Array) -> Array:
         """The followed values at a time in s."""
-        if self.state is None:
-            self.state = wanted
+        if self._state is None:
+            self._state = wanted
         else:
             part = 1 - np.exp(-max(time - self._time, 0.0) / self._seconds)
-            self.state = self.state + part * (wanted - self.state)
+            self._state = self._state + part * (wanted - self._state)
         self._time = time
-        return self.state
+        return self._state
 
 
 class Window:
@@ -93,10 +93,17 @@ _DARK, _LIGHT = 40.0, 230.0
 
 
 class Contrast:
-    """The mapping from depth to grey: nearer is lighter, steepest at the hands, black without a reading."""
+    """The mapping from depth to grey: nearer is lighter, steepest at the hands, black without a reading.
+
+    middle  the depth in mm with medium grey, from the first ``see`` on
+    spread  the distance in mm from ``middle`` that spans seven tenths of the greys of one side, likewise
+    """
+
+    middle: float
+    spread: float
 
     def __init__(self) -> None:
-        self._follower = _Follower(CONTRAST_S)  # of middle and spread in mm
+        self._follower = _Follower(CONTRAST_S)
 
     def see(self, time: float, depth: NDArray[np.floating], hands: Array) -> None:
         """Follow the depths (n,) in mm of all joints at a time in s; without any, the nearer half of the scene."""
@@ -104,23 +111,7 @@ class Contrast:
             middle, spread = (hands.max() + hands.min()) / 2, SPREAD_MM + (hands.max() - hands.min()) / 4
         else:
             middle, spread = _nearer_half(depth)
-        self._follower.follow(time, np.array([middle, spread]))
-
-    @property
-    def middle(self) -> float:
-        """The depth in mm with medium grey."""
-        return self._state[0]
-
-    @property
-    def spread(self) -> float:
-        """The distance in mm from ``middle`` that spans seven tenths of the greys of one side."""
-        return self._state[1]
-
-    @property
-    def _state(self) -> tuple[float, float]:
-        assert self._follower.state is not None, "see() comes first"
-        middle, spread = self._follower.state.tolist()
-        return middle, spread
+        self.middle, self.spread = self._follower.follow(time, np.array([middle, spread])).tolist()
 
     def grey(self, depth: NDArray[np.floating]) -> NDArray[np.uint8]:
         """The image (height, width) of a depth image in mm."""
