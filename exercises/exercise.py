@@ -100,7 +100,7 @@ class Mistake:
     @functools.cache  # noqa: B019  mistakes are constants of a module
     def parts(self, exercise: Exercise) -> list[Part]:
         """Return a part with each form of the mistake."""
-        return [module_of(text, exercise.file) for text in self.sources(exercise)]
+        return [module_of(text, exercise.file, f"a mistake of {exercise.name}") for text in self.sources(exercise)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,9 +157,9 @@ class Difference:
     count: int = 0
 
 
-def module_of(text: str, path: str, name: str = "") -> ModuleType:
-    """Execute the text of a module. Its default name is that of the project's module ``path``."""
-    module = ModuleType(name or path.removesuffix(".py").replace("/", "."))
+def module_of(text: str, path: str, name: str) -> ModuleType:
+    """Execute the text of a module, whose name is no module of the project."""
+    module = ModuleType(name)
     sys.modules.setdefault(module.__name__, module)  # dataclasses look up the module of a class
     exec(compile(text, path, "exec", dont_inherit=True), vars(module))
     return module

@@ -157,8 +157,8 @@ def drawn_scenes(number: int, scenes: int) -> Iterator[Labelled]:
             focal = (WIDTH - 1) / (x[-1] - x[0])
             camera = Camera("scene", focal, focal, -x[0] * focal, y[0] * focal, WIDTH, HEIGHT, 60.0)
             sides: list[Side] = ["right" if side > 0 else "left" for side in drawn.side[n]]
-            hands = [(drawn.palm[n, k], sides[k]) for k in np.flatnonzero(drawn.present[n])]
-            yield Labelled(drawn.depth[n], camera, hands, [*drawn.palm[n, drawn.doubtful[n]]])
+            hands = [(drawn.middle[n, k], sides[k]) for k in np.flatnonzero(drawn.present[n])]
+            yield Labelled(drawn.depth[n], camera, hands, [*drawn.middle[n, drawn.doubtful[n]]])
 
 
 def other_scenes(number: int, scenes: int) -> Iterator[Labelled]:

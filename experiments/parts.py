@@ -27,12 +27,13 @@ from unittest import mock
 
 import netlib
 from experiments.example_nets import NETS, Example, Workload
+from netlib.engine import Step
 from tools.common.arguments import positive, positive_number
 from tools.common.console import DONE, aligned
 
 FAST = "fast engine"
 MECHANISMS: dict[str, tuple[str, Any]] = {  # the place of a constant or function, and its value without the mechanism
-    "slices of the batch": ("fast.executor.plan", lambda connections, stored: [*map(_whole, connections)]),
+    "slices of the batch": ("fast.engine.plan", lambda connections, stored: [*map(_whole, connections)]),
     "tiles between layers": ("fast.plan._agree_on_tiles", lambda order, hidden: {}),
     "ReLU after the pooling": ("fast.plan._pool_first", lambda row, hidden: list(row)),
     "windows without background": ("fast.window_tiles.WindowTiles.fits", staticmethod(lambda g, bottom, top, w: False)),
@@ -40,12 +41,10 @@ MECHANISMS: dict[str, tuple[str, Any]] = {  # the place of a constant or functio
     "items one at a time": ("fast.inner_product.FEW_ITEMS", 0),
     "blocked products": ("fast.inner_product.MAX_BLOCK", 1 << 30),
     "updates in blocks": ("netlib.updates.BLOCK", 1 << 40),
-    "reshape where shapes change": ("fast.executor.WholeStep._now", lambda step: object()),
-    "fusing": ("fast.executor.fuse", lambda connections: _release(connections)),
-    "shared memory": ("fast.executor.share", lambda connections, is_free: set()),
+    "reshape where shapes change": ("fast.slices.WholeStep.forward", Step.forward),
+    "fusing": ("fast.engine.fuse", lambda connections: _release(connections)),
     "Winograd for few tiles": ("fast.winograd.FEW_TILES", 0),
     "depthwise by filter2D": ("fast.depthwise.FILTERED", 1 << 40),
-    "depthwise by bands": ("fast.depthwise.BANDED", 0),
     "maxima at every place": ("fast.map_pooling.MAX_EVERYWHERE", 0),
     "single poses": ("fast.kinematics.FEW", 0),
 }

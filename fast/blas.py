@@ -12,7 +12,7 @@ NumPy's OpenBLAS reads the environment when it is loaded:
 Variables that the user has set are not changed.
 
 The GNU C library returns the memory of an array to the system when it is freed, and the next one of this size costs a
-page fault for each 4 kB again, up to a third of the time of layers with temporary arrays. It is told to keep it.
+page fault for each 4 kB again, up to a third of the time of layers with temporary arrays; ``mallopt`` makes it keep it.
 """
 
 from __future__ import annotations

@@ -53,7 +53,7 @@ class Rows(Algorithm):
 
     def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
         """Write y."""
-        weights = np.moveaxis(w, 1, -1).reshape(len(w), -1)
+        weights = w.transpose(0, *range(2, w.ndim), 1).reshape(len(w), -1)
 
         def job(images: slice, rows: slice) -> None:
             X = stacked(g, x[images], rows, y.shape[3:])
@@ -68,7 +68,7 @@ class Rows(Algorithm):
         for images, rows in _blocks(g, x, dy.shape):
             X = stacked(g, x[images], rows, dy.shape[3:])
             _gradient(X, dy[images, :, rows], total.reshape(-1, O))
-        dw += np.moveaxis(total, (-1, -2), (0, 1))
+        dw += total.transpose(-1, -2, *range(len(kernel)))
 
 
 def _correlate(weights: Array, X: Array, after: After, y: Array) -> None:

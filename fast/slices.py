@@ -219,41 +219,44 @@ class SlicedStep(Step):
                     with LayerErrors(at.layer, at.bottom):
                         at.layer.backward(at.top, at.propagate_down, at.bottom)
 
-    def compute_unstored(self) -> None:
+    def compute_unstored(self, may_discard: bool = False) -> None:
         """Compute the hidden blobs of the last pass, and what the layers need for backward, on the whole batch.
 
-        Values that a caller can access are not changed: tops, diffs of inputs, gradients.
+        Values that a caller can access are not changed: tops, diffs of inputs, gradients. Hidden diffs are not computed
+        if a caller has written the diff of a top since backward.
         """
         if self._whole:
             return
-        if not all(at.has_run() for at in self.connections):
-            for at in self.connections:  # there is no pass, or a reshape has discarded its values
-                at.ran_with = None
-            return
-        self._check_inputs()
+        has_run = all(at.has_run() for at in self.connections)  # and no reshape has discarded the values
+        if has_run and not may_discard:
+            self._check_inputs()
         for at in self.connections:
             at.ran_with = None  # the layers themselves have not run, nor been reshaped
+        if not has_run or self._written_input():
+            return
         steps = [WholeStep(at) for at in self.connections]
         weights = [_holding(param, values, np.empty_like(values)) for param, values in zip(self._params, self._weights)]
         with _all(weights):
             with _all([_holding(blob, data=blob.data.copy()) for blob in self._outputs]):  # layers in place read them
                 for step in steps:
                     step.forward()
-            if self._back_samples:
+            tops = zip(self._outputs, self._back_samples)
+            if self._back_samples and all(_equal(blob.diff, values) for blob, values in tops):
                 with _all([_holding(blob, diff=np.empty_like(blob.diff)) for blob in self._inputs]):
                     for step in reversed(steps):
                         step.backward()
 
+    def _written_input(self) -> Blob | None:
+        """An input that a caller has written since forward, if any."""
+        return next((b for b, values in zip(self._inputs, self._samples) if not _equal(b.data, values)), None)
+
     def _check_inputs(self) -> None:
-        """Raise NetlibError if a caller has written an input since forward, or the diff of a top since backward."""
-        written = [b for b, values in zip(self._inputs, self._samples) if not _equal(b.data, values)]
-        written += [b for b, values in zip(self._outputs, self._back_samples) if not _equal(b.diff, values)]
-        if written:
-            at = self._user[written[0]]
-            names = dict(zip(at.blobs, [*at.layer.spec.bottom, *at.layer.spec.top]))
-            raise NetlibError(f"blob {names[written[0]]!r} was written after the pass, of which not all blobs are "
-                              "stored: run forward again, or read one of them before writing, such as "
-                              f"{self.connections[0].layer.spec.top[0]!r}")
+        """Raise NetlibError if a caller has written an input since forward."""
+        if blob := self._written_input():
+            at = next(at for at in self.connections if blob in at.bottom)
+            name, first = at.layer.spec.bottom[at.bottom.index(blob)], self.connections[0].layer.spec.top[0]
+            raise NetlibError(f"blob {name!r} was written after the pass, of which not all blobs are stored: run "
+                              f"forward again, or read one of them before writing, such as {first!r}")
 
     def _copy_weights(self) -> None:
         """Copy the current parameters, into the memory of the last copies."""

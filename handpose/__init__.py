@@ -39,9 +39,10 @@ if TYPE_CHECKING:
     from handpose.tracking.tracker import Tracker as Tracker
     from handpose.tracking.tracker import load_tracker as load_tracker
 
-_FOUND = [spec.origin for name in ("layers", "fast") if (spec := importlib.util.find_spec(name)) and spec.origin]
-if not all(Path(origin).is_relative_to(Path(__file__).parents[1]) for origin in _FOUND):  # a script has its own
-    from netlib.files import own_modules
+_OURS = [Path(__file__).resolve().parents[1] / name / "__init__.py" for name in ("layers", "fast")]
+_FOUND = [importlib.util.find_spec(path.parent.name) for path in _OURS]
+if any(spec and spec.origin and Path(spec.origin).resolve() not in _OURS for spec in _FOUND):
+    from netlib.files import own_modules  # a script has such modules of its own
 
     own_modules.guard("handpose")
 

@@ -106,8 +106,10 @@ class Step:
         """The layers in execution order, for a timer: one list per slice of the batch; here there is one."""
         return [[self.at]]
 
-    def compute_unstored(self) -> None:
-        """Compute the unstored blobs of the last pass. Here there are none."""
+    def compute_unstored(self, may_discard: bool = False) -> None:
+        """Compute the unstored blobs of the last pass. Raises NetlibError if a caller has written its inputs since,
+        unless it ``may_discard`` the pass. Here there are none.
+        """
 
 
 class Engine:

@@ -165,8 +165,9 @@ def _doubt(
 ) -> str:
     """Why the difference at a place may be wrong: tops rounded to float32, or a kink within the step.
 
-    At a kink the differences to the left and to the right disagree. With a tenth of the step they disagree as much if
-    the kink is at the place, and not at all if it is beside it; for a smooth function a tenth of that remains.
+    At a kink the differences to the left and to the right disagree. With a tenth of the step, their disagreement is
+    unchanged if the kink is at the value itself, and vanishes if it is farther away; for a smooth function it is a
+    tenth.
     """
     original = array[place]
     middle = value()

@@ -148,7 +148,7 @@ class Net:
     def _forward_steps(self, first: int, last: int | None) -> None:
         with self.one_thread, np.errstate(all="ignore"):  # the solver reports values that are not finite
             if (first, last) != (0, None):
-                self._run_by_layer()
+                self._run_by_layer(may_discard=first == 0)
             elif not self._fits:
                 check_memory(self.steps)
                 self._fits = True
@@ -185,9 +185,7 @@ class Net:
         return {name: self._blob(name).diff for name in [*names, *(diffs or [])]}
 
     def run_backward(self, first: int = 0, last: int | None = None) -> None:
-        """Run the layers numbered ``first`` up to but not including ``last`` backwards, by default all, from the last
-        to the first, adding to the diffs of the parameters.
-        """
+        """Run the layers numbered ``first`` up to but not including ``last`` backwards, adding to parameter diffs."""
         with self.one_thread:
             self._seed_losses()
             self._backward_steps(first, last)
@@ -288,8 +286,7 @@ class Net:
         if self._by_layer:
             return
         old, self.steps = self.steps, self.engine.steps(self.connections, self._outside, self.steps)
-        for blob in [blob for step in old for blob in step.unstored]:
-            blob.on_access = None
+        _unwatch(old)
         for at in [at for step in self.steps if step not in old for at in step.connections]:
             at.ran_with = None
         self._watch(self.steps)
@@ -300,17 +297,18 @@ class Net:
             for blob in step.unstored:
                 blob.on_access = partial(_store, weakref.ref(self))
 
-    def _run_by_layer(self) -> None:
-        """From now on run a step for each layer, which stores all blobs, with the values of the last pass."""
+    def _run_by_layer(self, may_discard: bool = False) -> None:
+        """From now on run a step for each layer, which stores all blobs, with the values of the last pass. They may be
+        lost if a caller has written an input since and ``may_discard``; otherwise this raises NetlibError.
+        """
         if self._by_layer:
             return
         old, by_layer = self.steps, self.engine.steps_by_layer(self.connections)
-        for blob in [blob for step in old for blob in step.unstored]:
-            blob.on_access = None
+        _unwatch(old)
         try:
             with np.errstate(all="ignore"):
                 for step in old:
-                    step.compute_unstored()
+                    step.compute_unstored(may_discard)
         except BaseException:
             self._watch(old)
             raise
@@ -389,6 +387,13 @@ class OneThread:
     def __exit__(self, *exception: object) -> None:
         self.depth -= 1
         self._lock.release()
+
+
+def _unwatch(steps: Sequence[Step]) -> None:
+    """Let an access to an unstored blob be like any other."""
+    for step in steps:
+        for blob in step.unstored:
+            blob.on_access = None
 
 
 def _store(net: weakref.ref[Net]) -> None:

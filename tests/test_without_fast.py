@@ -66,7 +66,7 @@ def test_a_solver_trains(bare: Path) -> None:
 # whole suite as well; a contract of `make lint` ensures that nothing imports fast/ by name.
 WHERE_IT_COUNTS = (
     "test_nets.py", "netlib/test_engine.py", "netlib/caffe/test_pycaffe.py",
-    "tools/test_time.py", "tools/test_tools.py::test_main", "tools/test_tools.py::test_engine",
+    "tools/test_time.py", "tools/test_tools.py::test_help_is_the_docstring",
     "tools/test_predict.py::test_a_hand_with_the_packaged_weights",
 )
 

@@ -135,9 +135,11 @@ def _rounding_errors(at: Connection, rng: np.random.Generator) -> Iterator[None]
     if at.layer.type not in SELECTING:
         for array in arrays:
             array *= 1 + rng.choice([-HALF_UNIT, HALF_UNIT], array.shape)
-    yield
-    for array, values in zip(arrays, before):
-        array[...] = values
+    try:
+        yield
+    finally:
+        for array, values in zip(arrays, before):
+            array[...] = values
 
 
 def _in_float64(net: Net) -> Net:

@@ -77,9 +77,9 @@ def pose_signs(fit: Array, depths: JointDepths, penetration_mm: Array, guessed: 
     return np.minimum(np.column_stack([fit, depths.behind, depths.before, penetration_mm, guessed]), MAX_SIGN)
 
 
-def mean_log_error(signs: Array, lag_mm: Array, weights: Array = WEIGHTS, constant: float = CONSTANT) -> Array:
+def mean_log_error(signs: Array, lag_mm: Array) -> Array:
     """The mean (N,) of the logarithm of the error in mm, of poses with these signs (N, 9)."""
-    fit = np.exp(np.log1p(signs) @ weights + constant)
+    fit = np.exp(np.log1p(signs) @ WEIGHTS + CONSTANT)
     return np.asarray(np.log(np.sqrt(fit**2 + lag_mm**2 + signs[:, SIGNS.index("before")] ** 2)))
 
 
@@ -162,10 +162,10 @@ class Judged(NamedTuple):
     finger_error_mm: Array
 
 
-def judged(evidence: Evidence, weights: Array = WEIGHTS, constant: float = CONSTANT) -> Judged:
+def judged(evidence: Evidence) -> Judged:
     """Errors and confidence of N poses of which this is seen."""
     signs, lag_mm, support, fingers = evidence
-    mean = mean_log_error(signs, lag_mm, weights, constant)
+    mean = mean_log_error(signs, lag_mm)
     unseen = 1 - support.seen + COVERED * np.maximum(support.covered - MIN_COVERED, 0)
     whole = np.exp(mean + SPREAD**2 / 2) * np.interp(unseen, UNSEEN, UNSEEN_ERROR)
     confidence = _normal((np.log(GOOD_MM) - mean) / SPREAD) * np.interp(unseen, UNSEEN, UNSEEN_CONFIDENCE)

@@ -27,7 +27,7 @@ from handpose.frames import camera_values, documents
 from handpose.frames.camera_values import INTRINSICS, MIN_RANGE, SIZE
 from handpose.frames.cameras import MIN_RANGE_MM, Camera
 from handpose.frames.recording import CameraInfo
-from netlib.errors import DataError, did_you_mean
+from netlib.errors import DataError
 from netlib.files import atomic
 from netlib.files.paths import exists
 
@@ -84,8 +84,10 @@ def parse(text: str, where: str) -> CameraInfo:
 
 
 def _of(document: Any, where: str) -> CameraInfo:
-    found = camera_values.find(document, where)
+    try:
+        found = camera_values.find(document, where)
+    except RecursionError:  # thousands of brackets
+        raise DataError(f"{where}: not the parameters of a camera") from None
     if found.unused and (found.is_own or found.info.camera is None):
-        key, known = found.unused[0], camera_values.KNOWN
-        raise DataError(f"{where}: unknown key {key!r}{did_you_mean(key, known)}; known: {', '.join(known)}")
+        raise DataError(f"{where}: {camera_values.unknown_key(found.unused[0])}")
     return found.info if found.is_own else replace(found.info, origin=f"{where} ({found.words})")

@@ -187,6 +187,11 @@ def _key(name: str) -> str:
     return ALIASES.get(re.sub(r"[\W_]", "", name.rpartition(".")[2]).lower(), name)
 
 
+def unknown_key(key: str, known: Collection[str] = KNOWN) -> str:
+    """What is wrong with an unknown key."""
+    return f"unknown key {key!r}{did_you_mean(key, known)}; known: {', '.join(known)}"
+
+
 class _Values:
     """Values by the keys of a camera.json.
 
@@ -224,7 +229,7 @@ class _Values:
     def take_around(self, values: Mapping[str, Any]) -> None:
         """Take what an object around it says of the size, the lens and the frames. Raises DataError."""
         size = {"size", *SIZE} if "width" not in self.values else set()
-        lens = set(LENS) if not self.values.keys() & {*LENS} else set()
+        lens = set(LENS) if self.values.keys().isdisjoint(LENS) else set()
         wanted = (size | lens | {"scale", "unit_mm", "rate", "time_unit"}) - self.values.keys()
         for name, value in values.items():
             if _key(name) in wanted and value is not None:
@@ -266,8 +271,7 @@ class _Values:
         if key in self.values:
             self.refuse(f"says {key} twice" + (f", once as {name}" if key != name else ""))
         self.values[key] = value
-        is_of_lens = key in (*LENS, *IGNORED)
-        self.fields[name] = "lens" if is_of_lens else key if key in FIELDS else "camera"
+        self.fields[name] = "lens" if key in LENS else key if key in FIELDS else "camera"
 
     def _check_region(self, values: Mapping[str, Any]) -> None:
         """Refuse ROS's binning and region of interest, because the matrix holds for the whole sensor."""
@@ -305,10 +309,11 @@ class _Values:
             nested = _Values(f"{self.where}: {ways[0][0]}")
             nested.take(inner)
             if nested.unused:
-                nested.refuse_unknown(nested.unused[0], ("model", "coefficients", *BROWN, *IGNORED))
-            if {"model"} & self.values.keys() & nested.values.keys():
-                self.refuse("says the model of the distortion, and a distortion that has its own")
-            nested.values = {key: value for key, value in self.values.items() if key == "model"} | nested.values
+                nested.refuse(unknown_key(nested.unused[0], ("model", "coefficients", *BROWN, *IGNORED)))
+            if "model" in self.values:
+                if "model" in nested.values:
+                    self.refuse("says the model of the distortion, and a distortion that has its own")
+                nested.values["model"] = self.values["model"]
             return nested._lens()
         model = self._text("model", "brown_conrady")
         if not ways:
@@ -320,10 +325,6 @@ class _Values:
         else:
             values = found
         return lens_of(model, values, self.where)
-
-    def refuse_unknown(self, key: str, known: Collection[str] = KNOWN) -> NoReturn:
-        """Raise the error for an unknown key."""
-        self.refuse(f"unknown key {key!r}{did_you_mean(key, known)}; known: {', '.join(known)}")
 
     def _all_or_none(self, keys: tuple[str, ...]) -> bool:
         """True if all of the keys are present, False if none is; raises DataError otherwise."""

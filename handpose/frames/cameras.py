@@ -21,8 +21,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from netlib.errors import DataError
-
 Array = NDArray[np.float64]
 
 MIN_FOCAL_PX = 1e-6  # with less, points have no finite pixels
@@ -105,6 +103,8 @@ def _model(name: str, degrees: dict[tuple[int, int], float], min_range_mm: float
             if abs(width * h - height * w) <= SAME_SHAPE * height * w:
                 return by_field_of_view(name, horizontal, None, min_range_mm).at(width, height)
         shapes = ", ".join(f"{w}:{h}" for w, h in degrees)
+        from netlib.errors import DataError  # imported here, because a camera needs NumPy alone
+
         raise DataError(f"frames of {width} x {height} px; depth frames of {name} are {shapes}; if they are cut or "
                         "turned, give --camera FX,FY,U0,V0")
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from handpose.frames.cameras import UNIT_MM
 from handpose.frames.crops import SIZE, numbers
@@ -102,12 +102,6 @@ def read_crop(path: str | Path) -> NDArray[np.float32]:
 def unpack_depth(pixels: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Depth (H, W) in mm of the pixels (H, W, 3), blue first, of an NYU frame: 256 green + blue; red is unused."""
     return pixels[..., 1].astype(np.float32) * 256 + pixels[..., 0]
-
-
-def pack_depth(depth: ArrayLike) -> NDArray[np.uint8]:
-    """The inverse of ``unpack_depth``: whole mm (H, W) below 65536 to the pixels (H, W, 3) of a frame."""
-    mm = np.asarray(depth).astype(np.uint16)
-    return np.stack([mm & 255, mm >> 8, np.zeros_like(mm)], axis=-1).astype(np.uint8)
 
 
 class BadFrameError(DataError):

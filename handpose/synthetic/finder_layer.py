@@ -7,8 +7,8 @@ the number of the next block, so a resumed training sees the same scenes as one 
 
 top[0]  frame  (BLOCK, 4, H, W)        ``channels_of``
 top[1]  class  (BLOCK, 1, H/2, W/2)    OTHER, HAND, PERSON, or UNKNOWN
-top[2]  heat   (BLOCK, 1, H/4, W/4)    1 at a palm's middle, less around it, or UNKNOWN
-top[3]  vote   (BLOCK, 3, H/4, W/4)    from the pixel's surface to the palm's middle, in VOTE_MM; 0 elsewhere
+top[2]  heat   (BLOCK, 1, H/4, W/4)    1 at a hand's middle, less around it, or UNKNOWN
+top[3]  vote   (BLOCK, 3, H/4, W/4)    from the pixel's surface to the hand's middle, in VOTE_MM; 0 elsewhere
 top[4]  own    (BLOCK, 3, H/4, W/4)    1 at the pixels that vote, else 0
 top[5]  right  (BLOCK, 1, H/4, W/4)    1 for a right hand, 0 for a left one, UNKNOWN elsewhere
 """
@@ -27,7 +27,7 @@ from netlib.blob import Array, Blobs
 UNKNOWN = -1
 TEST_BLOCKS = 16
 LONGEST_VOTE = 2.5  # a farther surface is an error of the sensor
-PALM_MM = 22.0  # deviation of the heat around a palm
+WIDE_MM = 22.0  # deviation of the heat around a hand's middle
 
 
 class FinderScenes(Layer):
@@ -74,14 +74,14 @@ def targets_of(scenes: Scenes) -> tuple[Array, Array, Array, Array, Array]:
     row, column = np.indices(depth.shape[1:])
     heat = np.zeros(depth.shape)
     for k in range(2):
-        u, v = (np.round(scenes.palm_px[:, k, axis, None, None] / 4) for axis in (0, 1))
-        wide = np.clip(FOCAL_PX * PALM_MM / np.maximum(scenes.palm[:, k, 2], 100) / 4, 0.7, 4)[:, None, None]
+        u, v = (np.round(scenes.middle_px[:, k, axis, None, None] / 4) for axis in (0, 1))
+        wide = np.clip(FOCAL_PX * WIDE_MM / np.maximum(scenes.middle[:, k, 2], 100) / 4, 0.7, 4)[:, None, None]
         near = np.exp(-((column - u) ** 2 + (row - v) ** 2) / (2 * wide**2))
         heat = np.where(scenes.present[:, k, None, None], np.maximum(heat, near), heat)
         heat = np.where(scenes.doubtful[:, k, None, None] & (near > 0.05), UNKNOWN, heat)
     points = np.concatenate([scenes.slopes[:, ::4, ::4], np.ones((*depth.shape, 1))], axis=-1) * depth[..., None]
     frame, hand = np.arange(len(depth))[:, None, None], np.maximum(which - 1, 0)
-    vote = (scenes.palm[frame, hand] - points) / VOTE_MM
+    vote = (scenes.middle[frame, hand] - points) / VOTE_MM
     own = (which > 0) & (depth > 0) & (np.linalg.norm(vote, axis=-1) < LONGEST_VOTE)
     right = np.where(own, scenes.side[frame, hand] > 0, UNKNOWN)
     every = np.repeat(own[:, None], 3, axis=1)

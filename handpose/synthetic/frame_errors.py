@@ -1,7 +1,7 @@
 """Errors of depth cameras in whole frames: those of ``sensor``, and what only a whole frame shows.
 
-Filters of stereo cameras smooth neighbouring surfaces together, so that fingers merge; beside near surfaces lie shadows
-that one of two cameras does not see; readings are missing in patches, beyond the range, or are plainly wrong.
+Filters of stereo cameras smooth neighbouring surfaces together, so that fingers merge. At the edges of near surfaces,
+one of the two cameras does not see what lies behind. Readings are missing in patches and beyond the range, or wrong.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from handpose.body.render import Floats
 from handpose.frames.cameras import Camera
 from handpose.synthetic.sensor import CODED_LIGHT, KINECT, NOISY_KINECT, TIME_OF_FLIGHT, Sensor, sense
 
-FAR_MM = 8000.0  # stands for no reading within this module
+FAR_MM = 8000.0  # the depth of pixels without a reading, within this module
 CLOSE_MM = 60.0  # surfaces nearer together are smoothed into one
 STEREO = Sensor(
     pixel_shift=(0.0, 0.4), block_shift=(0.0, 0.7), baseline=50.0, disparity_noise=(0.0, 0.1), disparity_step=0.03125,

@@ -1,8 +1,6 @@
-"""Which places and tracked objects are accepted as hands.
+"""Which places are accepted as new hands: those with a sure pose, a low rejection score and a probable place.
 
-The locator and the rejection score judge independently. A new hand needs both. A tracked one is dropped by a high
-score, or by an improbable place with a moderate one: the locator fails on poses that it was rarely trained on. Both are
-dropped if they are flat.
+The locator and the rejection score judge independently.
 """
 
 from __future__ import annotations
@@ -23,9 +21,9 @@ from handpose.tracking.reasons import NO_HAND, uncertain
 from netlib.blob import Array
 from netlib.errors import DataError
 
-# Limits of the rejection score of new and of tracked hands. In synthetic scenes with three cameras 92% of 187 hands are
-# below 100 mm and 99% below 135 mm; of other things that the detector offers, the lowest has 113 mm. Before the search,
-# fitted fast at the place itself, the hands that are accepted later have at most 116 mm.
+# Limits of the rejection score: of a new hand, of the first fast fit at a place, and of the search there. In synthetic
+# scenes with three cameras 92% of 187 hands are below 100 mm and 99% below 135 mm; of other things that the detector
+# offers, the lowest has 113 mm. First fits of the hands that are accepted later have at most 116 mm.
 REJECT_NEW_MM, REJECT_FIRST_MM, REJECT_MM = 100.0, 120.0, 135.0
 # A place is fitted again only if a first fast fit, judged in its frame, has this confidence. The first fits of 27 hands
 # that were accepted in six real and ten synthetic recordings have at least 0.42, those of three quarters of the refused

@@ -11,7 +11,6 @@ import errno
 import os
 import re
 import secrets
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -31,17 +30,6 @@ def temporary(path: Path) -> Iterator[Path]:
         yield fresh
     finally:
         fresh.unlink(missing_ok=True)
-
-
-@contextlib.contextmanager
-def temporary_folder(path: Path) -> Iterator[Path]:
-    """Yield an empty folder next to ``path``, to be filled and renamed; removed if it is not. Raises OSError."""
-    fresh = sibling(path, "tmp")
-    fresh.mkdir()
-    try:
-        yield fresh
-    finally:
-        shutil.rmtree(fresh, ignore_errors=True)
 
 
 def sibling(path: Path, suffix: str) -> Path:

@@ -2,7 +2,7 @@
 
 The HDF5 library can crash on a damaged file. A snapshot of this project therefore ends with a checksum of its bytes
 (``sealed``), which is compared before the library opens it; other programs ignore what follows the end of the file's
-content. In other files, everything that refers outside the file is refused; a damaged one can still crash the library.
+content. A damaged file without it can crash the library. In every file, what refers outside the file is refused.
 
 Rows of contiguous data sets are read with plain reads, not through the library or by memory mapping, so a file that is
 truncated while in use causes an ordinary error instead of a crash.
@@ -42,7 +42,7 @@ def opened(path: str | Path | Content, what: str, kind: type[NetlibError] = Data
 
     Raises ``kind``, including for errors of HDF5 inside the ``with`` block.
     """
-    is_sealed = _check_seal(path, what, kind)
+    _check_seal(path, what, kind)
     try:
         file = h5py.File(io.BytesIO(path.data) if isinstance(path, Content) else path, "r", locking=False)
     except (OSError, RuntimeError) as error:
@@ -50,8 +50,7 @@ def opened(path: str | Path | Content, what: str, kind: type[NetlibError] = Data
         raise kind(f"{path}: cannot read {what}: {why}{reason_of(error)}") from error
     try:
         with file:
-            if not is_sealed:
-                _check_objects(file)
+            _check_objects(file)
             yield file
     except NetlibError:
         raise
@@ -71,7 +70,7 @@ def sealed(image: bytes) -> bytes:
     return image + b"\nnetlib:crc32=%08x\n" % zlib.crc32(image)
 
 
-def _check_seal(path: str | Path | Content, what: str, kind: type[NetlibError]) -> bool:
+def _check_seal(path: str | Path | Content, what: str, kind: type[NetlibError]) -> None:
     """Compare the checksum at the end of a file, if it has one. Raises ``kind`` if it differs."""
     if isinstance(path, Content):
         seal = SEAL.fullmatch(path.data[-SEAL_BYTES:])
@@ -80,14 +79,13 @@ def _check_seal(path: str | Path | Content, what: str, kind: type[NetlibError]) 
             stream.seek(max(0, stream.seek(0, os.SEEK_END) - SEAL_BYTES))
             seal = SEAL.fullmatch(stream.read())
     if seal is None:
-        return False
+        return
     crc, end = 0, b""
     for piece in [path.data] if isinstance(path, Content) else files.read_pieces(path, what, kind, math.inf):
         data = end + piece
         crc, end = zlib.crc32(data[:-SEAL_BYTES], crc), data[-SEAL_BYTES:]
     if int(seal[1], 16) != crc:
         raise kind(f"{path}: cannot read {what}: damaged: checksum mismatch")
-    return True
 
 
 def _check_objects(file: h5py.File) -> None:

@@ -16,7 +16,7 @@ import importlib.abc
 import importlib.machinery
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
 
@@ -41,14 +41,13 @@ def own_module(name: str) -> ModuleType:
     return _known[name]
 
 
-def yield_names() -> None:
-    """From now on, imports of ``NAMES`` and ``OTHERS`` find a script's own modules first.
-
-    Our ``NAMES`` must have been imported.
+def yield_names(names: Iterable[str] = NAMES) -> None:
+    """From now on, imports of these names and of ``OTHERS`` find a script's own modules first, and ours, as far as they
+    have been imported, if there are no others.
     """
-    if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
-        sys.meta_path.insert(0, _Finder())
-    for top in NAMES:
+    for top in names:
+        if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
+            sys.meta_path.insert(0, _Finder())
         if is_ours(sys.modules.get(top)):
             _aside.update(_take(top))
 
@@ -60,9 +59,9 @@ def guard(package: str) -> None:
 
 @functools.lru_cache(maxsize=16)
 def _has_theirs(top: str, inside: tuple[str, ...]) -> bool:
-    """Whether one of these folders has a module ``top``."""
+    """Whether one of these folders has a module ``top``, other than a folder without __init__.py."""
     found = importlib.machinery.PathFinder.find_spec(top, inside)
-    return found is not None and _has_code(found)
+    return found is not None and found.origin is not None and _has_code(found)
 
 
 def folders() -> list[str]:
@@ -82,10 +81,11 @@ def in_place() -> Iterator[None]:
             yield
         finally:
             _depth[0] -= 1
-            for top in NAMES:
-                if top in displaced or (not _depth[0] and _has_theirs(top, tuple(folders()))):
-                    _aside.update(_take(top))
+            for top in displaced:
+                _aside.update(_take(top))
             sys.modules.update(theirs)
+            if not _depth[0]:
+                yield_names(top for top in NAMES if top not in displaced and _has_theirs(top, tuple(folders())))
 
 
 def _take(top: str) -> dict[str, ModuleType]:
@@ -165,8 +165,8 @@ def _import_aside(name: str) -> None:
 
 
 def _has_code(spec: importlib.machinery.ModuleSpec) -> bool:
-    """Whether a spec is that of a module, or of a folder without __init__.py that holds modules and is not ours."""
+    """Whether a spec is that of a module, or of a folder without __init__.py that holds modules, and not ours."""
+    if spec.origin is not None:
+        return Path(spec.origin).resolve() != own(spec.name).resolve() / "__init__.py"
     places = [Path(folder).resolve() for folder in spec.submodule_search_locations or []]
-    return spec.origin is not None or any(
-        any(place.glob("*.py")) and not place.is_relative_to(ROOT) for place in places
-    )
+    return any(any(place.glob("*.py")) and not place.is_relative_to(ROOT) for place in places)

@@ -20,8 +20,6 @@ from netlib.errors import DataError, NetlibError, reason_of
 MAX_BYTES = (1 << 31) - 1  # limit of a file that is read at once; the limit of a protocol buffers message
 MAX_TEXT_BYTES = 1 << 28
 PIECE = 1 << 24
-LFS_POINTER = b"version https://git-lfs"  # begin of the file that stands for another one in a clone without Git LFS
-MAX_LFS_POINTER = 1024  # size in bytes
 
 KINDS = {
     stat.S_IFIFO: "it is a pipe", stat.S_IFCHR: "it is a device", stat.S_IFBLK: "it is a device",
@@ -49,10 +47,7 @@ def opened(path: str | Path, what: str, kind: type[NetlibError] = DataError) -> 
         _check(Path(path).stat(), path, what, kind)
         stream = FileIO(path, "rb", opener=_at_once)
         try:
-            status = os.fstat(stream.fileno())  # it may have been replaced since
-            _check(status, path, what, kind)
-            if 0 < status.st_size <= MAX_LFS_POINTER:
-                _check_pointer(stream, path, what, kind)
+            _check(os.fstat(stream.fileno()), path, what, kind)  # it may have been replaced since
         except BaseException:
             stream.close()
             raise
@@ -245,13 +240,6 @@ def _check(status: os.stat_result, path: str | Path, what: str, kind: type[Netli
     found = stat.S_IFMT(status.st_mode)
     if found != stat.S_IFREG:
         raise kind(f"{path}: cannot read {what}: {KINDS.get(found, 'it is not a regular file')}; expected a file")
-
-
-def _check_pointer(stream: FileIO, path: str | Path, what: str, kind: type[NetlibError]) -> None:
-    begin = stream.read(len(LFS_POINTER))
-    stream.seek(0)
-    if begin == LFS_POINTER:
-        raise kind(f"{path}: cannot read {what}: it is a Git LFS pointer, not the file itself; run git lfs pull")
 
 
 def _check_size(size: int, limit: float, path: str | Path, what: str, kind: type[NetlibError]) -> None:

@@ -51,10 +51,11 @@ def write_pair(image: bytes, state: SolverState, weights_path: Path, state_path:
     layout = hdf5_format if is_hdf5(state_path) else binary_format
     with _writing(state_path):
         state_path.parent.mkdir(parents=True, exist_ok=True)
-        with atomic.replacing(state_path) as fresh:
+        with atomic.replacing(state_path, sync=False) as fresh:
             fresh.write_bytes(layout.state_image(state))
-            atomic.sync_file(fresh)
+            atomic.sync_file(fresh)  # before the weights are renamed, not after
             write_weights(image, weights_path)
+        atomic.sync_directory(state_path.parent)
 
 
 @contextlib.contextmanager

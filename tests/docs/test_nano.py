@@ -58,9 +58,9 @@ def test_dropout_passes_the_gradient_where_it_passed_the_value() -> None:
 
 
 def test_losses_are_those_of_netlib(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    """``--check`` compares the losses with netlib's in float64, without dropout: here 3 updates instead of 20."""
+    """``--check`` compares the losses with netlib's in float64, without dropout: here 2 updates instead of 20."""
     monkeypatch.setattr(sys, "argv", ["nano.py", "--check"])
-    monkeypatch.setattr(check_nano.largest_difference, "__defaults__", (3,))
+    monkeypatch.setattr(check_nano.largest_difference, "__defaults__", (2,))
     runpy.run_path(COMMAND[-1], run_name="__main__")
     text, difference = capsys.readouterr().out.rsplit(" ", 1)
     assert text == "largest relative difference from netlib's losses, 20 updates:" and float(difference) <= 1e-10

@@ -8,8 +8,10 @@ from pathlib import Path
 import pytest
 
 import netlib
+from experiments import fit
 from experiments.__main__ import NAMES
 from handpose.estimate.packaged import SYNTHETIC_HAND, read_card
+from handpose.synthetic import generator
 from tests.support.running import Done, run_tool
 from tools import make_synthetic
 
@@ -48,7 +50,7 @@ def test_help_is_the_docstring(name: str) -> None:
         ("table1 ours --iterations 1", "--iterations: expected an integer of at least 2"),
         ("fit --network a", "fit: error: argument --network: expected 2 arguments"),
         ("fit --seed 4294967296", "--seed: expected an integer of at most 4294967295"),
-        ("tracking --scripts rest --rate 1e300", "--rate: expected a number greater than 0 and at most"),
+        ("tracking --scripts rest --rate 1e300", "--rate: expected a number greater than 1e-06 and at most"),
         ("package_model a --model b --out c --bits 24", "--bits: expected an integer of at most 23"),
     ],
 )
@@ -81,11 +83,18 @@ def test_parts(keep_threads: None) -> None:
     assert all(float(cell) > 0 for row in rows if row for cell in row.split()[-2:])
 
 
-def test_fit() -> None:
+@pytest.fixture
+def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Generate 24 frames at a time instead of 64."""
+    for module in (generator, fit):
+        monkeypatch.setattr(module, "BLOCK", 24)
+
+
+def test_fit(small_blocks: None) -> None:
     """There is a row for the network and for each plan, with the fraction of right hands where it was requested."""
     done = run("fit", "--frames", "3", "--recipes", "nyu", "--plans", "fast", "--hands")
     first, head, network, fast = done.out.splitlines()
-    assert first.startswith("64 frames per recipe, seed 0") and head.split()[-2:] == ["right", "ms"]
+    assert first.startswith("24 frames per recipe, seed 0") and head.split()[-2:] == ["right", "ms"]
     assert network.split()[:2] == ["nyu", "network"] and fast.split()[:2] == ["nyu", "fast"]
     assert float(fast.split()[3]) < float(network.split()[3]), "median"
     assert float(fast.split()[-2].rstrip("%")) > 90
@@ -156,12 +165,12 @@ def test_table1_without_data(tmp_path: Path) -> None:
     assert done.err.startswith("direct_parameter_exact: the exact angles of NYU's frames are unknown")
 
 
-def test_package_model(tmp_path: Path) -> None:
+def test_package_model(tmp_path: Path, small_blocks: None) -> None:
     """The packaged file is smaller, and the fit reads it with its error tables; a place for it is checked first."""
     big, small = tmp_path / "big.caffemodel.h5", tmp_path / "small.caffemodel.h5"
     netlib.Net(DEPLOY, read_card(SYNTHETIC_HAND).weights, netlib.TEST).save(big)
     out = run("package_model", big, "--model", DEPLOY, "--out", small, "--bits", "6", "--frames", "1").out
-    assert "64 frames of the recipe people: network " in out and "with 6 bits " in out
+    assert "24 frames of the recipe people: network " in out and "with 6 bits " in out
     assert small.stat().st_size < 0.5 * big.stat().st_size
     run("fit", "--network", small, DEPLOY, "--frames", "1", "--recipes", "nyu", "--plans", "fast")
     done = run("package_model", big, "--model", DEPLOY, "--out", big, status=1)

@@ -99,7 +99,7 @@ class MadeRecording(SyntheticRecording):
 
 
 class MadeTracker:
-    """Returns the truth 3 mm beside it; one frame is missed, and one has a hand where there is none."""
+    """Reports each true hand with an offset of 3 mm; misses one frame, and reports a hand in a frame without one."""
 
     def header(self, source: str) -> TrackHeader:
         return HEADER
@@ -138,10 +138,9 @@ def test_single_frames_by_the_predictor() -> None:
         assert look(frame, truth._replace(hands=wrong)) == {}
 
 
-@pytest.mark.parametrize("options", [[], ["--left"]])
-def test_true_joints_are_read_as_shown(options: list[str]) -> None:
+def test_true_joints_are_read_as_shown() -> None:
     """The true joints of a recording are recognised as the gestures shown."""
-    done = run_tool("experiments.__main__", "gestures", "--truth", "--seconds", "6.5", "--seeds", "1", *options)
+    done = run_tool("experiments.__main__", "gestures", "--truth", "--seconds", "6.5", "--seeds", "1", "--left")
     head, *rows, last = done.out.splitlines()
     columns = [slice(head.index(name) + len(name) - 3, head.index(name) + len(name)) for name in head.split()[2:]]
     shown = [row for row in rows if row.split()[1] != "0"]

@@ -511,6 +511,8 @@ class Program:
         name = self._any_blob()
         value = self.values.normal(size=self._shape(name))
         for net in self.nets:
+            for blob in net.blobs.values():  # before one is written, those that are not stored are computed
+                blob.diff  # noqa: B018
             net.blobs[name].diff[...] = value
 
     def _write_parameter(self) -> None:

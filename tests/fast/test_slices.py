@@ -258,8 +258,8 @@ def test_a_look_costs_one_pass_and_all_blobs_are_stored_from_then_on(
     everything(net, batch(3))
     assert hidden(net) == HIDDEN
     repeated = []
-    compute = SlicedStep.compute_unstored
-    monkeypatch.setattr(SlicedStep, "compute_unstored", lambda self: (repeated.append(self), compute(self)))
+    run = SlicedStep.compute_unstored
+    monkeypatch.setattr(SlicedStep, "compute_unstored", lambda self, lose: (repeated.append(self), run(self)))
     assert [blob.data.shape for blob in net.blobs.values()] == [blob.shape for blob in net.blobs.values()]
     assert len(repeated) == 1
     assert hidden(net) == []
@@ -731,6 +731,17 @@ def test_an_input_written_after_forward(net_of: MakeNet, use: str) -> None:
     assert net.blobs["c1"].data.any()
     net.blobs["depth"].data[...] = 1
     net.backward()
+
+
+def test_a_part_from_the_first_layer_reads_a_written_input(net_of: MakeNet) -> None:
+    net, plain = net_of(PAPER), net_of(PAPER, engine="plain")
+    for one in (net, plain):
+        feed(one, batch(3))
+        one.blobs["depth"].data[...] = batch(3, seed=1)["depth"]
+        one.forward(end="c3")
+    assert difference(net.blobs["c3"].data, plain.blobs["c3"].data) <= 2e-5
+    net.blobs["depth"].data[...] = 1
+    net.forward(start="c2")
 
 
 def test_a_hidden_blob_cannot_be_read_during_a_pass(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -145,7 +145,7 @@ def test_a_doubt_about_the_differences(layer: Callable[[type[Layer]], Layer], cl
 @pytest.mark.parametrize("value", [0.0, 3e-7, -4e-7])
 @pytest.mark.parametrize("text", ['type: "ReLU"', 'type: "HingeLoss"'])
 def test_a_kink(value: float, text: str) -> None:
-    """At the value, and beside it within the step."""
+    """A kink at the value itself, and one at a distance smaller than the step, are reported."""
     x = [np.array([[value, 0.5], [0.25, 2.0]])]
     if "Hinge" in text:
         x = [np.array([[0.5, 1 + value], [0.25, 2.0]]), np.array([0.0, 1.0])]

@@ -13,7 +13,6 @@ from handpose.body.nyu import ANNOTATED_JOINTS, ANNOTATION_OF_JOINT, CENTER_JOIN
 from handpose.datasets import nyu_files
 from handpose.frames.cameras import NYU
 from handpose.frames.crops import restore_joints, window
-from handpose.frames.images import pack_depth
 from handpose.synthetic.generator import BLOCK, Generator, Scene, Split
 from netlib.blob import Array
 
@@ -78,3 +77,9 @@ def _enlarged(picked: NDArray[np.int64], pixels: int) -> tuple[slice, NDArray[np
     step = int(np.ceil((at[-1] - at[0]) / max(len(at) - 1, 1)))
     covered = np.arange(at[0], min(at[-1] + max(step, 1), pixels))
     return slice(covered[0], covered[-1] + 1), shown[np.searchsorted(at, covered, side="right") - 1]
+
+
+def pack_depth(depth: ArrayLike) -> NDArray[np.uint8]:
+    """The inverse of ``images.unpack_depth``: whole mm (H, W) below 65536 to the pixels (H, W, 3) of a frame."""
+    mm = np.asarray(depth).astype(np.uint16)
+    return np.stack([mm & 255, mm >> 8, np.zeros_like(mm)], axis=-1).astype(np.uint8)

@@ -14,97 +14,104 @@ import pytest
 from netlib.snapshots import binary_format, snapshot
 from tests.caffe.recorded import COMPARED, check_same_log, log_lines, said, solver_text, texts
 from tests.support.running import run_tool
+from tests.tools.conftest import ROOT
 from tools.common import training
 
+SOLVERS = ROOT / "tests" / "caffe" / "solvers"
 FRAME = re.compile(r"Use CPU|Creating t|Solver scaffolding|SGDSolver|Starting|Running|Batch|Loss:|\w+ = ")
 
 
 @pytest.fixture(autouse=True)
-def solvers(caffe_data, monkeypatch):
+def solvers(monkeypatch):
     """Change to the folder of the recorded training runs, whose files name each other relative to it."""
-    monkeypatch.chdir(caffe_data / "solvers")
+    monkeypatch.chdir(SOLVERS)
+
+
+def written(folder: Path, log: str, **changes: str) -> str:
+    """Write the solver of a recorded log, with snapshots in the same folder; return its name."""
+    path = folder / "solver.prototxt"
+    path.write_text(solver_text(log, snapshot_prefix=f'"{folder}/a"', **changes))
+    return str(path)
 
 
 @pytest.fixture
-def solver_of(tmp_path):
-    """``solver_of("sigint.log", max_iter="9")`` writes the solver of a log, with snapshots in a temporary folder."""
-
-    def make(log: str, **changes: str) -> str:
-        path = tmp_path / "solver.prototxt"
-        path.write_text(solver_text(log, snapshot_prefix=f'"{tmp_path}/a"', **changes))
-        return str(path)
-
-    return make
+def short(tmp_path: Path) -> str:
+    return written(tmp_path, "sigint.log", max_iter="3", test_interval="9", test_initialization="false")
 
 
-@pytest.fixture
-def log_of():
-    """``log_of("train", "-solver", ...)`` returns the lines that the command logs, with their stamps."""
-
-    def run(*argv: str, status: int = 0) -> list[str]:
-        _, out, err = run_tool("caffe", *argv, status=status)
-        assert out == ""
-        return err.splitlines()
-
-    return run
+def log_of(*argv: object, status: int = 0) -> list[str]:
+    """The lines that the command logs, with their stamps."""
+    _, out, err = run_tool("caffe", *argv, status=status)
+    assert out == ""
+    return err.splitlines()
 
 
-def spoken(lines):
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
+    """The folder and the log of the training of a_avgloss.log."""
+    folder = tmp_path_factory.mktemp("trained")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(SOLVERS)
+        return folder, log_of("train", "-solver", written(folder, "a_avgloss.log"), "--weights=init.caffemodel")
+
+
+def spoken(lines: list[str]) -> list[str]:
     """Return the lines of a log that both programs write, including the first and the last."""
     return [w for line in lines for w in (said([line]) if COMPARED.match(line) else [line]) if _is_both(line)]
 
 
-def _is_both(line):
-    return COMPARED.match(line) or FRAME.match(line)
+def _is_both(line: str) -> bool:
+    return bool(COMPARED.match(line) or FRAME.match(line))
 
 
 # ---------------------------------------------------------------------------------------------- train
 
 
-def test_train_writes_the_recorded_log(solver_of, log_of):
+def test_train_writes_the_recorded_log(trained):
     """The log equals the recorded a_avgloss.log; Caffe loads the weights into both nets."""
-    mine = texts(log_of("train", "-solver", solver_of("a_avgloss.log"), "--weights=init.caffemodel"))
-    theirs = log_lines("a_avgloss.log")
+    mine, theirs = texts(trained[1]), log_lines("a_avgloss.log")
     assert len(spoken(theirs)) == 46
     check_same_log(spoken(mine), spoken(theirs))
     assert "Finetuning from init.caffemodel" in mine and "Finetuning from init.caffemodel" in theirs
 
 
-def test_train_goes_on_from_a_snapshot(solver_of, log_of, tmp_path):
+def test_train_goes_on_from_a_snapshot(trained, tmp_path):
     """The log equals the recorded a_resume_from8.log, and the solver's ``weights`` are not read."""
-    log_of("train", "-solver", solver_of("a_avgloss.log"), "-weights", "init.caffemodel")
-    state_path = tmp_path / "a_iter_8.solverstate"
+    state_path = trained[0] / "a_iter_8.solverstate"
     state = snapshot.read_state(state_path)
     state.extra = {}  # fields that Caffe does not write
     state_path.write_bytes(binary_format.state_image(state))
-    solver = solver_of("a_resume_from8.log", weights='"nothing.caffemodel"')
+    solver = written(tmp_path, "a_resume_from8.log", weights='"nothing.caffemodel"')
     mine = texts(log_of("train", f"-solver={solver}", f"-snapshot={state_path}"))
     check_same_log(spoken(mine), spoken(log_lines("a_resume_from8.log")))
     assert mine.index(f"Resuming from {state_path}") < mine.index("SGDSolver: restoring history")
 
 
-def test_a_finished_training(solver_of, log_of, tmp_path):
+def test_a_finished_training(short, tmp_path):
     """A snapshot of the last iteration leaves nothing to train, which is logged."""
-    solver = solver_of("sigint.log", max_iter="3", test_interval="9", test_initialization="false")
-    log_of("train", "-solver", solver)
+    log_of("train", "-solver", short)
     (state,) = tmp_path.glob("a_iter_3.solverstate*")
-    lines = texts(log_of("train", "-solver", solver, "-snapshot", state))
+    lines = texts(log_of("train", "-solver", short, "-snapshot", state))
     assert "The snapshot is at iteration 3, and max_iter is 3: nothing is left to train" in lines
 
 
 @pytest.mark.parametrize(
-    ("number", "flags", "last", "ends"),
+    ("number", "flags", "last"),
     [
-        (signal.SIGINT, [], 1, ["Optimization stopped early.", "Optimization Done."]),
-        (signal.SIGHUP, [], 3, ["Optimization Done.", "Optimization Done."]),
-        (signal.SIGINT, ["-sigint_effect=snapshot"], 3, ["Optimization Done.", "Optimization Done."]),
-        (signal.SIGINT, ["-sigint_effect=none"], 3, ["Optimization Done.", "Optimization Done."]),
-        (signal.SIGHUP, ["-sighup_effect", "stop"], 1, ["Optimization stopped early.", "Optimization Done."]),
+        (signal.SIGINT, [], 1),
+        (signal.SIGHUP, [], 3),
+        (signal.SIGINT, ["-sigint_effect=snapshot"], 3),
+        (signal.SIGINT, ["-sigint_effect=none"], 3),
+        (signal.SIGHUP, ["-sighup_effect", "stop"], 1),
+        (signal.SIGTERM, [], 1),
     ],
-    ids=["SIGINT", "SIGHUP", "SIGINT snapshot", "SIGINT none", "SIGHUP stop"],
+    ids=["SIGINT", "SIGHUP", "SIGINT snapshot", "SIGINT none", "SIGHUP stop", "SIGTERM"],
 )
-def test_signals(solver_of, log_of, tmp_path, monkeypatch, number, flags, last, ends):
-    """After a signal in the first iteration the exit status is 0 and the last lines are those of Caffe's log."""
+def test_signals(short, tmp_path, monkeypatch, number, flags, last):
+    """After a signal in the first iteration the exit status is 0 and the last lines are those of Caffe's log.
+
+    SIGTERM ends Caffe at once; here a snapshot is written first, and the exit status is that of the signal.
+    """
     original = training.requests_by_signal
 
     @contextlib.contextmanager
@@ -114,40 +121,22 @@ def test_signals(solver_of, log_of, tmp_path, monkeypatch, number, flags, last, 
             yield stopped
 
     monkeypatch.setattr(training, "requests_by_signal", with_signal)
-    solver = solver_of("sigint.log", max_iter="3", test_interval="9", test_initialization="false")
-    assert texts(log_of("train", "-solver", solver, *flags))[-2:] == ends
+    is_term = number == signal.SIGTERM
+    lines = texts(log_of("train", "-solver", short, *flags, status=143 if is_term else 0))
+    assert ("Optimization stopped early." in lines[-2:]) == (last == 1)
+    assert (lines[-1] == "Optimization Done.") == (not is_term)
     made = {path.name for path in tmp_path.glob("*.solverstate")}
-    wanted = {f"a_iter_{last}.solverstate"} | ({"a_iter_1.solverstate"} if "none" not in str(flags) else set())
-    assert made == wanted
+    assert made == {f"a_iter_{last}.solverstate"} | ({"a_iter_1.solverstate"} if "none" not in str(flags) else set())
+    assert log_lines("sigint.log")[-2:] == ["Optimization stopped early.", "Optimization Done."]  # Caffe's
 
 
-def test_caffes_log_of_signals_ends_alike():
-    """Caffe's recorded log of SIGINT ends with the same lines."""
-    assert log_lines("sigint.log")[-2:] == ["Optimization stopped early.", "Optimization Done."]
-
-
-def test_sigterm_keeps_its_status(solver_of, log_of, monkeypatch):
-    """SIGTERM ends Caffe at once; here a snapshot is written first, and the exit status is that of the signal."""
-    original = training.requests_by_signal
-
-    @contextlib.contextmanager
-    def with_signal(*given):
-        with original(*given) as stopped:
-            os.kill(os.getpid(), signal.SIGTERM)
-            yield stopped
-
-    monkeypatch.setattr(training, "requests_by_signal", with_signal)
-    solver = solver_of("sigint.log", max_iter="3", test_interval="9", test_initialization="false")
-    assert "Snapshotting" in log_of("train", "-solver", solver, status=143)[-2]
-
-
-def test_level_and_stage_choose_layers(solver_of, log_of, tmp_path):
+def test_level_and_stage_choose_layers(tmp_path):
     """-level and -stage select the training net's layers, in addition to the stages of train_state."""
     net = Path("net.prototxt").read_text()
     for name, rule in (("a", 'stage: "a" stage: "own"'), ("b", "min_level: 2"), ("c", "min_level: 1")):
         net += f'layer {{ name: "{name}" type: "Silence" bottom: "ip1" include {{ phase: TRAIN {rule} }} }}\n'
     (tmp_path / "net.prototxt").write_text(net)
-    solver = Path(solver_of("sigint.log", net=f'"{tmp_path}/net.prototxt"', max_iter="1", test_iter="1"))
+    solver = Path(written(tmp_path, "sigint.log", net=f'"{tmp_path}/net.prototxt"', max_iter="1", test_iter="1"))
     solver.write_text(solver.read_text().replace("level: 0", "level: 7").replace('stage: ""', 'stage: "own"'))
     mine = texts(log_of("train", "-solver", str(solver), "-stage", "a,x", "-level", "1"))
     made = {line.removeprefix("Creating Layer ") for line in mine if line.startswith("Creating Layer ")}
@@ -157,7 +146,7 @@ def test_level_and_stage_choose_layers(solver_of, log_of, tmp_path):
 # ---------------------------------------------------------------------------------------------- the others
 
 
-def test_test_writes_the_recorded_log(log_of):
+def test_test_writes_the_recorded_log():
     """The log has every batch, the mean loss, and every output with its loss weight, as recorded."""
     mine = texts(log_of("test", "-model", "net.prototxt", "-weights", "init.caffemodel", "-iterations", "3"))
     theirs = log_lines("test.log")
@@ -167,7 +156,7 @@ def test_test_writes_the_recorded_log(log_of):
     check_same_log(spoken(mine), spoken(theirs))
 
 
-def test_test_tells_of_layers_without_a_pair(log_of, tmp_path):
+def test_test_tells_of_layers_without_a_pair(tmp_path):
     """Weights of unknown layers are ignored with Caffe's message; layers without weights are also reported."""
     (tmp_path / "net.prototxt").write_text(Path("net.prototxt").read_text().replace('"ip1"', '"other"'))
     net = str(tmp_path / "net.prototxt")
@@ -176,7 +165,7 @@ def test_test_tells_of_layers_without_a_pair(log_of, tmp_path):
     assert "Not in init.caffemodel, keeps its initial values: layer other" in mine
 
 
-def test_time_writes_the_recorded_log(log_of):
+def test_time_writes_the_recorded_log():
     """The lines equal those of time.log from the first pass on, except for the times."""
     mine, theirs = texts(log_of("time", "-model", "net.prototxt", "-iterations", "3")), log_lines("time.log")
     cut = [lines[lines.index("Performing Forward") :] for lines in (mine, theirs)]
@@ -186,7 +175,7 @@ def test_time_writes_the_recorded_log(log_of):
 
 
 @pytest.mark.parametrize(("flags", "loss"), [([], "3"), (["-phase=TRAIN"], "3"), (["-phase", "TEST"], "5")])
-def test_time_of_a_phase(log_of, tmp_path, flags, loss):
+def test_time_of_a_phase(tmp_path, flags, loss):
     """The phase is TRAIN by default."""
     layers = [
         f"""layer {{ name: "x" type: "DummyData" top: "x" include {{ phase: {phase} }} loss_weight: 1
@@ -197,8 +186,7 @@ def test_time_of_a_phase(log_of, tmp_path, flags, loss):
     assert f"Initial loss: {loss}" in texts(log_of("time", "-model", f"{tmp_path}/net.prototxt", *flags))
 
 
-def test_device_query_and_gpu(log_of):
-    """device_query and -gpu are answered with one line each about the CPU."""
+def test_device_query_and_gpu():
     assert texts(log_of("device_query", "-gpu", "all")) == ["This runs on the CPU; there is no GPU to query"]
     mine = texts(log_of("time", "-model", "net.prototxt", "-gpu", "0,1", "-iterations", "1"))
     assert mine[:2] == ["Use CPU.", "-gpu 0,1 is accepted, but this runs on the CPU"]
@@ -208,27 +196,8 @@ def test_device_query_and_gpu(log_of):
 
 
 def test_without_a_command():
-    """Without a command the usage is printed, with Caffe's exit status."""
     out = run_tool("caffe").out
     assert "{train,test,time,device_query}" in out and "--sighup_effect {stop,snapshot,none}" in out
-
-
-@pytest.mark.parametrize(
-    ("argv", "message"),
-    [
-        (["train"], "train needs -solver"),
-        (["train", "-solver", "s", "-snapshot", "a", "-weights", "b"], "-snapshot includes weights"),
-        (["test", "-model", "m"], "test needs -weights"),
-        (["time"], "time needs -model"),
-        (["tarin", "-solver", "s"], "invalid choice: 'tarin'"),
-        (["train", "-solver", "s", "-sigint_effect", "die"], "invalid choice: 'die'"),
-        (["train", "-slover", "s"], "unrecognized arguments: --slover"),
-        (["test", "-iterations", "0"], "expected an integer of at least 1, found '0'"),
-    ],
-)
-def test_wrong_usage(argv, message):
-    """A usage error prints argparse's message and gives status 2."""
-    assert message in run_tool("caffe", *argv, status=2).err
 
 
 @pytest.mark.parametrize(
@@ -239,7 +208,7 @@ def test_wrong_usage(argv, message):
         (["time", "-model", "solver_adam.prototxt"], "solver_adam.prototxt:1:1: error: this is a solver"),
     ],
 )
-def test_mistakes(log_of, argv, message):
+def test_mistakes(argv, message):
     """Errors for which Caffe prints a stack trace are one line with status 1."""
     assert log_of(*argv, status=1)[-1].startswith(message)
 
@@ -247,13 +216,13 @@ def test_mistakes(log_of, argv, message):
 # ---------------------------------------------------------------------------------------------- BVLC's scripts
 
 
-def test_what_bvlcs_scripts_take_from_the_log(solver_of, log_of):
+def test_what_bvlcs_scripts_take_from_the_log(trained):
     """parse_log.py, parse_log.sh, extract_seconds.py and plot_training_log.py can parse the log, splitting at spaces.
 
     Word 1 is a letter, month and day, word 2 the time of day; the value of a test output is word 11, a learning rate is
     word 9; time starts at a line with ``] Solving ``. The loss follows the first equals sign.
     """
-    lines = log_of("train", "-solver", solver_of("a_avgloss.log"), "-weights", "init.caffemodel")
+    lines = trained[1]
     start = next(i for i, line in enumerate(lines) if "] Solving " in line)
     for line in lines[start:]:
         day, clock, thread, _ = line.split()[:4]
@@ -266,8 +235,5 @@ def test_what_bvlcs_scripts_take_from_the_log(solver_of, log_of):
     losses = [line.split("=")[1] for line in lines if ", loss = " in line]
     assert [float(loss) for loss in losses][:2] == pytest.approx([2.5937, 2.92355], abs=1e-5)
     assert re.search(r"Iteration \d+, Testing net", lines[start + 2])
-    outputs = re.findall(r"(Train|Test) net output #(\d+): (\S+) = ([.\deE+-]+)", "\n".join(lines))
-    assert {(which, number, name) for which, number, name, _ in outputs} == {
-        ("Train", "0", "loss"),
-        ("Test", "0", "loss"),
-    }
+    outputs = re.findall(r"(Train|Test) net output #(\d+): (\S+) = [.\deE+-]+", "\n".join(lines))
+    assert set(outputs) == {("Train", "0", "loss"), ("Test", "0", "loss")}

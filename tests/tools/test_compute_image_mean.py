@@ -40,29 +40,7 @@ def test_the_mean(images):
     lines = done.out.splitlines()
     assert lines[0] == "Number of channels: 3"
     assert lines[1:] == [f"mean_value channel [{c}]: {images[:, c].mean():.6g}" for c in range(3)]
-
-
-def test_a_net_that_subtracts_it_has_the_mean_zero(images):
-    """After subtracting the mean image, the mean over all images is 0 for every pixel."""
-    run_tool("compute_image_mean", "db", "mean.binaryproto")
-    net = netlib.Net(prototxt.parse("""layer { name: "d" type: "Data" top: "x"
-        data_param { source: "db" batch_size: 7 backend: LMDB }
-        transform_param { mean_file: "mean.binaryproto" } }"""), netlib.TEST)
-    x = net.forward()["x"]
-    assert np.abs(x).mean() > 10
-    assert np.abs(x.mean(axis=0)).max() < 1e-4
-
-
-def test_floats_and_pictures(tmp_path, images, rng):
-    """The mean of floats and of encoded images is computed as well."""
-    floats = rng.normal(size=(2, 1, 3, 4)).astype(np.float32)
-    write_database(tmp_path / "floats", [datum(one, 0) for one in floats])
-    run_tool("compute_image_mean", "floats", "floats.binaryproto")
-    assert np.allclose(read_blob("floats.binaryproto")[0], floats.mean(axis=0), atol=1e-7)
-    files = [cv2.imencode(".png", image.transpose(1, 2, 0))[1].tobytes() for image in images]
-    write_database(tmp_path / "files", [datum(content, 0) for content in files])
-    run_tool("compute_image_mean", "files", "files.binaryproto")
-    assert np.allclose(read_blob("files.binaryproto")[0], images.mean(axis=0), rtol=1e-6)
+    assert run_tool("compute_image_mean", "db").out == done.out  # without a file
 
 
 def test_a_list_has_the_mean_of_the_database_of_its_images(images, pictures):
@@ -89,14 +67,7 @@ def test_gray(images, pictures):
     assert np.allclose(read_blob("mean.binaryproto"), expected[None, None], rtol=1e-6)
 
 
-def test_without_a_file(images, tmp_path):
-    """Without an output file only the numbers are printed."""
-    assert len(run_tool("compute_image_mean", "db").out.splitlines()) == 4
-    assert [path.name for path in tmp_path.iterdir()] == ["db"]
-
-
 def test_mistakes(tmp_path, images, pictures):
-    """Errors are one line each, and no mean is written."""
     write_database(tmp_path / "sizes", [datum(np.zeros(shape, np.uint8), 0) for shape in ((1, 1, 2), (1, 2, 1))])
     write_database(tmp_path / "bad", [number(1, 1) + number(2, 1) + number(3, 2) + content(4, b"abc")])
     write_database(tmp_path / "empty", [])
@@ -104,7 +75,7 @@ def test_mistakes(tmp_path, images, pictures):
     (tmp_path / "missing.txt").write_text("0.png 1\n7.png 2\n")
     root = "-root_folder=p/"
     refused = (["sizes", "m"], ["bad", "m"], ["empty", "m"], ["none", "m"], ["db", "db"], [root, "list.txt", "m"],
-               [root, "missing.txt", "m"], [root, "list.txt", "p/3.png"])
+               [root, "missing.txt", "m"], [root, "list.txt", "p/3.png"], ["list.txt", "list.txt"])
     assert "".join(run_tool("compute_image_mean", *argv, status=1).err for argv in refused).splitlines() == [
         "sizes: entry '00000001': the image (C, H, W) is (1, 2, 1), the first (1, 1, 2); expected equal shapes; "
         "-resize_width and -resize_height resize the images of a list",
@@ -116,19 +87,8 @@ def test_mistakes(tmp_path, images, pictures):
         "-resize_width and -resize_height resize the images of a list",
         "p/7.png: cannot read the image: No such file or directory",
         "p/3.png: is read in this run; expected another output",
+        "list.txt: is read in this run; expected another output",
     ]
     assert not (tmp_path / "m").exists()
-
-
-@pytest.mark.parametrize(
-    ("argv", "reported"),
-    [
-        ([], "the following arguments are required: INPUT"),
-        (["db", "m", "more"], "unrecognized arguments: more"),
-        (["-backend", "leveldb", "db"], "argument --backend: invalid choice: 'leveldb'"),
-        (["-resize_width=3", "list.txt"], "-resize_width and -resize_height must be given together"),
-        (["-gray", "db"], "apply only to a list of images, and db is a database"),
-    ],
-)
-def test_wrong_usage(images, argv, reported):
-    assert reported in run_tool("compute_image_mean", *argv, status=2).err
+    error = run_tool("compute_image_mean", "-gray", "db", status=2).err
+    assert "apply only to a list of images, and db is a database" in error

@@ -48,6 +48,5 @@ def test_a_hand_that_is_not_sure_enough(tmp_path, monkeypatch):
 
 
 def test_nowhere_to_write(tmp_path):
-    """A folder that cannot be created gives a one-line error."""
     (tmp_path / "file").touch()
     assert "expected a folder" in run_tool("demo", "--out", tmp_path / "file" / "d", status=1).err

@@ -9,7 +9,6 @@ from tests.tools.conftest import ROOT
 
 
 def test_the_pages_are_listed() -> None:
-    """Every page has a line with its title."""
     lines = run_tool("docs").out.splitlines()
     assert {line.split()[0] for line in lines} == {
         *(path.stem for path in (ROOT / "docs").glob("*.md")), "hands.schema.json"
@@ -21,7 +20,6 @@ def test_the_pages_are_listed() -> None:
 
 @pytest.mark.parametrize("name", ["camera", "camera.md", "docs/camera.md"])
 def test_a_page(name: str) -> None:
-    """A page is printed as it is."""
     assert run_tool("docs", name).out == (ROOT / "docs" / "camera.md").read_text(encoding="utf-8")
 
 
@@ -41,13 +39,11 @@ def test_a_word_that_is_no_page() -> None:
 
 
 @pytest.mark.parametrize(
-    ("argv", "status", "message"),
+    ("argv", "message"),
     [
-        (["camra"], 1, "camra: no such page (did you mean 'camera'?), and no page contains it; "),
-        (["--find", "xyzzy!"], 1, "no page contains 'xyzzy!'"),
-        (["camera", "--find", "x"], 2, "expected either a page or --find"),
+        (["camra"], "camra: no such page (did you mean 'camera'?), and no page contains it; "),
+        (["--find", "xyzzy!"], "no page contains 'xyzzy!'"),
     ],
 )
-def test_mistakes(argv: list[str], status: int, message: str) -> None:
-    """Unknown pages and words give one line."""
-    assert message in run_tool("docs", *argv, status=status).err
+def test_mistakes(argv: list[str], message: str) -> None:
+    assert message in run_tool("docs", *argv, status=1).err

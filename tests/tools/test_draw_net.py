@@ -24,29 +24,21 @@ def test_a_picture(tmp_path):
 
 
 def test_graphvizs_own_language_needs_no_graphviz(tmp_path, monkeypatch):
-    """A .dot file is written without the program dot, like a .raw file."""
+    """A .dot file is written without the program dot, like a .raw file; layers of older prototxts are drawn."""
     pytest.importorskip("pydot")
     monkeypatch.setenv("PATH", str(tmp_path))
+    (tmp_path / "old.prototxt").write_text(OLD)
     for name in ("net.dot", "net.raw"):
-        run_tool("draw_net", NET, tmp_path / name)
+        run_tool("draw_net", tmp_path / "old.prototxt", tmp_path / name)
     assert (tmp_path / "net.dot").read_text() == (tmp_path / "net.raw").read_text()
+    assert '"ip\\n(InnerProduct)" -> ip [label=3];' in (tmp_path / "net.raw").read_text()
     assert "the formats raw and dot do not need it" in run_tool("draw_net", NET, tmp_path / "a.png", status=1).err
 
 
-def test_old_formats(tmp_path):
-    """Layers of older prototxts are drawn; Caffe's tool ignores them."""
-    pytest.importorskip("pydot")
-    (tmp_path / "old.prototxt").write_text(OLD)
-    run_tool("draw_net", tmp_path / "old.prototxt", tmp_path / "old.raw")
-    assert '"ip\\n(InnerProduct)" -> ip [label=3];' in (tmp_path / "old.raw").read_text()
-
-
 def test_mistakes(tmp_path):
-    """Errors are one line, and nothing is written."""
     (tmp_path / "bad.prototxt").write_text('layer { nam: "x" }')
     error = run_tool("draw_net", tmp_path / "bad.prototxt", tmp_path / "net.raw", status=1).err
     assert "bad.prototxt:1:9: error: unknown field 'nam' (did you mean 'name'?)" in error and error.count("\n") == 1
     done = run_tool("draw_net", tmp_path / "none.prototxt", tmp_path / "net.raw", status=1)
     assert "none.prototxt: cannot read the prototxt" in done.err
     assert [path.name for path in tmp_path.iterdir()] == ["bad.prototxt"]
-    run_tool("draw_net", NET, "net.png", "--phase", "DEPLOY", status=2)

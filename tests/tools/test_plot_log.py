@@ -1,12 +1,12 @@
 """tools/plot_log.py: plots of this project's logs and of Caffe's."""
 
 import errno
+import re
 from pathlib import Path
 
 import cv2
 import pytest
 
-from netlib.errors import DataError
 from tests.support.running import run_tool
 from tools import plot_log
 
@@ -20,38 +20,8 @@ I20261121 01:57:02.9 1 solver.cpp:327] Iteration 6, loss = nan
 """
 
 
-def test_curves(tmp_path):
-    """Losses and test outputs are read with their iterations, including NaN."""
-    (tmp_path / "a.log").write_text(LOG)
-    log = plot_log.read_log(tmp_path / "a.log")
-    assert log.loss[:2] == [(0, 2.4), (3, 0.001)] and log.loss[2][0] == 6
-    assert log.test == {"loss": [(0, 2.5)]}
-
-
-def test_picture(tmp_path):
-    """Two logs are plotted in one image."""
-    for name in ("a", "b"):
-        (tmp_path / f"{name}.log").write_text(LOG)
-    out = tmp_path / "log.png"
-    run_tool("plot_log", tmp_path / "a.log", tmp_path / "b.log", "--out", out)
-    assert cv2.imread(str(out)) is not None
-
-
-def test_logs_of_one_name_are_told_apart(tmp_path, monkeypatch):
-    """Logs with the same name are labelled with their folders."""
-    shown = []
-    monkeypatch.setattr(plot_log.outputs, "write_figure", lambda path, figure, dpi: shown.append(figure))
-    for name in ("one", "two"):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "train.log").write_text(LOG)
-    logs = [str(tmp_path / name / "train.log") for name in ("one", "two")]
-    run_tool("plot_log", *logs, "--out", "log.png")
-    assert [line.get_label() for line in shown[0].axes[0].lines] == ["one/train", "two/train"]
-
-
 @pytest.fixture
 def figures(monkeypatch):
-    """Collect the figures that the tool writes."""
     shown = []
     write = plot_log.outputs.write_figure
 
@@ -63,31 +33,42 @@ def figures(monkeypatch):
     return shown
 
 
+def test_logs_of_one_name_are_told_apart(tmp_path, figures):
+    """Losses and test outputs are drawn with their iterations; logs with the same name have those of their folders."""
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "train.log").write_text(LOG)
+    logs = [tmp_path / name / "train.log" for name in ("one", "two")]
+    done = run_tool("plot_log", *logs, "--out", tmp_path / "a.png")
+    assert done == (0, f"wrote {tmp_path}/a.png\n", "") and cv2.imread(str(tmp_path / "a.png")) is not None
+    losses, outputs = (axis.lines for axis in figures[0].axes)
+    assert [line.get_label() for line in losses] == ["one/train", "two/train"]
+    assert losses[0].get_xydata()[:2].tolist() == [[0, 2.4], [3, 0.001]] and losses[0].get_xdata()[2] == 6
+    assert outputs[0].get_xydata().tolist() == [[0, 2.5]]
+
+
 def test_many_test_outputs(tmp_path, figures):
-    """The first outputs have a panel each, and a line says that the others are not drawn."""
-    outs = "\n".join(f"Test net output #{i}: out{i:03d} = {i}" for i in range(400))
-    (tmp_path / "a.log").write_text(f"Iteration 0, loss = 1\n{outs}\n")
+    """The first outputs have a panel each, and a line says that the others are not drawn; long names are cut.
+
+    A name is not typeset.
+    """
+    names = ["begin" + r"$\wrong{$" + "x" * 60000 + "end", *(f"out{i:03d}" for i in range(1, 400))]
+    (tmp_path / "a.log").write_text("Iteration 0, loss = 1\n" + "\n".join(
+        f"Test net output #{i}: {name} = {i}" for i, name in enumerate(names)))
     done = run_tool("plot_log", tmp_path / "a.log", "--out", tmp_path / "log.png")
     assert done.err == "drew the first 8 of 400 test outputs\n"
-    titles = [axis.get_title() for axis in figures[0].axes]
-    assert titles == ["training loss", *(f"test out{i:03d}" for i in range(8))]
+    loss, first, *titles = [axis.get_title() for axis in figures[0].axes]
+    assert loss == "training loss" and titles == [f"test out{i:03d}" for i in range(1, 8)]
+    assert first.startswith(r"test begin\$\wrong{\$x") and len(first) < 70
     assert [len(axis.lines) for axis in figures[0].axes] == [1] * 9
 
 
-def test_as_many_outputs_as_panels(tmp_path, figures):
+def test_as_many_outputs_as_panels(tmp_path, figures, monkeypatch):
+    monkeypatch.setattr(plot_log.outputs, "write_figure", lambda path, figure, dpi: figures.append(figure))
     lines = [f"Test net output #{i}: out{i} = {i}" for i in range(plot_log.MAX_PANELS)]
     (tmp_path / "a.log").write_text("\n".join(["Iteration 0, loss = 1", *lines]))
     assert run_tool("plot_log", tmp_path / "a.log", "--out", tmp_path / "log.png").err == ""
     assert len(figures[0].axes) == 1 + plot_log.MAX_PANELS
-
-
-def test_long_names_and_formulas(tmp_path, figures):
-    """A long name is cut and not typeset."""
-    name = "begin" + r"$\wrong{$" + "x" * 60000 + "end"
-    (tmp_path / "a.log").write_text(f"Iteration 0, loss = 1\nTest net output #0: {name} = 2\n")
-    run_tool("plot_log", tmp_path / "a.log", "--out", tmp_path / "log.png")
-    title = figures[0].axes[1].get_title()
-    assert title.startswith(r"test begin\$\wrong{\$x") and len(title) < 70
 
 
 def test_a_picture_that_cannot_be_written(tmp_path, monkeypatch):
@@ -107,33 +88,21 @@ def test_a_picture_that_cannot_be_written(tmp_path, monkeypatch):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.log", "log.png"]
 
 
-def test_a_format_that_is_not_known(tmp_path):
-    """An unknown format gives one line with the known ones."""
-    (tmp_path / "a.log").write_text(LOG)
-    error = run_tool("plot_log", tmp_path / "a.log", "--out", tmp_path / "log.xyz", status=1).err
-    assert error.startswith(f"{tmp_path}/log.xyz: cannot write the image: ") and "png" in error
-    assert error.count("\n") == 1 and [path.name for path in tmp_path.iterdir()] == ["a.log"]
-
-
-def test_a_log_is_not_drawn_over(tmp_path):
-    """A log is not overwritten by a plot, regardless of its name or path."""
-    (tmp_path / "a.svg").write_text(LOG)
-    (tmp_path / "folder").mkdir()
-    done = run_tool("plot_log", tmp_path / "a.svg", "--out", f"{tmp_path}/folder/../a.svg", status=1)
-    assert "is read in this run; expected another output" in done.err
-    assert (tmp_path / "a.svg").read_text() == LOG
-
-
-def test_caffes_own_log(caffe_data):
-    """A log recorded from Caffe is read completely."""
-    log = plot_log.read_log(caffe_data / "logs" / "deepmodel_train.log")
-    assert len(log.loss) == 51 and log.loss[-1] == (50, 0.990677)
-    assert log.test["DeepHandModelxyzloss"][-1] == (50, 1.02335)
-
-
-def test_mistakes(tmp_path):
-    """A file that is not a log, and a missing file, raise an error."""
-    (tmp_path / "no.log").write_text("hello")
-    with pytest.raises(DataError, match="expected a training log"):
-        plot_log.read_log(tmp_path / "no.log")
-    run_tool("plot_log", tmp_path / "missing.log", status=1)
+@pytest.mark.parametrize(
+    ("argv", "message"),
+    [
+        ("no.log", "no.log: "),
+        ("hello.txt", "hello.txt: .*expected a training log"),
+        ("a.svg --out log.xyz", "log.xyz: cannot write the image: .*png"),
+        ("a.svg --out folder/../a.svg", "folder/../a.svg: is read in this run; expected another output"),
+    ],
+)
+def test_mistakes(tmp_path, monkeypatch, argv, message):
+    monkeypatch.chdir(tmp_path)
+    Path("a.svg").write_text(LOG)
+    Path("hello.txt").write_text("hello")
+    Path("folder").mkdir()
+    (line,) = run_tool("plot_log", *argv.split(), status=1).err.splitlines()
+    assert re.match(message, line)
+    assert Path("a.svg").read_text() == LOG
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.svg", "folder", "hello.txt"]

@@ -1,5 +1,6 @@
 """tools/show_data.py: images of data sets."""
 
+import shutil
 from pathlib import Path
 
 import cv2
@@ -47,63 +48,44 @@ def test_plain_draws_no_hands(frames: Path, tmp_path: Path) -> None:
         assert (np.ptp(picture, axis=2).max() == 0) == plain
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda folder: folder / "missing.txt", "missing.txt"),
-        (lambda folder: folder / "missing.h5", "cannot read the HDF5 file"),
-        (lambda folder: folder, "no PNG pictures in this folder"),
-    ],
-)
-def test_mistakes(tmp_path: Path, make: object, message: str) -> None:
-    """Errors are one line each."""
-    error = run_tool("show_data", make(tmp_path), "--out", tmp_path / "out.png", status=1).err
-    assert message in error and error.count("\n") == 1 and not (tmp_path / "out.png").exists()
-
-
-def test_a_file_without_crops(tmp_path: Path) -> None:
-    """A data set without crops is reported with its shape."""
-    write_hdf5(tmp_path / "a.h5", depth=np.zeros((3, 4)))
-    done = run_tool("show_data", tmp_path / "a.h5", "--out", tmp_path / "out.png", status=1)
-    assert "data set 'depth' has shape (3, 4), expected square crops" in done.err
-
-
-@pytest.mark.parametrize("name", ["out.png", "out.jpg"])
-@pytest.mark.parametrize("zoom", ["200", "100000", str(2**63 - 1)])
-def test_more_than_a_picture_can_be(frames: Path, tmp_path: Path, zoom: str, name: str) -> None:
-    """An image that is too large gives a one-line error."""
-    error = run_tool("show_data", frames, "--out", tmp_path / name, "--zoom", zoom, status=1).err
-    assert error.startswith(f"{5 * 128 * int(zoom)} x {128 * int(zoom)} pixels; expected at most")
-    assert error.count("\n") == 1 and not (tmp_path / name).exists()
-
-
 def test_more_columns_than_frames(frames: Path, tmp_path: Path) -> None:
-    """Columns beyond the number of frames are not drawn."""
     for columns in ("5", "100000"):
         run_tool("show_data", frames, "--out", tmp_path / f"{columns}.png", "--columns", columns)
     assert (tmp_path / "5.png").read_bytes() == (tmp_path / "100000.png").read_bytes()
 
 
-def test_the_skeleton_of_another_body(frames: Path, tmp_path: Path) -> None:
-    """A skeleton of another body is an error."""
-    (tmp_path / "one.prototxt").write_text('joint { name: "only" }')
-    options = ["--skeleton", str(tmp_path / "one.prototxt"), "--out", str(tmp_path / "out.png")]
-    error = run_tool("show_data", frames, *options, status=1).err
-    assert "frames have 31 joints" in error and "one.prototxt has 1" in error and not (tmp_path / "out.png").exists()
-
-
-@pytest.mark.parametrize("name", [".png", "a.gif"])
-def test_pictures_of_no_name_or_another_kind(frames: Path, tmp_path: Path, name: str) -> None:
-    """A missing name or an unsupported suffix is a usage error."""
-    run_tool("show_data", frames, "--out", tmp_path / name, status=2)
-
-
-def test_joints_that_are_not_finite(frames: Path, tmp_path: Path) -> None:
-    """The error names the file, not only the list; --plain shows the crops."""
-    with h5py.File(tmp_path / "a.h5", "a") as file:
-        file["joint"][4, 1] = np.nan
-    argv = [str(frames), "--out", str(tmp_path / "out.png")]
-    done = run_tool("show_data", *argv, status=1)
-    expected = f"{tmp_path}/a.h5: frame 4: its joints are not finite; use --plain to omit hands\n"
-    assert done.err == expected
-    run_tool("show_data", *argv, "--plain")
+@pytest.mark.parametrize(
+    ("argv", "message"),
+    [
+        ("missing.txt", "missing.txt"),
+        ("missing.h5", "cannot read the HDF5 file"),
+        ("empty", "no PNG pictures in this folder"),
+        ("flat.h5", "data set 'depth' has shape (3, 4), expected square crops"),
+        ("nan.h5", "nan.h5: frame 4: its joints are not finite; use --plain to omit hands"),
+        ("a.h5 --skeleton one.prototxt", "frames have 31 joints, one.prototxt has 1"),
+        ("crops --out crops/0.png", "crops/0.png: is read in this run; expected another output"),
+        ("crops --frames 2 --out crops/1.png", "crops/1.png: is read in this run; expected another output"),
+        ("list.png --out list.png", "list.png: is read in this run; expected another output"),
+        ("list.png --out b.png", "b.png: is read in this run; expected another output"),
+        ("a.h5 --zoom 200", "128000 x 25600 pixels; expected at most"),
+        (f"a.h5 --zoom {2**63 - 1}", "pixels; expected at most"),
+    ],
+)
+def test_mistakes(frames: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, argv: str, message: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_hdf5("flat.h5", depth=np.zeros((3, 4)))
+    with h5py.File("a.h5") as file:
+        joints = file["joint"][...]
+        joints[4, 1] = np.nan
+        write_hdf5("nan.h5", depth=file["depth"][...], joint=joints)
+    Path("one.prototxt").write_text('joint { name: "only" }')
+    Path("list.png").write_text("b.png\n")
+    shutil.copy("a.h5", "b.png")
+    for folder in ("crops", "empty"):
+        Path(folder).mkdir()
+    for n in range(3):
+        cv2.imwrite(f"crops/{n}.png", np.full((128, 128), 127, np.uint8))
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
+    (line,) = run_tool("show_data", "--out", "out.png", *argv.split(), status=1).err.splitlines()
+    assert message in line and {path: path.read_bytes() for path in tmp_path.rglob("*.*")} == before
+    run_tool("show_data", "nan.h5", "--out", "out.png", "--plain")

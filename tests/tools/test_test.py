@@ -78,7 +78,7 @@ def test_mistakes(work, snapshot):
 
 
 def test_predictions_that_are_all_equal(work, snapshot):
-    """A dead net is told from a bad one."""
+    """A net whose predictions are all equal is reported as such; a net with large errors is not."""
     net = netlib.Net("net.prototxt", snapshot, netlib.TEST)
     assert "predictions are equal" not in run_tool("test", "--model", "net.prototxt", snapshot).err
     for blob in net.params["FC1"]:

@@ -1,10 +1,9 @@
-"""Requirements of all tools: independence, main(argv), and commands in the help that run."""
+"""Requirements of all tools: help, commands in it that run, usage errors, and nets from untrusted sources."""
 
 from __future__ import annotations
 
 import functools
 import importlib
-import inspect
 import re
 import shlex
 import subprocess
@@ -21,6 +20,7 @@ from tests.tools.conftest import ROOT
 
 FILES = sorted(path for path in (ROOT / "tools").glob("*.py") if path.stem != "__init__")
 COMMANDS = [path.stem for path in FILES]
+assert {"train", "test", "predict", "make_synthetic"} <= set(COMMANDS)
 WITH_ENGINE = ["predict", "run_net", "test", "test_net", "time", "train"]
 
 
@@ -29,20 +29,6 @@ def examples(doc: str, name: str) -> list[list[str]]:
     lines = doc.replace("\\\n", " ").splitlines()
     found = [re.search(rf"python tools/{name}\.py([^|]*)", line) for line in lines]
     return [shlex.split(match[1]) for match in found if match]
-
-
-def test_the_commands_are_found() -> None:
-    """The list of commands is not empty, so that the other tests check something."""
-    assert {"train", "test", "predict", "make_synthetic"} <= set(COMMANDS)
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-def test_main(name: str) -> None:
-    """``main(argv=None)`` returns the exit status."""
-    module = importlib.import_module(f"tools.{name}")
-    (argv,) = inspect.signature(module.main).parameters.values()
-    assert (argv.name, argv.default) == ("argv", None)
-    assert inspect.signature(module.main).return_annotation == "int"
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -56,17 +42,16 @@ def test_the_commands_in_the_help_can_be_run(name: str, monkeypatch: pytest.Monk
         assert module.main(argv) == 0, argv
 
 
+@functools.cache
+def helps(name: str) -> str:
+    return run_tool(name, "--help").out
+
+
 @pytest.mark.parametrize("name", COMMANDS)
 def test_help_is_the_docstring(name: str) -> None:
-    """The help starts with the docstring as written."""
-    module = importlib.import_module(f"tools.{name}")
-    assert module.__doc__.strip() in run_tool(name, "--help").out
-
-
-@pytest.mark.parametrize("name", WITH_ENGINE)
-def test_engine(name: str) -> None:
-    """Every command that runs one net has --engine with the same choices."""
-    assert f"--engine {{{','.join(engine.NAMES)}}}" in run_tool(name, "--help").out
+    """The help starts with the docstring as written; every command that runs one net has the same --engine."""
+    assert importlib.import_module(f"tools.{name}").__doc__.strip() in helps(name)
+    assert name not in WITH_ENGINE or f"--engine {{{','.join(engine.NAMES)}}}" in helps(name)
 
 
 @functools.cache
@@ -95,7 +80,77 @@ def test_every_command_that_runs_nets_can_refuse_code(name: str) -> None:
     """Exactly the commands that run nets have --no-python-layers, for nets from untrusted sources."""
     classes = {"netlib.net.Net", "netlib.solver.Solver"}
     runs_nets = bool(classes & reached(ROOT / "tools" / f"{name}.py"))
-    assert ("--no-python-layers" in run_tool(name, "--help").out) == runs_nets
+    assert ("--no-python-layers" in helps(name)) == runs_nets
+
+
+EVALUATE = "nyu --groundtruth t.txt --predictions"
+
+
+@pytest.mark.parametrize(
+    ("name", "argv", "message"),
+    [
+        ("caffe", "train", "train needs -solver"),
+        ("caffe", "train -solver s -snapshot a -weights b", "-snapshot includes weights"),
+        ("caffe", "test -model m", "test needs -weights"),
+        ("caffe", "time", "time needs -model"),
+        ("caffe", "tarin -solver s", "invalid choice: 'tarin'"),
+        ("caffe", "train -solver s -sigint_effect die", "invalid choice: 'die'"),
+        ("caffe", "train -slover s", "unrecognized arguments: --slover"),
+        ("caffe", "test -iterations 0", "expected an integer of at least 1, found '0'"),
+        ("compute_image_mean", "", "the following arguments are required: INPUT"),
+        ("compute_image_mean", "db m more", "unrecognized arguments: more"),
+        ("compute_image_mean", "-backend leveldb db", "argument --backend: invalid choice: 'leveldb'"),
+        ("compute_image_mean", "-resize_width=3 list.txt", "-resize_width and -resize_height must be given together"),
+        ("docs", "camera --find x", "expected either a page or --find"),
+        ("draw_net", "net.prototxt net.png --phase DEPLOY", "invalid choice: 'DEPLOY'"),
+        ("evaluate", f"{EVALUATE} a.txt", "argument --predictions: expected NAME=FILE, found 'a.txt'"),
+        ("evaluate", f"{EVALUATE} =a.txt", "expected NAME=FILE, found '=a.txt'"),
+        ("evaluate", f"{EVALUATE} A=", "expected NAME=FILE, found 'A='"),
+        ("evaluate", f"{EVALUATE} A=a.txt A=b.txt", "--predictions: the name 'A' is given 2 times"),
+        ("evaluate", f"{EVALUATE} A=a.txt --plot a.jpg", "--plot must end in .png, .svg, .pdf, found a.jpg"),
+        ("evaluate", f"{EVALUATE} A=a.txt --format xyd", "invalid choice: 'xyd'"),
+        ("evaluate", f"{EVALUATE} A=a.txt --angles".replace("nyu", "icvl"), "--angles applies only to nyu"),
+        ("fit_pose", "uvd.txt --ridge -1", "argument --ridge: expected a number of at least 0, found '-1'"),
+        ("fit_pose", "uvd.txt --swarm --no-limits", "--swarm does not support --no-limits and --ridge"),
+        ("fit_pose", "uvd.txt --swarm --ridge 1", "--swarm does not support --no-limits and --ridge"),
+        ("fit_pose", "uvd.txt --particles 64", "--particles applies only with --swarm"),
+        ("fit_pose", "uvd.txt --generations 64", "--generations applies only with --swarm"),
+        ("fit_pose", "uvd.txt --swarm --starts 4", "--starts does not apply with --swarm"),
+        ("make_synthetic", "--train 0", "--train"),
+        ("make_synthetic", "--workers -1", "--workers"),
+        ("make_synthetic", "--seed 4294967296", "--seed"),
+        ("make_synthetic", "--tset 5", "--tset"),
+        ("make_synthetic", "--places --recipe cameras", "--recipe applies only to hands; --places has fixed cameras"),
+        ("make_synthetic", "--body b --recipe cameras", "--recipe applies only to hands; other bodies are"),
+        ("predict", "a.png --model net.prototxt", "--model needs --weights"),
+        ("predict", "a.png --fit no --hand either", "--hand either needs a fit; use --hand right or left"),
+        ("predict", "a.png --camera kinect3", "expected a file, nyu, icvl, msra15, kinect2, sr305, d405, "),
+        *(("predict", f"a.png {option}", f"{option.split()[0]} applies only to full frames, with --camera")
+          for option in ("--center 1,2", "--unit 1", "--distortion 0,0,0,0", "--refine 2")),
+        ("predict", "a.png --camera nyu --center 1", "expected U,V or U,V,D (px, px, mm), found '1'"),
+        ("predict", "a.png b.png --camera nyu" + 3 * " --center 1,2",
+         "--center is given 3 times for 2 images; expected once, or once per image"),
+        ("predict", "a.png --refine 101", "expected an integer of at most 100, found '101'"),
+        ("predict", "a.png --cube 0.3", "argument --cube: expected a number of at least 50 and at most 10000 mm"),
+        ("prepare_nyu", "root --center c.txt", "--center FILE applies to one split: select it with --splits, or use"),
+        ("prepare_nyu", "root --workers 0", "--workers"),
+        ("prepare_nyu", "root --splits val", "--splits"),
+        ("show_data", "a.h5 --out .png", "expected a file name with suffix .png, .jpg"),
+        ("show_data", "a.h5 --out a.gif", "expected a file name with suffix .png, .jpg"),
+        ("test_net", "net.prototxt w --iterations 0", "at least 1"),
+        ("track", "frames --look a.txt", "--look: expected a file name with suffix .png, .jpg, found 'a.txt'"),
+        ("track", "frames --look a.png --json a.json", "--look stops after the first frames"),
+        ("track", "frames --json .json", "expected a file name with suffix .json, .jsonl, -, found '.json'"),
+        ("track", "frames --size 100", "--size: size 100, expected 0.66 to 1.35 times the skeleton's"),
+        ("track", "frames --size 0.01", "--size: size 0.01, expected 0.66 to 1.35 times the skeleton's"),
+        ("train", "", "the following arguments are required: SOLVER"),
+        ("train", "s --max-iter 0", "expected an integer of at least 1"),
+        ("train", "s --snapshot a --weights b", "--snapshot includes weights; expected either it or --weights"),
+    ],
+)
+def test_wrong_usage(name: str, argv: str, message: str) -> None:
+    """Wrong arguments are rejected before a file is read."""
+    assert message in run_tool(name, *argv.split(), status=2).err.splitlines()[-1]
 
 
 PYTHON = """

@@ -85,21 +85,6 @@ def test_the_default_names_replace_nothing(name: str) -> None:
     assert contents() == before
 
 
-@pytest.mark.parametrize(
-    ("argv", "said"),
-    [
-        (["--look", "a.txt"], "--look: expected a file name with suffix .png, .jpg, found 'a.txt'"),
-        (["--look", "a.png", "--json", "a.json"], "--look stops after the first frames"),
-        (["--json", ".json"], "expected a file name with suffix .json, .jsonl, -, found '.json'"),
-        (["--size", "100"], "--size: size 100, expected 0.66 to 1.35 times the skeleton's"),
-        (["--size", "0.01"], "--size: size 0.01, expected 0.66 to 1.35 times the skeleton's"),
-    ],
-)
-def test_wrong_usage(argv: list[str], said: str) -> None:
-    """Wrong usage gives exit status 2."""
-    assert said in run_tool("track", "frames", *argv, status=2).err
-
-
 def test_a_hand_in_another_unit() -> None:
     """If no hand is found, the summary and --look repeat what may be wrong: here the unit."""
     image = np.full((48, 64), 9000, np.uint16)

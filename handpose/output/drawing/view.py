@@ -33,23 +33,37 @@ class View(NamedTuple):
     height: float
 
 
+class _Follower:
+    """Follows values that change, with a time constant in s; the first values are taken at once."""
+
+    def __init__(self, seconds: float) -> None:
+        self._seconds, self._time = seconds, 0.0
+        self._state: Array | None = None
+
+    def follow(self, time: float, wanted: Array) -> Array:
+        """The followed values at a time in s."""
+        if self._state is None:
+            self._state = wanted
+        else:
+            part = 1 - np.exp(-max(time - self._time, 0.0) / self._seconds)
+            self._state = self._state + part * (wanted - self._state)
+        self._time = time
+        return self._state
+
+
 class Window:
     """Follows the hands in the frames of one camera, in the order of time; without hands it is the whole frame."""
 
     def __init__(self, camera: Camera) -> None:
         self._camera = camera
-        self._state: Array | None = None  # middle u, v and the logarithm of the width in frame widths
-        self._time = 0.0
+        self._follower = _Follower(SECONDS)  # of middle u, v and the logarithm of the width in frame widths
 
     def see(self, time: float, hands: Sequence[TrackedHand]) -> View:
         """The part to show at a time in s."""
-        wanted = self._around(hands)
-        part = 1.0 if self._state is None else 1 - np.exp(-max(time - self._time, 0.0) / SECONDS)
-        self._state = wanted if self._state is None else self._state + part * (wanted - self._state)
-        self._time = time
+        state = self._follower.follow(time, self._around(hands))
         frame = np.array([self._camera.width, self._camera.height], np.float64)
-        size = frame * min(float(np.exp(self._state[2])), 1.0)
-        corner = np.clip(self._state[:2] - size / 2, 0, frame - size)
+        size = frame * min(float(np.exp(state[2])), 1.0)
+        corner = np.clip(state[:2] - size / 2, 0, frame - size)
         return View(float(corner[0]), float(corner[1]), float(size[0]), float(size[1]))
 
     def _around(self, hands: Sequence[TrackedHand]) -> Array:
@@ -79,12 +93,17 @@ _DARK, _LIGHT = 40.0, 230.0
 
 
 class Contrast:
-    """The mapping from depth to grey: nearer is lighter, steepest at the hands, black without a reading."""
+    """The mapping from depth to grey: nearer is lighter, steepest at the hands, black without a reading.
+
+    middle  the depth in mm with medium grey, from the first ``see`` on
+    spread  the distance in mm from ``middle`` that spans seven tenths of the greys of one side, likewise
+    """
+
+    middle: float
+    spread: float
 
     def __init__(self) -> None:
-        self._middle: float | None = None  # mm
-        self._spread: float | None = None  # mm
-        self._time = 0.0
+        self._follower = _Follower(CONTRAST_S)
 
     def see(self, time: float, depth: NDArray[np.floating], hands: Array) -> None:
         """Follow the depths (n,) in mm of all joints at a time in s; without any, the nearer half of the scene."""
@@ -92,22 +111,7 @@ class Contrast:
             middle, spread = (hands.max() + hands.min()) / 2, SPREAD_MM + (hands.max() - hands.min()) / 4
         else:
             middle, spread = _nearer_half(depth)
-        part = 1.0 if self._middle is None else 1 - np.exp(-max(time - self._time, 0.0) / CONTRAST_S)
-        self._middle = middle if self._middle is None else self._middle + part * (middle - self._middle)
-        self._spread = spread if self._spread is None else self._spread + part * (spread - self._spread)
-        self._time = time
-
-    @property
-    def middle(self) -> float:
-        """The depth in mm with medium grey."""
-        assert self._middle is not None, "see() comes first"
-        return self._middle
-
-    @property
-    def spread(self) -> float:
-        """The distance in mm from ``middle`` that spans seven tenths of the greys of one side."""
-        assert self._spread is not None, "see() comes first"
-        return self._spread
+        self.middle, self.spread = self._follower.follow(time, np.array([middle, spread])).tolist()
 
     def grey(self, depth: NDArray[np.floating]) -> NDArray[np.uint8]:
         """The image (height, width) of a depth image in mm."""

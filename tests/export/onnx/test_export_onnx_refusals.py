@@ -70,6 +70,9 @@ def test_files_that_are_not_there(files):
     assert refusal(net, weights, "--blob", "yy") == "net 'small' has no blob 'yy' (did you mean 'y'?)\n"
     done = run_tool("export_onnx", net, weights, "no/out.onnx", status=1)
     assert done.err == "no/out.onnx: cannot write the file: No such file or directory\n"
+    for out in (net, weights):
+        done = run_tool("export_onnx", net, weights, out, status=1)
+        assert done.err == f"{out}: is read in this run; expected another output\n"
 
 
 def test_no_input(files):

@@ -1,11 +1,14 @@
-"""handpose/datasets/icvl_files.py; more of it in the tests of the tools that use it"""
+"""handpose/datasets/icvl_files.py: labels, and what is wrong with a copy of the data set"""
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
+import pytest
 
 from handpose.datasets import icvl_files
 from netlib.errors import DataError
@@ -36,3 +39,85 @@ def test_broken_labels(tmp_path: Path, given: str, rejected: Any) -> None:
     (tmp_path / "labels.txt").write_text(given)
     with rejected:
         icvl_files.read_annotation([tmp_path / "labels.txt"])
+
+
+FRAME = "a.png " + "60 60 400 " * 16 + "\n"
+
+
+@pytest.fixture
+def copy(tmp_path: Path) -> Path:
+    """A copy of the data set with two frames of each sequence."""
+    for folder, labels in (("Training", ["labels"]), ("Testing", ["test_seq_1", "test_seq_2"])):
+        for name in labels:
+            (tmp_path / folder / "Depth" / name).mkdir(parents=True)
+            lines = "".join(FRAME.replace("a.png", f"{name}/{n}.png") for n in range(2))
+            (tmp_path / folder / f"{name}.txt").write_text(lines)
+            for n in range(2):
+                image = np.full((240, 320), 400, np.uint16)
+                assert cv2.imwrite(str(tmp_path / folder / "Depth" / name / f"{n}.png"), image)
+    return tmp_path
+
+
+def flaws(root: Path, split: str = "test") -> list[tuple[str, bool]]:
+    """The problems of a split, and whether each is fatal."""
+    return [(flaw.text, flaw.fatal) for flaw in icvl_files.check_split(root, split)[1]]
+
+
+def test_a_small_copy(copy: Path) -> None:
+    whole = "2 labelled frames, the whole training set with its turned copies has over 300,000"
+    assert flaws(copy, "train") == [(f"{copy}/Training/labels.txt: {whole}", False)]
+    whole = "4 labelled frames, the whole test set has 702 + 894"
+    assert flaws(copy) == [(f"{copy}/Testing: {whole}", False)]
+    assert icvl_files.check_split(copy, "test")[0] == [f"{copy}/Testing: 4 labelled frames, 4 of their depth frames"]
+
+
+def test_what_is_missing(copy: Path) -> None:
+    frame = copy / "Testing" / "Depth" / "test_seq_1" / "1.png"
+    frame.unlink()
+    missing = "of 4 depth frames are missing, the first is"
+    assert flaws(copy)[1:] == [(f"{copy}/Testing: 1 {missing} {frame}", False)]
+    (copy / "Testing" / "test_seq_2.txt").unlink()
+    gone = "test_seq_2.txt: no such file; the test frames of one of the two sequences are missing"
+    assert flaws(copy)[0] == (f"{copy}/Testing/{gone}", False)
+    shutil.rmtree(copy / "Testing" / "Depth")
+    assert "2 of 2 depth frames are missing" in flaws(copy)[1][0] and flaws(copy)[1][1]
+    (copy / "Testing" / "test_seq_1.txt").unlink()
+    assert flaws(copy) == [(f"{copy}/Testing/test_seq_1.txt: no such file; it holds the joints, and comes with the "
+                            "folder Depth", True)]
+    shutil.rmtree(copy / "Testing")
+    assert flaws(copy) == [(f"{copy}: no folder 'Testing'; the data set has Training and Testing", True)]
+
+
+@pytest.mark.parametrize(
+    ("image", "reported", "fatal"),
+    [
+        (np.full((480, 640), 400, np.uint16), "640 x 480 pixels, expected 320 x 240", True),
+        (np.full((240, 320), 200, np.uint8), "expected 16-bit grey", True),
+        (None, "truncated, damaged or no PNG", False),
+    ],
+)
+def test_a_damaged_first_frame(copy: Path, image: np.ndarray | None, reported: str, fatal: bool) -> None:
+    path = copy / "Testing" / "Depth" / "test_seq_1" / "0.png"
+    if image is None:
+        path.write_bytes(b"")
+    else:
+        cv2.imwrite(str(path), image)
+    assert [reported in flaws(copy)[1][0], flaws(copy)[1][1]] == [True, fatal]
+
+
+@pytest.mark.parametrize(
+    ("name", "reported"),
+    [
+        ("train/joint_data.mat", "NYU hand pose data set; use the command prepare_nyu"),
+        ("P0/1/joint.txt", "MSRA15"),
+        ("test_groundtruth_uvd.txt", "only text files"),
+        ("Training.tar.gz", "not unpacked"),
+        ("Depth/a.png", "is itself a split; give the folder above it, which holds Training and Testing"),
+    ],
+)
+def test_something_else_than_the_data_set(tmp_path: Path, name: str, reported: str) -> None:
+    (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / name).touch()
+    ((line, fatal),) = flaws(tmp_path)
+    assert reported in line and fatal
+    assert flaws(tmp_path / "no") == [(f"{tmp_path}/no: no such folder", True)]

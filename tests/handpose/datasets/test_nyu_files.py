@@ -1,15 +1,26 @@
-"""handpose/datasets/nyu_files.py; more of it in the tests of the tools that use it"""
+"""handpose/datasets/nyu_files.py: depth, labels, and what is wrong with a copy of the data set"""
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import cv2
+import h5py
 import numpy as np
 import pytest
+import scipy.io
 
+from handpose.body.nyu import ANNOTATION_OF_JOINT, frame_name
 from handpose.datasets import nyu_files
+from handpose.frames.cameras import NYU
 from netlib.errors import DataError
+from tests.handpose.datasets.nyu_frames import hand, write_frame, write_labels
+
+
+def flaws(root: Path, split: str = "test") -> list[tuple[str, bool]]:
+    """The problems of a split, and whether each is fatal."""
+    return [(flaw.text, flaw.fatal) for flaw in nyu_files.check_split(root, split)[1]]
 
 
 def test_depth_is_unpacked(tmp_path: Path) -> None:
@@ -25,3 +36,145 @@ def test_a_grey_image(tmp_path: Path) -> None:
         DataError, match=r"grey\.png: wrong size or type of image \(found uint16 of shape \(2, 2\), exp"
     ):
         nyu_files.read_nyu_depth(tmp_path / "grey.png")
+
+
+def test_the_cube_of_the_second_subject(tmp_path: Path) -> None:
+    """The cube is 261 mm for test frames from 2440 on, and 300 mm for all others."""
+    for split in ("train", "test"):
+        write_labels(tmp_path / split, hand(2442))
+        cubes = nyu_files.read_split(tmp_path, split).cube_mm[[0, 2439, 2440, 2441]]
+        np.testing.assert_allclose(cubes, [300, 300, 261, 261] if split == "test" else 300)
+
+
+def test_the_published_crop(nyu_data: Path, tmp_path: Path) -> None:
+    """The crop of the first real test frame equals the one published by the paper's authors in every pixel."""
+    uvd = np.load(nyu_data / "test_joint_uvd.npz")["joint_uvd"][:1].astype(float)
+    write_labels(tmp_path / "dataset" / "test", uvd)
+    shutil.copy(nyu_data / "depth_1_0000001.png", tmp_path / "dataset" / "test")
+    found, bad = nyu_files.read_split(tmp_path, "test").crops(0, 1)
+    published = cv2.imread(str(nyu_data / "crops" / "0.png"), cv2.IMREAD_GRAYSCALE)
+    assert not bad
+    np.testing.assert_array_equal(np.rint((found.depth[0, 0] + 1) / 2 * 255), published)
+    mm = NYU.unproject(uvd)[0]
+    expected = np.clip((mm[list(ANNOTATION_OF_JOINT)] - mm[34]) / 150, -1, 1)
+    np.testing.assert_allclose(found.joint[0].reshape(31, 3), expected, atol=1e-6)
+    assert expected[24, 1] > 0 and uvd[0, 32, 1] < uvd[0, 34, 1]  # the palm is higher in the image: larger y
+
+
+@pytest.mark.parametrize(
+    ("count", "reported", "fatal"),
+    [
+        (2440, "the first of the two test subjects only", False),
+        (5812, "the second test subject only", True),  # the cube goes by the frame's number
+        (100, "100 labelled frames, the whole test set has 8252", False),
+        (8253, "8253 labelled frames, the whole test set has 8252", True),
+    ],
+)
+def test_another_number_of_frames(tmp_path: Path, count: int, reported: str, fatal: bool) -> None:
+    write_labels(tmp_path / "test", hand(count))
+    write_frame(tmp_path / "test" / frame_name(0), np.full((480, 640), 800))
+    (number, is_fatal), missing = flaws(tmp_path)
+    assert reported in number and is_fatal == fatal
+    expected = f"{count - 1} of {count} depth frames are missing, the first is depth_1_0000002.png"
+    assert missing == (f"{tmp_path}/test: {expected}", False)
+
+
+def test_a_missing_subject(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Labels without the frames of one subject are reported."""
+    write_labels(tmp_path / "test", hand(8252))
+    monkeypatch.setattr(nyu_files, "names_in", lambda folder: {frame_name(i) for i in range(2440)})
+    ((line, fatal),) = flaws(tmp_path)
+    assert "5812 of 8252 depth frames are missing, the first is depth_1_0002441.png" in line and not fatal
+    assert "all of the second test subject's are" in line
+
+
+@pytest.mark.parametrize(
+    ("files", "reported"),
+    [
+        (["Training/labels.txt", "Training/Depth/a/image_0000.png"], "the ICVL data set; use the command prepare_icvl"),
+        (["P0/1/000000_depth.bin", "P1/1/joint.txt"], "looks like the MSRA15 data set"),
+        (["test_groundtruth_uvd.txt", "predictions.txt"], "looks like only text files"),
+        (["nyu_hand_dataset_v2.zip"], "an archive that is not unpacked (nyu_hand_dataset_v2.zip)"),
+        (["train.txt", "train_000.h5"], "prepared already"),
+        (["notes.odt"], "does not look like any data set known here"),
+        ([], "looks like nothing"),
+        (["train/joint_data.mat"], "no folder 'test'; the data set has train and test"),
+        (["joint_data.mat"], "is itself a split; give the folder above it, which holds train and test"),
+    ],
+)
+def test_something_else_than_the_data_set(tmp_path: Path, files: list[str], reported: str) -> None:
+    for name in files:
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    ((line, fatal),) = flaws(tmp_path)
+    assert reported in line and fatal
+
+
+def test_no_folder(tmp_path: Path) -> None:
+    assert flaws(tmp_path / "no") == [(f"{tmp_path}/no: no such folder", True)]
+
+
+@pytest.mark.parametrize(
+    ("prefix", "reported"),
+    [("synthdepth_1_", "rendered depth"), ("rgb_1_", "colour images"), ("depth_2_", "camera 2")],
+)
+def test_other_images_than_depth(tmp_path: Path, prefix: str, reported: str) -> None:
+    write_labels(tmp_path / "test", hand(2440))
+    (tmp_path / "test" / f"{prefix}0000001.png").touch()
+    (line, fatal), _ = flaws(tmp_path)
+    assert reported in line and "no depth frames such as depth_1_0000001.png" in line and fatal
+
+
+def damage_labels(path: Path, how: str) -> None:
+    joints = nyu_files.read_annotation(path).xyz
+    uvd = NYU.project(joints)
+    if how == "absent":
+        path.unlink()
+    elif how == "truncated":
+        path.write_bytes(path.read_bytes()[:-1000])
+    elif how == "text":
+        path.write_text("u v d " * 100)
+    elif how == "version 4":
+        scipy.io.savemat(path, {"joint_uvd": uvd[0], "joint_xyz": joints[0]}, format="4")
+    elif how == "predictions":
+        scipy.io.savemat(path, {"pred_joint_uvconf": uvd[None]})
+    elif how == "14 joints":
+        scipy.io.savemat(path, {"joint_uvd": uvd[None, :, :14], "joint_xyz": joints[None, :, :14]})
+    elif how == "y down":
+        scipy.io.savemat(path, {"joint_uvd": uvd[None], "joint_xyz": joints[None] * (1, -1, 1)})
+
+
+@pytest.mark.parametrize(
+    ("how", "reported"),
+    [
+        ("absent", "no such file; it holds the joints"),
+        ("truncated", "not a readable MATLAB file, perhaps truncated"),
+        ("text", "not a readable MATLAB file"),
+        ("version 4", "version 4, or none; expected version 5 or 7.3"),
+        ("predictions", "no variable 'joint_uvd'; it has pred_joint_uvconf"),
+        ("14 joints", "(1, 20, 14, 3), expected numbers (cameras, frames, 36, 3)"),
+        ("y down", "its y axis points down, expected up"),
+    ],
+)
+def test_damaged_labels(tmp_path: Path, how: str, reported: str) -> None:
+    write_labels(tmp_path / "test", hand(20))
+    write_frame(tmp_path / "test" / frame_name(0), np.full((480, 640), 800))
+    damage_labels(tmp_path / "test" / nyu_files.ANNOTATION, how)
+    ((line, fatal),) = flaws(tmp_path)
+    assert reported in line and line.startswith(f"{tmp_path / 'test' / nyu_files.ANNOTATION}: ") and fatal
+
+
+def test_labels_of_version_73(tmp_path: Path) -> None:
+    """MATLAB version 7.3 is HDF5 with reversed axes; the first of three cameras is used."""
+    write_labels(tmp_path, hand(20))
+    path = tmp_path / nyu_files.ANNOTATION
+    labels = nyu_files.read_annotation(path)
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, array in (("joint_uvd", labels.uvd), ("joint_xyz", labels.xyz)):
+            file[name] = np.stack([array, array + 1, array + 2]).T
+        file["made_from"] = np.array([[ord(c)] for c in "synthetic"], np.uint16)
+    again = nyu_files.read_annotation(path)
+    np.testing.assert_array_equal(again.uvd, labels.uvd)
+    np.testing.assert_array_equal(again.xyz, labels.xyz)
+    assert again.made_from == "synthetic"

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from handpose.body.nyu import TEST_FRAMES
 from handpose.datasets import nyu_files
-from handpose.datasets.published_frames import PublishedFrames, statistics
+from handpose.datasets.published_frames import PublishedFrames, read_centers, statistics
 from handpose.frames import images
 from handpose.frames.cameras import NYU
+from netlib.errors import DataError
+from tests.support.bad_input import bad_inputs
 from tests.support.nyu_data_set import write_annotation
 
 
@@ -69,6 +72,29 @@ def test_recipe(tmp_path: Path) -> None:
         frames(files=[some, Path("1.png")]),
     ]
     assert len({first, frames().recipe(0, 1), *(other.recipe(0, 2) for other in others)}) == 7
+
+
+@pytest.mark.parametrize("kind", ["txt", "npy", "npz"])
+def test_a_file_of_centres(tmp_path: Path, kind: str) -> None:
+    centers, path = np.arange(6.0).reshape(2, 3), tmp_path / f"centers.{kind}"
+    if kind == "txt":
+        path.write_text("0 1 2\n3 4 5\n")
+    elif kind == "npy":
+        np.save(path, centers)
+    else:
+        np.savez(path, center_uvd=centers)
+    np.testing.assert_array_equal(read_centers(path, 2), centers)
+
+
+@bad_inputs(DataError, {
+    "1 2\n3 4\n": "...centers.txt:1: expected 3 numbers, found '1 2'",
+    "u v d\n": "...centers.txt:1: expected 3 numbers...",
+    "1 2 3\n": "...expected (2, 3)...",
+})
+def test_wrong_centres(tmp_path: Path, given: str, rejected: Any) -> None:
+    (tmp_path / "centers.txt").write_text(given)
+    with rejected:
+        read_centers(tmp_path / "centers.txt", 2)
 
 
 def test_statistics() -> None:

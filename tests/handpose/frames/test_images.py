@@ -1,4 +1,4 @@
-"""handpose/frames/images.py; more of it in the tests of tools/predict.py"""
+"""handpose/frames/images.py"""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from handpose.frames import images
-from handpose.frames.cameras import Camera
+from handpose.frames.cameras import NYU, SR305, Camera
 from handpose.frames.images import BadFrameError, check_unit, depth_image, without_dropouts
 from handpose.frames.lens import Lens, Undistorter
 from handpose.frames.recording import CameraInfo
+from tests.support.nyu_data_set import pack_depth
 
 
 def test_png_that_is_not_whole(tmp_path: Path) -> None:
@@ -39,11 +40,36 @@ def test_other_formats_than_png(tmp_path: Path) -> None:
     assert (images.read_picture(path).reshape(40, 30, -1)[..., 0] == image).all()
 
 
+def test_a_picture_is_decoded_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A picture is decoded only once, also a frame in NYU's colour packing."""
+    depth = np.random.default_rng(0).integers(0, 3000, (480, 640))
+    cv2.imwrite(str(tmp_path / "frame.png"), pack_depth(depth))
+    decode, calls = cv2.imdecode, []
+    monkeypatch.setattr(cv2, "imdecode", lambda *args: calls.append(1) or decode(*args))
+    np.testing.assert_array_equal(images.read_frame(tmp_path / "frame.png", CameraInfo(NYU)), depth)
+    assert len(calls) == 1
+
+
 def test_frames_of_cameras_without_a_size(tmp_path: Path) -> None:
     """A camera without a size accepts frames of any size."""
     cv2.imwrite(str(tmp_path / "frame.png"), np.full((30, 40), 500, np.uint16))
     own = Camera("own", 300.0, 300.0, 20.0, 15.0, 0, 0)
     assert (images.read_frame(tmp_path / "frame.png", CameraInfo(own, unit_mm=0.5)) == 250).all()
+
+
+def test_units_of_a_frame(tmp_path: Path) -> None:
+    """The default unit of SR305 is 0.125 mm."""
+    cv2.imwrite(str(tmp_path / "frame.png"), np.full((480, 640), 8000, np.uint16))
+    for unit, depth in ((None, 1000), (0.1, 800)):
+        assert (images.read_frame(tmp_path / "frame.png", CameraInfo(SR305, unit_mm=unit)) == depth).all()
+
+
+def test_crops_are_normalised(tmp_path: Path) -> None:
+    """Gray 0 is the near plane -1, 255 the far plane 1; other sizes are resized by nearest neighbour."""
+    image = np.kron(np.array([[0, 255]] * 2, np.uint8), np.ones((32, 32), np.uint8))
+    cv2.imwrite(str(tmp_path / "crop.png"), image)
+    crop = images.read_crop(tmp_path / "crop.png")
+    assert crop.shape == (128, 128) and (crop[:, :64] == -1).all() and (crop[:, 64:] == 1).all()
 
 
 def test_a_frame_with_distortion(tmp_path: Path) -> None:
@@ -57,7 +83,7 @@ def test_a_frame_with_distortion(tmp_path: Path) -> None:
 def test_depth_packed_in_colours() -> None:
     """Whole mm survive packing and unpacking; the green channel counts units of 256 mm."""
     depth = np.array([[0, 1, 255], [256, 773, 65535]])
-    pixels = images.pack_depth(depth)
+    pixels = pack_depth(depth)
     assert pixels[1, 1].tolist() == [5, 3, 0]
     np.testing.assert_array_equal(images.unpack_depth(pixels), depth)
 

@@ -1,10 +1,11 @@
-"""handpose/synthetic/files.py; more of it in the tests of tools/make_synthetic.py"""
+"""handpose/synthetic/files.py"""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import h5py
+import numpy as np
 import pytest
 
 from handpose.datasets import parts
@@ -31,6 +32,17 @@ def test_pieces(tmp_path: Path) -> None:
         (4, 1, "train_002.h5"),
     ]
     assert len({piece.part.recipe for piece in pieces}) == 3
+
+
+def test_depth_can_be_mapped(tmp_path: Path) -> None:
+    """Depth is contiguous in the file, neither chunked nor compressed, and starts at a page boundary."""
+    DataSet(tmp_path, SOURCES).write(1, lambda count: None)
+    with h5py.File(tmp_path / "train_000.h5") as file:
+        depth = file["depth"]
+        offset = depth.id.get_offset()
+        assert depth.chunks is None and depth.compression is None and offset % 4096 == 0
+        mapped = np.memmap(tmp_path / "train_000.h5", np.float32, "r", offset, depth.shape)
+        np.testing.assert_array_equal(mapped, depth[:])
 
 
 def test_whole_files_are_kept(tmp_path: Path) -> None:

@@ -21,9 +21,9 @@ def test_votes_lead_to_palms_and_heat_is_highest_there() -> None:
     reached = points[:, ::4, ::4] + VOTE_MM * np.moveaxis(vote, 1, -1)
     for n, k in np.argwhere(scenes.present):
         pixels = (scenes.which[n, ::4, ::4] == k + 1) & (own[n, 0] > 0)
-        np.testing.assert_allclose(reached[n][pixels], np.tile(scenes.palm[n, k], (pixels.sum(), 1)), atol=1e-2)
+        np.testing.assert_allclose(reached[n][pixels], np.tile(scenes.middle[n, k], (pixels.sum(), 1)), atol=1e-2)
         assert (right[n, 0][pixels] == (scenes.side[n, k] > 0)).all()
-        column, row = np.round(scenes.palm_px[n, k] / 4).astype(int)
+        column, row = np.round(scenes.middle_px[n, k] / 4).astype(int)
         if row < heat.shape[2] and column < heat.shape[3]:
             assert heat[n, 0, row, column] in (1.0, UNKNOWN)
     assert (right[own[:, :1] == 0] == UNKNOWN).all()

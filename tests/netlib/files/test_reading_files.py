@@ -27,16 +27,7 @@ def test_bytes_and_text(tmp_path: Path) -> None:
     assert files.read_bytes(path, "the list", first=3) == b"\xef\xbb\xbf"
 
 
-POINTER = f"version https://git-lfs.github.com/spec/v1\noid sha256:{'a' * 64}\nsize 123\n"
-LFS = ".../pointer: cannot read the net: it is a Git LFS pointer, not the file itself; run git lfs pull"
-
-
 @bad_inputs(DataError, {
-    "pointer as text": (lambda at: files.read_text(at / "pointer", "the net"), LFS),
-    "pointer's first bytes": (lambda at: files.read_bytes(at / "pointer", "the net", first=2), LFS),
-    "pointer as content": (lambda at: files.read_content(at / "pointer", "the net"), LFS),
-    "pointer in pieces": (lambda at: list(files.read_pieces(at / "pointer", "the net")), LFS),
-    "pointer as a source": (lambda at: reading.Source(at / "pointer", "the net"), LFS),
     "large text": (lambda at: files.read_text(at / "hole", "the list"),
                    ".../hole: 10000000000 bytes, which is too large for the list; at most 268435456 are read"),
     "large pieces": (lambda at: next(files.read_pieces(at / "hole", "weights")),
@@ -56,8 +47,7 @@ LFS = ".../pointer: cannot read the net: it is a Git LFS pointer, not the file i
     "a link to itself": (lambda at: files.make_folder(at / "loop"), OSError, "[Errno 17] File exists: '.../loop'"),
 })
 def test_what_is_refused(tmp_path: Path, given: Callable[[Path], object], rejected: Any) -> None:
-    """Every way of reading rejects the pointer of a clone without Git LFS, and files that are too large or no text."""
-    (tmp_path / "pointer").write_text(POINTER)
+    """Every way of reading rejects files that are too large or no text."""
     (tmp_path / "bytes").write_bytes(b"abc\xff")
     (tmp_path / "loop").symlink_to("loop")
     with (tmp_path / "hole").open("wb") as file:

@@ -71,8 +71,10 @@ print(resumed, refused)
 """
 
 
-@pytest.mark.parametrize(("format_", "suffix"), [("HDF5", ".h5"), ("BINARYPROTO", "")])
-@pytest.mark.parametrize(("folder", "counts"), [("is empty", "9 3"), ("overwrites", "18 3")])
+@pytest.mark.parametrize(
+    ("format_", "suffix", "folder", "counts"),
+    [("HDF5", ".h5", "is empty", "9 3"), ("BINARYPROTO", "", "overwrites", "18 3")],
+)
 def test_a_kill_before_each_rename(tmp_path: Path, format_: str, suffix: str, folder: str, counts: str) -> None:
     shutil.copytree(ROOT / "tests/netlib/older", tmp_path, dirs_exist_ok=True)
     recordings = ROOT / "tests/caffe/solvers"

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import netlib
+from netlib.files import atomic, hdf5
 from netlib.snapshots import snapshot
 from netlib.snapshots.solver_state import SolverState
 from netlib.snapshots.weights import image
@@ -151,6 +152,25 @@ def test_a_failure_leaves_the_old_pair(
     assert everything_in(tmp_path) == before
 
 
+def test_the_state_is_synced_once_and_before_the_weights_are_renamed(
+    net: netlib.Net, names: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls: list[str] = []
+    sync_file, rename = atomic.sync_file, os.replace
+    monkeypatch.setattr(atomic, "sync_file", lambda path: (calls.append(f"sync {path.name[1]}"), sync_file(path)))
+    monkeypatch.setattr(os, "replace", lambda old, new: (calls.append(f"rename {Path(new).name[0]}"), rename(old, new)))
+    write_pair(net, state_of(net), *names)
+    assert calls == ["sync s", "sync w", "rename w", "rename s"]
+
+
+def test_a_checksum_does_not_admit_links_into_other_files(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "w.h5", "w") as file:
+        file["data/fc/0"] = h5py.ExternalLink("other.h5", "/secret")
+    (tmp_path / "w.h5").write_bytes(hdf5.sealed((tmp_path / "w.h5").read_bytes()))
+    with pytest.raises(netlib.WeightsError, match=r"link into another file, 'other\.h5'"):
+        snapshot.read_weights(tmp_path / "w.h5")
+
+
 def test_two_trainings_into_one_prefix(tmp_path: Path) -> None:
     """A second training run with the same prefix raises an error; it may start after the first has ended."""
     with snapshot.prefix_in_use(tmp_path / "w"):
@@ -257,14 +277,10 @@ def test_a_flipped_bit_of_a_state_is_noticed(pair: tuple[Path, Path]) -> None:
     assert refused > 10
 
 
-POINTER = b"version https://git-lfs.github.com/spec/v1\noid"
-
-
 @bad_inputs(netlib.WeightsError, {
     "gone.h5": (None, "...gone.h5: cannot read weights: No such file or directory"),
     "empty.h5": (b"", "...empty.h5: it has no layers; expected weights (.caffemodel); the file is empty"),
     "text.caffemodel": (b"layer {}", "...: ...; expected weights (.caffemodel); it looks like a text file"),
-    "x.caffemodel": (POINTER, "...x.caffemodel: cannot read weights: it is a Git LFS pointer, not the file ..."),
 })
 def test_other_files_where_weights_are_wanted(tmp_path: Path, request: Any, given: bytes | None, rejected: Any) -> None:
     """The error states the actual and the expected kind of file."""

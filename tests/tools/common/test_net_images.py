@@ -49,7 +49,6 @@ def test_sizes_must_agree() -> None:
 
 
 def test_a_mean_from_numbers() -> None:
-    """One number is for all channels, none is zero."""
     assert mean_of((7,), None, 3).tolist() == [[[7]]] * 3
     assert mean_of((), None, 3).tolist() == [[[0]]] * 3
     assert mean_of((1, 2, 3), None, 3).ravel().tolist() == [1, 2, 3]

@@ -101,6 +101,5 @@ def test_classes(results_of: Callable[..., Results]) -> None:
 
 
 def test_a_blob_without_images(results_of: Callable[..., Results]) -> None:
-    """A blob whose first axis is not the image is an error."""
     with pytest.raises(NetlibError, match=r"blob 'prior' has shape \(1, 2, 400\) for 3 images"):
         results_of("prior").add(np.zeros((1, 2, 400), np.float32), 3)

@@ -4,14 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
 
 from netlib.errors import NetlibError
-from tests.support.caffe_messages import datum, write_database
-from tests.support.hdf5_files import write_hdf5
-from tests.support.running import run_tool
 from tools.common import outputs
 
 
@@ -45,46 +40,3 @@ def test_places_where_no_file_can_be(out: str, said: str) -> None:
         outputs.check_place(Path(out))
     outputs.check_place(Path("inner/b.txt"))
     assert sorted(path.name for path in Path().rglob("*")) == ["a.txt", "inner", "link.txt"]
-
-
-@pytest.mark.parametrize(
-    ("tool", "argv"),
-    [
-        ("export_onnx", ["net.prototxt", "a.txt", "a.txt"]),
-        ("export_onnx", ["a.txt", "w.h5", "link.txt"]),
-        ("fit_pose", ["joints.txt", "--out", "joints.txt"]),
-        ("fit_pose", ["joints.txt", "--skeleton", "hand.prototxt", "--out", "hand.prototxt"]),
-        ("fit_pose", ["list.txt", "--out", "."]),
-        ("compute_image_mean", ["db", "db/data.mdb"]),
-        ("compute_image_mean", ["pictures.txt", "pictures.txt"]),
-        ("compute_image_mean", ["pictures.txt", "crops/1.png"]),
-        ("show_data", ["crops", "--out", "crops/0.png"]),
-        ("show_data", ["crops", "--frames", "2", "--out", "crops/1.png"]),
-        ("show_data", ["list.png", "--out", "list.png"]),
-        ("show_data", ["list.png", "--out", "deep/crops.png"]),
-    ],
-)
-def test_tools(tool: str, argv: list[str]) -> None:
-    """Each tool rejects an output that is an input on one line and changes no file."""
-    for name in ("net.prototxt", "w.h5", "b.png"):
-        Path(name).write_text("never read")
-    hand = Path(__file__).resolve().parents[3] / "prototxt" / "hand" / "nyu.prototxt"
-    Path("hand.prototxt").write_bytes(hand.read_bytes())
-    Path("joints.txt").write_text(" ".join(["100 100 800"] * 14))
-    for folder in ("deep", "crops"):
-        Path(folder).mkdir()
-    for name in ("crops.h5", "deep/crops.h5", "deep/crops.png"):
-        write_hdf5(
-            name, depth=np.zeros((60, 1, 4, 4), np.float32), joint=np.random.default_rng(0).uniform(-0.5, 0.5, (60, 93))
-        )
-    Path("list.txt").write_text("deep/crops.h5\n")
-    Path("pictures.txt").write_text("crops/0.png 0\ncrops/1.png 1\n")
-    Path("list.png").write_text("deep/crops.png\n")
-    for n in range(3):
-        cv2.imwrite(f"crops/{n}.png", np.full((128, 128), 127, np.uint8))
-    if tool == "compute_image_mean":
-        write_database(Path("db"), [datum(np.zeros((1, 2, 2), np.uint8), 0)])
-    before = {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
-    (line,) = run_tool(tool, *argv, status=1).err.splitlines()
-    assert line.endswith(": is read in this run; expected another output")
-    assert {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()} == before

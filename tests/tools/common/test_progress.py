@@ -18,7 +18,6 @@ class Terminal(io.StringIO):
     """A stderr that is a terminal."""
 
     def isatty(self) -> bool:
-        """Return True."""
         return True
 
 
@@ -39,7 +38,6 @@ def test_a_bar_on_a_terminal() -> None:
 
 
 def test_a_bar_is_closed_by_an_error() -> None:
-    """An error closes the bar, so that its message starts on a new line."""
     pytest.importorskip("tqdm")
     with pytest.raises(KeyError), redirect_stderr(Terminal()) as terminal, ProgressBar(10) as progress:
         progress(1)

@@ -25,7 +25,6 @@ def frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def parsed(*argv: str) -> argparse.Namespace:
-    """Parse the source options alone."""
     parser = argparse.ArgumentParser()
     add_source_options(parser)
     return parser.parse_args(["*.png", *argv])
@@ -86,7 +85,6 @@ def test_distortion(frames: Path) -> None:
         (("--unit", "1e-320"), "expected a number greater than 1e-06 and at most 10000, found '1e-320'"),
         (("--rate", "inf"), "expected a number greater than 1e-06 and at most 10000, found 'inf'"),
         (("--unit", "1e300"), "at most 10000, found '1e300'"),
-        (("--camera", "588,588,1e300,240"), "femto, kinect1, or FX,FY,U0,V0 in px"),
         (("--camera", "1e-320,588,320,240"), "or FX,FY,U0,V0 in px"),
         (("--fov", "0"), "expected degrees between 1 and 179"),
         (("--fov", "60", "--camera", "sr305"), "not allowed with argument --fov"),
@@ -95,7 +93,6 @@ def test_distortion(frames: Path) -> None:
     ],
 )
 def test_wrong_usage(argv: tuple[str, ...], what: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Invalid values end with exit status 2."""
     with pytest.raises(SystemExit) as stopped:
         parsed(*argv)
     assert stopped.value.code == 2 and what in capsys.readouterr().err

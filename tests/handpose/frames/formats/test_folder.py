@@ -13,11 +13,11 @@ import pytest
 from handpose.frames import camera_file
 from handpose.frames.cameras import NYU
 from handpose.frames.formats.folder import open_folder
-from handpose.frames.images import pack_depth
 from handpose.frames.recording import CameraInfo
 from netlib.errors import DataError
 from tests.handpose.frames.conftest import CAMERA, GIVEN, hand_sized, put
 from tests.support.bad_input import bad_inputs
+from tests.support.nyu_data_set import pack_depth
 
 
 def test_frames_by_number(folder: Path) -> None:
