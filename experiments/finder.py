@@ -121,11 +121,11 @@ def judged(found: Sequence[FoundHand], frame: Labelled) -> list[Answer]:
     """The answers of a frame; of several near one labelled hand, the most certain one is true. Doubtful ones go."""
     left, answers = list(frame.hands), []
     for hand in found:
-        off = [float(np.linalg.norm(hand.palm - place)) for place, _ in left]
+        off = [float(np.linalg.norm(hand.middle - place)) for place, _ in left]
         if off and min(off) < WITHIN_MM:
             _, side = left.pop(int(np.argmin(off)))
             answers.append(Answer(hand.presence, True, hand.side, hand.side == side, min(off)))
-        elif not any(np.linalg.norm(hand.palm - place) < WITHIN_MM for place in frame.doubtful):
+        elif not any(np.linalg.norm(hand.middle - place) < WITHIN_MM for place in frame.doubtful):
             answers.append(Answer(hand.presence, False))
     return answers
 

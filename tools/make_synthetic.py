@@ -5,12 +5,7 @@
 
 writes train_000.h5, train_001.h5, ... of 2,500 frames each, test_000.h5, and the lists train.txt and test.txt that
 HDF5Data layers read. Existing files with the same content are kept: a second run returns at once, and an interrupted
-run continues. Data of another origin, of another body, or locator crops in place of frames are replaced only with
---force.
-
-    python tools/make_synthetic.py --places --train 240000 --test 6000
-
-writes training data of the locator (models/hand_locator): small crops of scenes, with and without a hand.
+run continues. Data of another origin or of another body are replaced only with --force.
 
 --recipe nyu          NYU's camera, distances and poses: the default
          any_roll     hands rotated by any angle, 250 to 1200 mm away
@@ -43,7 +38,6 @@ tools.begin(__name__)
 from handpose.synthetic import recipes
 from handpose.synthetic.files import DataSet
 from handpose.synthetic.generator import Generator, Recipe, Split
-from handpose.synthetic.places import PlaceGenerator
 from netlib import engine
 from netlib.errors import NetlibError
 from tools.common.arguments import count, parser_of, seed, workers
@@ -54,15 +48,11 @@ from tools.common.progress import fill_folder
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
-    kind = parser.add_mutually_exclusive_group()
-    kind.add_argument("--places", action="store_true", help="write crops of scenes, with and without a hand")
-    kind.add_argument("--body", metavar="PRIOR", type=Path, help="draw the body of this prior file instead of hands")
-    parser.add_argument("--out", type=Path, help="output folder (default: data/nyu; data/places; with --body "
-                        "data/ and the skeleton's name)")
-    parser.add_argument(
-        "--train", type=count, default=20000, metavar="N", help="frames or crops (default: %(default)s)"
-    )
-    parser.add_argument("--test", type=count, default=2000, metavar="N", help="frames or crops (default: %(default)s)")
+    parser.add_argument("--body", metavar="PRIOR", type=Path, help="draw the body of this prior file instead of hands")
+    parser.add_argument("--out", type=Path, help="output folder (default: data/nyu; with --body data/ and the "
+                        "skeleton's name)")
+    parser.add_argument("--train", type=count, default=20000, metavar="N", help="frames (default: %(default)s)")
+    parser.add_argument("--test", type=count, default=2000, metavar="N", help="frames (default: %(default)s)")
     parser.add_argument("--seed", type=seed, default=0, metavar="N",
                         help="random seed (default: %(default)s)")
     parser.add_argument("--recipe", choices=recipes.NAMES, help="hands and cameras (default: nyu)")
@@ -70,8 +60,6 @@ def main(argv: list[str] | None = None) -> int:
                         help="processes (default: one per processor, %(default)s)")
     parser.add_argument("--force", action="store_true", help="replace existing data, even real data")
     args = parser.parse_args(argv)
-    if args.places and args.recipe:
-        parser.error("--recipe applies only to hands; --places has fixed cameras")
     if args.body and args.recipe:
         parser.error("--recipe applies only to hands; other bodies are described by the prior file")
     return guarded(run, args)
@@ -84,12 +72,8 @@ def run(args: argparse.Namespace) -> int:
         recipes.check_in_view(recipe, args.seed)
     out: Path = args.out or Path("data") / _folder(args, recipe)
     counts: dict[Split, int] = {"train": args.train, "test": args.test}
-    what = "places" if args.places else "frames"
-    summary = f"{out}: {args.train} train and {args.test} test {what} (synthetic, seed {args.seed})"
-    if args.places:
-        data = DataSet(out, [(PlaceGenerator(args.seed, split), n) for split, n in counts.items()], args.force)
-    else:
-        data = DataSet(out, [(Generator(args.seed, split, recipe), n) for split, n in counts.items()], args.force)
+    summary = f"{out}: {args.train} train and {args.test} test frames (synthetic, seed {args.seed})"
+    data = DataSet(out, [(Generator(args.seed, split, recipe), n) for split, n in counts.items()], args.force)
     if data.is_whole:
         say(f"{summary} exist already")
         return DONE
@@ -103,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
 def _folder(args: argparse.Namespace, recipe: Recipe) -> str:
     """The subfolder of data/ for the frames. Raises NetlibError if a body's name cannot be a folder."""
     if not args.body:
-        return "places" if args.places else "nyu"
+        return "nyu"
     name = recipe.prior.body().name
     if re.fullmatch(r"\w[\w.-]*", name):
         return name

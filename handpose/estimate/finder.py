@@ -1,8 +1,8 @@
 """Hands in whole depth frames, also beside bodies, tables and objects: where, which pixels, which side.
 
 A fully convolutional network sees the frame at a focal length of ``FOCAL_PX``. Each pixel on a hand votes for the
-middle of the palm; a found hand is a local maximum of the presence, placed by the votes around it. Pixels of a hand
-belong to the found palm that is nearest to their vote. Where nothing was read there are no votes and no mask.
+middle of its joints; a found hand is a local maximum of the presence, placed by the votes around it. Pixels of a hand
+belong to the found middle that is nearest to their vote. Where nothing was read there are no votes and no mask.
 """
 
 from __future__ import annotations
@@ -24,14 +24,17 @@ Floats = NDArray[np.float32]
 
 FOCAL_PX = 160.0
 VOTE_MM = 100.0  # unit of the votes
+NEAREST_MM = 100.0  # minimum range of depth cameras
 BEYOND_MM, MIDDLE_MM = 4000.0, 600.0  # farther readings are ignored; depth with logarithm 0
-STRIDE = 16  # heights and widths of the net's input are multiples
+STRIDE = 32  # heights and widths of the net's input are multiples
 MAX_PIXELS = 1 << 19  # of the net's input; larger frames are seen smaller
 MIN_PRESENCE = 0.1
 SURE_SIDE = 0.8
-APART_MM = 70.0  # palms closer than this are one hand
-REACH_MM = 150.0  # from the palm to the farthest part of a hand
-VOTERS_MM = 60.0  # votes that end this close to a palm decide about the side
+APART_MM = 70.0  # middles closer than this are one hand
+REACH_MM = 150.0  # from the middle to the farthest part of a hand
+AWAY_MM = 10_000.0
+AROUND_MM, NEAR_MM = 25.0, 90.0  # what a fit sees beside the mask: as far, and of depths as close to the middle's
+VOTERS_MM = 60.0  # votes that end this close to a middle decide about the side
 OUTPUTS = {"class": (3, 2), "presence": (1, 4), "votes": (3, 4), "right": (1, 4)}  # channels, part of the resolution
 
 
@@ -39,13 +42,13 @@ class FoundHand(NamedTuple):
     """A hand in a frame.
 
     presence  from 0 to 1: how sure it is that this is a hand
-    palm      (3,) mm, the middle of the palm, camera axes
+    middle    (3,) mm, the mean of its joints without the wrist, camera axes
     right     probability of a right hand
     mask      (height, width) the hand's pixels in the frame
     """
 
     presence: float
-    palm: Array
+    middle: Array
     right: float
     mask: NDArray[np.bool_]
 
@@ -55,6 +58,17 @@ class FoundHand(NamedTuple):
         if self.right >= SURE_SIDE:
             return "right"
         return "left" if self.right <= 1 - SURE_SIDE else None
+
+    def alone(self, depth: NDArray[np.generic], camera: Camera) -> Floats:
+        """The depth frame (height, width) as if the hand were alone: readings of other things are far away.
+
+        A little of its edge and arm remains, and what is in front of the hand and may hide it.
+        """
+        readings, z = np.asarray(depth, np.float32), float(self.middle[2])
+        reach = 2 * round(AROUND_MM * camera.fx / z) + 1
+        around = cv2.dilate(self.mask.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach)))
+        own = self.mask | ((around > 0) & (np.abs(readings - z) < NEAR_MM)) | (readings < z - REACH_MM)
+        return np.where(own, readings, np.float32(AWAY_MM))
 
 
 class Finder:
@@ -97,17 +111,18 @@ class Finder:
         points = np.concatenate([slopes[::4, ::4], np.ones((*z.shape, 1))], axis=-1) * z[..., None]
         votes = points + VOTE_MM * np.moveaxis(said["votes"][0], 0, -1)
         weight = (z > 0) * np.maximum(hand[::2, ::2], 1e-3)
-        peaks = _peaks(presence, votes, weight, min_presence, most)
+        peaks = [(chance, middle) for chance, middle in _peaks(presence, votes, weight, min_presence, most)
+                 if _in_sight(middle, camera)]
         if not peaks:
             return []
-        palms = np.stack([palm for _, palm in peaks])
-        apart = np.linalg.norm(votes[:, :, None] - palms, axis=-1)  # of the votes of pixels from palms
+        middles = np.stack([middle for _, middle in peaks])
+        apart = np.linalg.norm(votes[:, :, None] - middles, axis=-1)  # of the votes of pixels from middles
         owner, near = apart.argmin(-1), apart.min(-1) < VOTERS_MM
-        masks = _masks(image, camera, scale, hand, owner, palms)
+        masks = _masks(image, camera, scale, hand, owner, middles)
         found = []
-        for k, (chance, palm) in enumerate(peaks):
+        for k, (chance, middle) in enumerate(peaks):
             voters = weight * (near & (owner == k)) + 1e-9 * (weight > 0)
-            found.append(FoundHand(chance, palm, float((voters * right).sum() / voters.sum()), masks[k]))
+            found.append(FoundHand(chance, middle, float((voters * right).sum() / voters.sum()), masks[k]))
         return found
 
 
@@ -155,10 +170,18 @@ def _slopes(camera: Camera, scale: Array, shape: tuple[int, ...]) -> Array:
     return np.stack(np.meshgrid(x, y), axis=-1)
 
 
+def _in_sight(middle: Array, camera: Camera) -> bool:
+    """Whether a place (3,) is in the image, not at the camera."""
+    if middle[2] < NEAREST_MM:
+        return False
+    u, v, _ = camera.project(middle)
+    return bool(0 <= u < camera.width and 0 <= v < camera.height)
+
+
 def _peaks(
     presence: Floats, votes: Array, weight: Array, min_presence: float, most: int
 ) -> list[tuple[float, Array]]:
-    """The highest maxima of the presence (h, w) and the palms (3,) that the votes (h, w, 3) around them mean."""
+    """The highest maxima of the presence (h, w) and the middles (3,) that the votes (h, w, 3) around them mean."""
     highest = cv2.dilate(presence, np.ones((3, 3), np.uint8))
     total = cv2.boxFilter(weight, -1, (5, 5), normalize=False, borderType=cv2.BORDER_CONSTANT)
     summed = cv2.boxFilter(votes * weight[..., None], -1, (5, 5), normalize=False, borderType=cv2.BORDER_CONSTANT)
@@ -166,21 +189,21 @@ def _peaks(
     rows, columns = np.nonzero((presence == highest) & (presence >= min_presence) & (total > 1e-4))
     kept: list[tuple[float, Array]] = []
     for n in np.argsort(-presence[rows, columns], kind="stable"):
-        palm = mean[rows[n], columns[n]]
-        if all(np.linalg.norm(palm - other) > APART_MM for _, other in kept):
-            kept.append((float(presence[rows[n], columns[n]]), palm))
+        middle = mean[rows[n], columns[n]]
+        if all(np.linalg.norm(middle - other) > APART_MM for _, other in kept):
+            kept.append((float(presence[rows[n], columns[n]]), middle))
         if len(kept) == most:
             break
     return kept
 
 
 def _masks(
-    image: Floats, camera: Camera, scale: Array, hand: Floats, owner: NDArray[np.intp], palms: Array
+    image: Floats, camera: Camera, scale: Array, hand: Floats, owner: NDArray[np.intp], middles: Array
 ) -> NDArray[np.bool_]:
-    """The pixels (K, height, width) of the frame that belong to each palm.
+    """The pixels (K, height, width) of the frame that belong to each middle.
 
     hand   (H/2, W/2) probability of hands
-    owner  (H/4, W/4) number of the palm that a pixel votes for
+    owner  (H/4, W/4) number of the middle that a pixel votes for
     """
     u, v = (np.arange(size, dtype=np.float32) * np.float32(part)
             for size, part in zip((camera.width, camera.height), scale))
@@ -192,8 +215,8 @@ def _masks(
                for line, index, size in ((v, rows, owner.shape[0]), (u, columns, owner.shape[1]))]
     own = owner[quarter[0], quarter[1]]
     points = camera.unproject(np.stack([columns, rows, image[rows, columns]], axis=-1))
-    own = np.where(np.linalg.norm(points - palms[own], axis=1) < REACH_MM, own, -1)
-    masks = np.zeros((len(palms), *image.shape), bool)
-    for k in range(len(palms)):
+    own = np.where(np.linalg.norm(points - middles[own], axis=1) < REACH_MM, own, -1)
+    masks = np.zeros((len(middles), *image.shape), bool)
+    for k in range(len(middles)):
         masks[k, rows[own == k], columns[own == k]] = True
     return masks

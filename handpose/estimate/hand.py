@@ -13,7 +13,6 @@ from handpose.body.render import Capsules
 from handpose.body.sides import Side, mirror_of
 from handpose.fit.body import THICKNESS, CapsuleModel, WorldPose, world_pose
 from handpose.fit.depth_fit import DepthFit
-from handpose.fit.observation import HandCrops
 from handpose.fit.pose_confidence import (
     Evidence,
     evidence_of,
@@ -22,7 +21,6 @@ from handpose.fit.pose_confidence import (
     side_evidence,
     unknown_finger_errors,
 )
-from handpose.fit.rejection import rejection_score
 from handpose.frames.cameras import Camera
 from netlib.blob import Array
 
@@ -48,6 +46,8 @@ class Hand:
     quality     expected error in mm and confidence by the whole frame (``judge``); None: those of the fit
     evidence    what the whole frame shows of the pose; None before it is judged
     finger_error_mm  (5,) expected error of each finger by the whole frame, from the thumb on; NaN before it is judged
+    is_alone    True if it was seen without what is around it
+    presence    probability that this is a hand, by the finder; NaN if its place was given
     in_frame    False for a crop without its frame: then camera and centre are assumed
 
     The values of the fit are NaN, and its surface and pose are errors, without a fit, and of a hand whose joints are
@@ -65,6 +65,8 @@ class Hand:
     known_size: bool = False
     is_tracked: bool = False
     is_predicted: bool = True
+    is_alone: bool = False
+    presence: float = float("nan")
     in_frame: bool = True
     other: Hand | None = None
     quality: tuple[float, float] | None = None
@@ -135,12 +137,6 @@ class Hand:
     def selection_cost(self) -> float:
         """Compares poses of different plans: the expected error in mm, or the cost if it is unknown."""
         return self.cost if np.isnan(self.error_mm) else self.error_mm
-
-    @cached_property
-    def rejection_score(self) -> float:
-        """How unlike a hand the place is, in mm (``handpose.fit.rejection``)."""
-        crops = HandCrops.of_sides(self.crop[None], self.center_uvd, self.camera, self.cube_mm, self.hand)
-        return float(rejection_score(self.the_model, self.the_fit, crops, known_size=self.known_size)[0])
 
     @property
     def has_joints(self) -> bool:

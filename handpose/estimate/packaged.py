@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from handpose.body.sides import SoughtSide
 from handpose.estimate.finder import Finder
 from handpose.estimate.hand import MIN_CONFIDENCE
-from handpose.estimate.locator import Locator
 from handpose.estimate.nets import Unfilled, best_fit, cube_of, hand_layer, trained
 from handpose.estimate.predictor import Predictor, check_options
 from handpose.fit.depth_fit import DepthFitter
@@ -36,7 +35,6 @@ from netlib.snapshots import snapshot
 
 SYNTHETIC_HAND = ROOT / "models" / "synthetic_hand"
 PAPER_HAND = ROOT / "models" / "paper_hand"  # the paper's network, for the book
-HAND_LOCATOR = ROOT / "models" / "hand_locator"
 HAND_FINDER = ROOT / "models" / "hand_finder"
 KEYS = ("name", "caffemodel", "license", "sha256", "net_sha256")
 
@@ -98,12 +96,6 @@ def _check(path: Path, content: bytes, expected: str) -> None:
                            "of another version: get it again")
 
 
-def load_locator(folder: Path = HAND_LOCATOR, *, engine: str | None = None) -> Locator:
-    """The packaged locator. Raises NetlibError."""
-    card = read_card(folder)
-    return Locator(trained(checked_net(card), checked_content(card), engine))
-
-
 def load_finder(folder: Path = HAND_FINDER, *, engine: str | None = None) -> Finder:
     """The packaged finder. Raises NetlibError."""
     card = read_card(folder)
@@ -143,7 +135,7 @@ def predictor_of(
     if fit != "no" and layer is not None:
         fitter = DepthFitter.of_file(layer.skeleton, content, cube_of(layer.skeleton, cube_mm) / 2, seed=seed)
     return Predictor(net, camera, cube_mm=cube_mm, hand=hand, refine=refine, fit=fit, fitter=fitter,
-                     locator=functools.partial(load_locator, engine=engine), min_confidence=min_confidence)
+                     finder=functools.partial(load_finder, engine=engine), min_confidence=min_confidence)
 
 
 def rounded(values: NDArray[np.float32], bits: int) -> NDArray[np.float32]:

@@ -1,10 +1,10 @@
 """The pipeline from candidates in a depth frame to hands.
 
-    candidates  places where a hand may be: a locator's, a given centre, or the nearest surface (``predictor``)
-    crops       every candidate is cropped, and the crop is moved to the palm that the network predicts in it
+    start       a place where a hand may be: a finder's, a given centre, or the nearest surface (``predictor``)
+    crops       the place is cropped, and the crop is moved to the palm that the network predicts in it
     network     predicts a pose in every crop
     fit         moves the pose until it explains the depth (``handpose.fit``)
-    selection   between places by rejection score and the locator's odds; between sides by the uncertainty of the fit
+    selection   between the sides, and between the crops, by the uncertainty of the fit
 
 Network and fit are those of a ``HandEstimator``.
 """
@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from handpose.body.sides import Side
 from handpose.estimate.estimator import Candidate, HandEstimator
 from handpose.estimate.hand import Hand
-from handpose.estimate.locator import recenter
 from handpose.estimate.nets import hand_layer, network_joints
+from handpose.estimate.starts import recenter
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.observation import HandCrops
 from handpose.fit.search import FAST, Plan
@@ -32,10 +32,8 @@ from netlib.errors import DataError, NetlibError
 from netlib.net import Net
 
 # A crop moves no farther than this from its start. Even if the start is the nearest surface, nine starts of ten are
-# within 55 mm of the hand's middle (locator.py), so a prediction farther away is wrong.
+# within 55 mm of the hand's middle (starts.py), so a prediction farther away is wrong.
 MAX_MOVE_MM = 60.0
-KEPT_PLACES = 3  # places that are fitted by the plan, after a fast fit of all
-ODDS_MM = 4.0  # mm of rejection score that one unit of the locator's log-odds is worth
 
 
 class HandPipeline:
@@ -66,52 +64,31 @@ class HandPipeline:
         return _likelier(self.estimator.estimate(candidates, camera, self.plan))
 
     def in_frame(
-        self, depth: NDArray[np.generic], camera: Camera, starts: Sequence[Array], log_odds: Sequence[float], *,
-        search: bool,
-    ) -> list[Hand]:
-        """The hands at the best of some places in a frame (height, width) in mm, the best first.
+        self, depth: NDArray[np.generic], camera: Camera, start: Array, *, unmoved_too: bool = False
+    ) -> Hand:
+        """The hand at a place ``start`` (3,), px, px, mm, in a frame (height, width) in mm.
 
-        starts    (3,) px, px, mm each
-        log_odds  of a hand at each
-        search    the places come from a search: the unmoved crops compete, too, and up to ``KEPT_PLACES`` hands are
-                  returned; otherwise one
+        unmoved_too  the crop about the start competes with that about the palm, because some hands are lost on the way
 
-        Raises DataError if all places are outside the image, or if every hand is predicted behind the camera;
-        NetlibError.
+        Raises DataError for a place outside the image, or if the hand is predicted behind the camera; NetlibError.
         """
-        hands = self._select(self._candidates(depth, camera, starts, log_odds, search), camera, search)
-        in_front = [hand for hand in hands if (hand.xyz[:, 2] > 0).all()]
-        if not in_front:
-            raise DataError(f"a pose is predicted in which a joint is at a depth of {hands[0].xyz[:, 2].min():.0f} mm, "
+        hand = self._select(self._candidates(depth, camera, start, unmoved_too), camera)
+        if not (hand.xyz[:, 2] > 0).all():
+            raise DataError(f"a pose is predicted in which a joint is at a depth of {hand.xyz[:, 2].min():.0f} mm, "
                             "behind the camera")
-        return in_front
+        return hand
 
     def _candidates(
-        self, depth: NDArray[np.generic], camera: Camera, starts: Sequence[Array], log_odds: Sequence[float],
-        search: bool,
+        self, depth: NDArray[np.generic], camera: Camera, start: Array, unmoved_too: bool
     ) -> list[Candidate]:
-        """The crops about the palms that are predicted from these starts, once for each side.
-
-        In a ``search`` also the crops about the starts themselves, because some hands are lost on the way to the palm.
-        Raises DataError if all starts are outside the image.
-        """
+        """The crops about the palms that are predicted from a start, once for each side."""
         candidates: list[Candidate] = []
-        outside = None
-        for start, odds in zip(starts, log_odds):
-            try:
-                crop = clear_crop(depth, start, self.cube_mm, camera)
-            except DataError as error:
-                outside = error
-                continue
-            for side in self.sides:
-                unmoved = Candidate(start, side, crop=crop, log_odds=odds)
-                moved = self._moved_to_palm(depth, camera, unmoved)
-                both = search and self.plan is not None and moved is not unmoved
-                candidates += [unmoved, moved] if both else [moved]
-            if self.plan is None:
-                break  # there is no score to choose between places
-        if outside is not None and not candidates:
-            raise outside
+        crop = clear_crop(depth, start, self.cube_mm, camera)
+        for side in self.sides:
+            unmoved = Candidate(start, side, crop=crop)
+            moved = self._moved_to_palm(depth, camera, unmoved)
+            both = unmoved_too and self.plan is not None and moved is not unmoved
+            candidates += [unmoved, moved] if both else [moved]
         return candidates
 
     def _moved_to_palm(self, depth: NDArray[np.generic], camera: Camera, candidate: Candidate) -> Candidate:
@@ -133,32 +110,22 @@ class HandPipeline:
             candidate = replace(candidate, crop=crop, center_uvd=palm)
         return candidate
 
-    def _select(self, candidates: list[Candidate], camera: Camera, search: bool) -> list[Hand]:
-        """The best hands: of the ``KEPT_PLACES`` best places in a ``search``, otherwise of one."""
+    def _select(self, candidates: list[Candidate], camera: Camera) -> Hand:
+        """The hand of the crop whose fast fit is the least uncertain, as either side."""
         if self.plan is None or len(candidates) == 1:
-            return self.estimator.estimate(candidates[:1], camera, self.plan)
-        fast = sorted(zip(self.estimator.estimate(candidates, camera, FAST), candidates), key=_place_score)
-        best: dict[tuple[float, ...], Candidate] = {}
-        for _, candidate in fast:
-            best.setdefault(tuple(candidate.center_uvd), candidate)
-        places = list(best.values())[: KEPT_PLACES if search else 1]
+            return self.estimator.estimate(candidates[:1], camera, self.plan)[0]
+        fast = list(zip(self.estimator.estimate(candidates, camera, FAST), candidates))
+        place = min(fast, key=lambda found: _uncertainty(found[0]))[1]
         hands = {_key(candidate): hand for hand, candidate in fast} if self.plan is FAST else {}
-        sides = [[replace(place, side=side) for side in self.sides] for place in places]
-        left = [candidate for both in sides for candidate in both if _key(candidate) not in hands]
+        sides = [replace(place, side=side) for side in self.sides]
+        left = [candidate for candidate in sides if _key(candidate) not in hands]
         hands |= zip(map(_key, left), self.estimator.estimate(left, camera, self.plan))
-        of_places = [_likelier([hands[_key(candidate)] for candidate in both]) for both in sides]
-        return [hand for hand, _ in sorted(zip(of_places, places), key=_place_score)]
+        return _likelier([hands[_key(candidate)] for candidate in sides])
 
 
 def _key(candidate: Candidate) -> tuple[object, ...]:
     """The key of a crop within a frame: centre and side."""
     return (*candidate.center_uvd, candidate.side)
-
-
-def _place_score(found: tuple[Hand, Candidate]) -> float:
-    """The score that chooses between places, lower is better: by the fit, and by the locator."""
-    hand, candidate = found
-    return (0.0 if hand.fit is None else hand.rejection_score) - ODDS_MM * candidate.log_odds
 
 
 def _likelier(sides: Sequence[Hand]) -> Hand:

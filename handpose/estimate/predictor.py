@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 
 from handpose.body.nyu import CUBE_MM
 from handpose.body.sides import SIDES, SOUGHT_SIDES, Side, SoughtSide
+from handpose.estimate.finder import Finder, FoundHand
 from handpose.estimate.hand import MIN_CONFIDENCE, Hand, as_one_side, judge
-from handpose.estimate.locator import Locator, depth_around, find_hand
 from handpose.estimate.nets import cube_of, hand_layer, is_hand
 from handpose.estimate.pipeline import HandPipeline
+from handpose.estimate.starts import depth_around, find_hand
 from handpose.fit.body import CapsuleModel
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.search import PLANS, Fit
@@ -33,6 +34,7 @@ from netlib.errors import DataError, NetlibError, did_you_mean
 from netlib.net import Net
 
 CROP_DEPTH_MM = 750.0  # assumed depth of a crop without its frame, in the middle of the image; larger cubes farther
+MOST = 3  # found hands that are fitted in a frame
 MAX_REFINE = 100  # a crop that still moves after this many moves does not converge
 
 
@@ -47,8 +49,8 @@ class Predictor:
              not centred as NYU's (ICVL's)
     fit      "no", or the name of the plan by which the predicted pose is fitted to the depth
     fitter   of the net's body; by default one for a network with unknown errors
-    locator  finds hands in frames, or a function that loads one when it is first used; without it, the nearest surface
-             is taken for the hand
+    finder   finds hands in frames, or a function that loads one when it is first used; where it finds none, and without
+             it, the nearest surface is taken for the hand
     min_confidence  below it a hand has no joints (``Hand.given``); 0 for all joints
 
     Nets know the hand of their training data, which is a right hand in NYU and in the synthetic frames. A body other
@@ -61,7 +63,7 @@ class Predictor:
     def __init__(
         self, net: Net, camera: Camera = NYU, *, cube_mm: float | None = None, hand: SoughtSide = "right",
         refine: int = 3, fit: Fit = "no", fitter: DepthFitter | None = None,
-        locator: Locator | Callable[[], Locator] | None = None, min_confidence: float = MIN_CONFIDENCE,
+        finder: Finder | Callable[[], Finder] | None = None, min_confidence: float = MIN_CONFIDENCE,
     ) -> None:
         check_options(cube_mm=cube_mm, hand=hand, refine=refine, fit=fit, min_confidence=min_confidence)
         for name in ("depth", "pred"):
@@ -85,18 +87,18 @@ class Predictor:
             self.fitter = fitter or DepthFitter(CapsuleModel(self.skeleton, self.cube_mm / 2))
         self.pipeline = HandPipeline(net, self.cube_mm, self.sides, self.refine, self.fitter, self.plan)
         self.min_confidence = min_confidence
-        self._locator = locator
+        self._finder = finder
 
     @property
-    def locator(self) -> Locator | None:
-        """The locator, loaded at the first access. Raises NetlibError."""
-        if callable(self._locator):
-            self._locator = self._locator()
-        return self._locator
+    def finder(self) -> Finder | None:
+        """The finder, loaded at the first access. Raises NetlibError."""
+        if callable(self._finder):
+            self._finder = self._finder()
+        return self._finder
 
-    @locator.setter
-    def locator(self, locator: Locator | None) -> None:
-        self._locator = locator
+    @finder.setter
+    def finder(self, finder: Finder | None) -> None:
+        self._finder = finder
 
     def in_crop(self, depth: NDArray[np.floating]) -> Hand:
         """The hand in a crop (128, 128) in [-1, 1]; masked pixels are background. Raises DataError, NetlibError."""
@@ -118,11 +120,11 @@ class Predictor:
     def in_frame(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> Hand:
         """The hand in a depth frame (height, width) in mm, 0 or masked where there is no reading.
 
-        center  where to start, as for ``start``. Without it, and with a locator and a fit, all places that the locator
-                finds are fitted by the fast plan, and the best of them by the plan. Between the sides in one crop the
-                uncertainty of the fit decides, between places its rejection score and the locator's odds
+        center  where to start, as for ``start``. Without it, of up to ``MOST`` hands that the finder finds, the one
+                with the highest product of presence and confidence is given
 
-        The hand's error and confidence are judged in the whole frame (``judge``, ``as_one_side``).
+        The hand's error and confidence are judged in the frame (``judge``, ``as_one_side``), without what is around a
+        found hand.
 
         Raises UnitError for depths that cannot be mm, DataError, NetlibError.
         """
@@ -130,21 +132,26 @@ class Predictor:
         camera = self._camera_of(depth)
         if center is None and not self.is_hand:
             raise DataError(f"skeleton {self.skeleton.name!r} is not a hand, and only hands are searched for")
-        locator = self.locator if center is None else None
-        if locator is not None:
-            located = locator.hands(depth, camera)
-            starts, odds = list(camera.project(located.center)), list(located.odds)
-        else:
-            starts, odds = [self._start(depth, center)], [0.0]
-        found = self.pipeline.in_frame(depth, camera, starts, odds, search=locator is not None)[0]
+        found = self._found(depth, camera) if center is None else []
+        if not found:
+            return self._judged(depth, camera, self._start(depth, center), False).given(self.min_confidence)
+        hands = [self._judged(one.alone(depth, camera), camera, camera.project(one.middle), True, one.presence)
+                 for one in (found if self.plan is not None else found[:1])]
+        return max(hands, key=lambda hand: hand.presence * max(hand.chance, 0.01)).given(self.min_confidence)
+
+    def _judged(
+        self, depth: NDArray[np.generic], camera: Camera, start: Array, unmoved_too: bool, presence: float = np.nan
+    ) -> Hand:
+        """The hand at a start (3,), px, px, mm, as one side."""
+        found = self.pipeline.in_frame(depth, camera, start, unmoved_too=unmoved_too)
         [judged] = judge([found], depth)
-        return as_one_side(judged).given(self.min_confidence)
+        return dataclasses.replace(as_one_side(judged), presence=presence)
 
     def start(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> Array:
         """The centre (3,) of the first crop: u, v in px and d in mm. Raises DataError.
 
-        center  (u, v, d) is returned; (u, v) gets the depth measured there; None is the place that the locator finds
-                most likely, or the nearest surface
+        center  (u, v, d) is returned; (u, v) gets the depth measured there; None is the most certain hand of the finder,
+                or the nearest surface
         """
         return self._start(self._readings(depth), center)
 
@@ -152,11 +159,14 @@ class Predictor:
         """``start`` in a checked frame."""
         if center is None:
             camera = self._camera_of(depth)
-            if self.locator is not None:
-                return camera.project(self.locator.hands(depth, camera).center[0])
-            return find_hand(depth, camera)
+            found = self._found(depth, camera)
+            return camera.project(found[0].middle) if found else find_hand(depth, camera)
         place = _center(center)
         return place if len(place) == 3 else depth_around(depth, *place)
+
+    def _found(self, depth: NDArray[np.generic], camera: Camera) -> list[FoundHand]:
+        """The hands that the finder finds, the most certain first; none without a finder."""
+        return [] if self.finder is None else self.finder.hands(depth, camera, most=MOST)
 
     def _readings(self, depth: object) -> NDArray[np.generic]:
         """A depth image in mm, 0 where it is masked or nearer than the camera measures. Raises UnitError, DataError."""

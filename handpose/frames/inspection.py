@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.frames.cameras import MIN_RANGE_MM, UNIT_MM, Camera
-from handpose.frames.places import FAR_MM
 from handpose.frames.recording import DepthFrame, Recording
 from netlib.errors import DataError
 
@@ -20,7 +19,8 @@ FRAMES = 10  # number of inspected frames
 NEAREST_SHARE = 0.5  # percentile of the depths that counts as nearest; fewer pixels are noise
 BEHIND = 1.25  # depth range of the nearest object, relative to its distance, which is independent of the unit
 MIN_NEAR_SHARE = 1e-3  # share of the readings that may be nearer than the camera measures
-NEAR_MM = 120.0  # a hand is farther away in all depth cameras; one beyond FAR_MM is not detected
+FAR_MM = 1600.0
+NEAR_MM = 120.0  # a hand is farther away in all depth cameras; one beyond FAR_MM is not found
 NARROW_MM, WIDE_MM = 25.0, 1500.0  # range of widths: a hand, or a hand with arm and shoulder
 USUAL_MM = (300.0, 1200.0)  # range of distances of a hand
 BODY_MM = (1000.0, 500.0)  # distance and width beyond which the nearest object is a person, or a hand of another unit

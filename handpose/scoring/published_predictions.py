@@ -16,7 +16,6 @@ import numpy as np
 from handpose.body import nyu
 from handpose.datasets import icvl_files as icvl
 from handpose.frames.cameras import ICVL, NYU, Camera
-from handpose.frames.places import MIN_DEPTH_MM
 from handpose.scoring import metrics
 from layers.hand import skeleton
 from netlib import files
@@ -27,6 +26,7 @@ from netlib.files.paths import exists, find
 Format = Literal["uvd", "xyz"]
 
 FORMATS: tuple[Format, ...] = ("uvd", "xyz")
+NEAREST_MM = 100.0  # minimum range of depth cameras
 THRESHOLDS_MM = range(81)  # abscissae of the success curves
 _MAX_VALUE = 1e6  # px or mm; larger values are invalid, and squares might overflow
 
@@ -80,9 +80,9 @@ def read_joints(path: str | Path, joints: int, fmt: Format, camera: Camera) -> A
         first = int(wrong.argmax())
         raise _mistake(f"{path}:{first + 1}", lines[first], joints)
     usual = float(np.median(np.abs(found[..., 2])))
-    if usual < MIN_DEPTH_MM:
+    if usual < NEAREST_MM:
         raise DataError(f"{path}: half of all depths are below {usual:.3g}; expected mm, more than "
-                        f"{MIN_DEPTH_MM:g}: are they metres?")
+                        f"{NEAREST_MM:g}: are they metres?")
     if fmt == "xyz":
         return found
     depth = found[..., 2].min(axis=1)

@@ -40,16 +40,15 @@ def pieces_of(generator: Source[Any], count: int, out: Path) -> list[Piece]:
 
 
 def _kind_of(recipe: object) -> str | None:
-    """The output of a recipe, in words: places, or frames of a skeleton file; None if unknown."""
+    """The output of a recipe, in words: frames of a skeleton file; None if unknown."""
     try:
-        facts = json.loads(str(recipe))
-        return "places" if "places" in facts else f"frames of {facts['prior']['skeleton']}"
+        return f"frames of {json.loads(str(recipe))['prior']['skeleton']}"
     except (ValueError, KeyError, TypeError):
         return None
 
 
 def _refuse_another_kind(part: Part) -> None:
-    """Raise DataError if the part's file has places, or frames of another body."""
+    """Raise DataError if the part's file has frames of another body."""
     found = parts.attributes(part.path) if part.path.is_file() else None
     there, asked = _kind_of((found or {}).get("recipe")), _kind_of(part.recipe)
     if there and there != asked:

@@ -1,4 +1,4 @@
-"""Many synthetic frames, or places: the blocks of a generator one after the other, drawn by worker processes."""
+"""Many synthetic frames: the blocks of a generator one after the other, drawn by worker processes."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ R_co = TypeVar("R_co", bound=Rows, covariant=True)
 
 
 class Source(Protocol[R_co]):
-    """Draws rows, block by block: ``Generator`` hands, ``PlaceGenerator`` places."""
+    """Draws rows, block by block: as ``Generator`` does."""
 
     description: str
     seed: int

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -11,9 +12,11 @@ from numpy.typing import NDArray
 
 from handpose.body.sides import SIDES, Side, mirror_of
 from handpose.estimate.estimator import SearchRegion
+from handpose.estimate.finder import Finder, FoundHand
 from handpose.estimate.hand import Hand
 from handpose.fit.body import WorldPose
 from handpose.fit.pose_confidence import side_chance, side_evidence
+from handpose.frames.cameras import Camera
 from handpose.tracking.pose_estimator import PoseEstimator
 from handpose.tracking.sizing import SizeKeeper
 from handpose.tracking.smoothing import PoseFilter, turn_between, turned
@@ -28,7 +31,10 @@ HABIT = 0.1  # weight of the last frame in the average selection cost
 BETTER = 0.9  # ratio of selection costs that counts as an improvement
 ASK = 0.2  # s between runs of the network, whose pose competes with the tracked one
 # A second with poses earns two of credit, one without costs one; a hand without credit is lost.
-FIRST_CREDIT, MOST_CREDIT = 0.4, 1.0
+MOST_CREDIT = 1.0
+NEAR_MM = 100.0  # between the expected middle of a hand and that of a found one
+MOST_FOUND = 8  # hands in a frame
+PRESENT_S = 0.1  # s for which a hand that the finder saw is there, however uncertain its poses
 AHEAD_S = 0.4  # s by which a motion is extended at most
 KEPT = 0.7  # damping of the expected motion
 NEW = 0.6  # weight of the last two frames in the velocity
@@ -101,6 +107,35 @@ class SideState:
         self.motion = Motion(*(NEW * n + (1 - NEW) * o for n, o in zip(new, self.motion or new)))
 
 
+class FrameHands:
+    """The hands that a finder finds in a frame; it looks once, when it is first asked.
+
+    depth         (height, width) mm
+    min_presence  of a hand
+    """
+
+    def __init__(self, finder: Finder, depth: NDArray[np.float32], camera: Camera, min_presence: float) -> None:
+        self.depth, self._camera = depth, camera
+        self._find = functools.cache(lambda: finder.hands(depth, camera, min_presence, MOST_FOUND))
+        self._alone: dict[int, NDArray[np.float32]] = {}
+
+    @property
+    def hands(self) -> list[FoundHand]:
+        """The hands, the most certain first."""
+        return self._find()
+
+    def near(self, place: Array) -> FoundHand | None:
+        """The hand that is nearest to a place (3,) in mm; None if none is within NEAR_MM."""
+        apart = {float(np.linalg.norm(hand.middle - place)): hand for hand in self.hands}
+        return apart[min(apart)] if apart and min(apart) < NEAR_MM else None
+
+    def alone(self, hand: FoundHand) -> NDArray[np.float32]:
+        """The frame without what is around one of these hands."""
+        if id(hand) not in self._alone:
+            self._alone[id(hand)] = hand.alone(self.depth, self._camera)
+        return self._alone[id(hand)]
+
+
 class HandTrack:
     """One hand of a recording: its state while it is tracked, and what is kept while it is lost.
 
@@ -115,26 +150,36 @@ class HandTrack:
     since       s, when it was reported last
     reason      why it was lost
     usual_cost  the average selection cost of its poses
+    place       (3,) mm, camera axes: the mean of its joints; the finder's while its pose is not sure
+    is_sure     True if its last pose is
+    presence    probability that it is a hand, by the finder, when it looked last
+    is_crowded  True if its poses are better without what is around it
     """
 
     def __init__(
         self, estimator: PoseEstimator, estimates: Sequence[Hand], time: float, size: float | None = None,
-        side_prior: float = 0.0,
+        side_prior: float = 0.0, presence: float = 1.0,
+        place: Array | None = None,
     ) -> None:
         """``side_prior``: prior evidence for a right hand (above 0) or a left one."""
         self.id, self.is_tracked = -1, True
         self.time = self.since = time
-        self.credit = FIRST_CREDIT
+        self.credit = 0.0
         self.size, self.sizes = size, SizeKeeper(estimator)
         self.decided: Side | None = None
         self.reason = ""
         self._estimator = estimator
-        self.sides = {estimate.hand: SideState(estimate, time) for estimate in estimates}
+        best = _best(estimates)
+        self.sides = {side: SideState(estimate, time) for side, estimate in best.items()}
         self._seen = self._asked = self._looked = time
         self._pause = PAUSE
+        self.presence, self._found = presence, time
+        self.place = _mean_joint(estimates[0]) if place is None else place
+        self.is_sure = max(estimate.chance for estimate in estimates) >= ENOUGH
+        self.is_crowded = min(best.values(), key=lambda one: one.selection_cost).is_alone
         self.usual_cost = min(estimate.selection_cost for estimate in estimates)
         self._evidence, self._compared, self._begun = side_prior, 0, time
-        self._compare(_best(estimates), time)
+        self._compare(best, time)
         self._keep_side()
 
     def identify(self, id: int, before: HandTrack | None = None) -> None:
@@ -173,38 +218,69 @@ class HandTrack:
         mean = abs(self._evidence) / max(self._compared, MIN_COMPARED)
         return min(side_chance(mean), MAX_SIDE_CONFIDENCE)
 
-    def regions(self, time: float) -> list[SearchRegion]:
+    def regions(self, time: float, frame: FrameHands) -> list[SearchRegion]:
         """The search regions in a frame; with and without the network, whose last use is recorded."""
+        if self._rests(time):
+            return []
         troubled = self.time < self._seen or self.best.estimate.selection_cost > TROUBLE * self.usual_cost
         asked = troubled or not self.is_decided or time - self._asked >= ASK
         self._asked = time if asked else self._asked
         regions = []
         for side, seen in self.sides.items():
             region = self._region(side, seen.expected(time))
+            middle = self._estimator.camera.unproject(region.center_uvd)
+            if self.is_crowded and (near := self._look(frame, middle, time)):
+                region = replace(region, alone=frame.alone(near))
             regions.append(region if asked else replace(region, moved_mm=seen.estimate.moved_mm))
         return regions
 
-    def other_regions(self, depth: NDArray[np.float32], estimates: Sequence[Hand], time: float) -> list[SearchRegion]:
+    def other_regions(self, frame: FrameHands, estimates: Sequence[Hand], time: float) -> list[SearchRegion]:
         """Further search regions for a full fit, if the pose or the side is uncertain.
 
-        These are the last pose, and the hand found by the locator, or else the palm predicted by the network.
+        These are the last pose, and the hand that the finder finds there, or else the palm predicted by the network.
         """
+        if self._rests(time):
+            return []
+        camera = self._estimator.camera
         sure = max((estimate.chance for estimate in estimates), default=0.0)
         cost = min((estimate.selection_cost for estimate in estimates), default=np.inf)
         alarmed = cost > ALARM * self.usual_cost
+        if sure < ENOUGH and self.credit <= 0 and (near := self._look(frame, self.place, time)):
+            self.place, self._looked = near.middle, time
+            center = camera.project(near.middle)
+            return [SearchRegion(center, side, size=self.size, alone=frame.alone(near)) for side in self.sides]
         pause = COMPARE if not self.is_decided else SOON if alarmed else self._pause
         if (self.is_decided and sure >= SURE and not alarmed) or time - self._looked < pause:
             return []
         self._looked = time
-        regions = []
+        regions: list[SearchRegion] = []
         for estimate in estimates:
-            side, center = estimate.hand, self._estimator.hand_near(depth, estimate)
-            regions.append(SearchRegion(center, side, self.sides[side].estimate.body, self.size))
+            side, near = estimate.hand, self._look(frame, estimate.center_mm, time)
+            center = self._estimator.palm_by_network(estimate) if near is None else camera.project(near.middle)
+            alone = frame.alone(near) if near else None
+            regions.append(SearchRegion(center, side, self.sides[side].estimate.body, self.size, alone=alone))
+            if near and sure < ENOUGH:
+                regions.append(replace(regions[-1], before=None))
         return regions or [self._region(side, seen.estimate.body) for side, seen in self.sides.items()]
+
+    def _rests(self, time: float) -> bool:
+        """Whether a hand without a sure pose, and without credit, keeps its last one in a frame, to save time."""
+        return not self.is_sure and self.credit <= 0 and 0 < time - self._looked < COMPARE
+
+    def _look(self, frame: FrameHands, place: Array, time: float) -> FoundHand | None:
+        """The hand that the finder finds near a place (3,) in mm; remembers whether there is one."""
+        near = frame.near(place)
+        self.presence = 0.0 if near is None else near.presence
+        if near is not None:
+            self._found = time
+        return near
 
     def take(self, estimates: Sequence[Hand], others: Sequence[Hand], time: float) -> bool:
         """Add the poses found in its regions and in others, the best for each side; True if one is good enough."""
         seconds, self._seen = time - self._seen, time
+        if self._rests(time):
+            self.time = time
+            return True
         first, second = _best(estimates), _best(others)
         before = min((estimate.selection_cost for estimate in first.values()), default=np.inf)
         best = _best([*first.values(), *second.values()])
@@ -213,12 +289,23 @@ class HandTrack:
         if second and self.is_decided:
             better = min(estimate.selection_cost for estimate in own) < BETTER * before
             self._pause = PAUSE if better else min(2 * self._pause, MAX_PAUSE)
-        if max((estimate.chance for estimate in own), default=0.0) < ENOUGH:
-            self.credit -= seconds
+        masked = [one.selection_cost for one in second.values()]
+        if masked and any(one.is_alone for one in others):
+            self.is_crowded = min(masked) < BETTER * before or (self.is_crowded and min(masked) <= before / BETTER)
+        sure = max((estimate.chance for estimate in own), default=0.0) >= ENOUGH
+        self.is_sure = sure
+        self.credit = min(self.credit + 2 * seconds, MOST_CREDIT) if sure else self.credit - seconds
+        present = self.credit <= 0 and time - self._found < PRESENT_S
+        if not own or not (sure or present):
             return False
         for estimate in own:
-            self.sides[estimate.hand].take(estimate, time)
-        self.time, self.credit = time, min(self.credit + 2 * seconds, MOST_CREDIT)
+            if sure:
+                self.sides[estimate.hand].take(estimate, time)
+            else:  # no motion follows from poses that are not sure
+                self.sides[estimate.hand] = SideState(estimate, time)
+        if sure:
+            self.place = self.best.estimate.xyz.mean(axis=0)
+        self.time = time
         self._keep_side()
         self.usual_cost += HABIT * (self.best.estimate.selection_cost - self.usual_cost)
         if self.is_decided and self.best.estimate.chance >= SURE:

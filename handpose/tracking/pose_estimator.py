@@ -17,8 +17,8 @@ from handpose.body.render import Capsules, in_front, normalise_depth, render_cro
 from handpose.body.sides import Side, mirror_of
 from handpose.estimate.estimator import Candidate, HandEstimator, SearchRegion
 from handpose.estimate.hand import Hand, judge
-from handpose.estimate.locator import recenter
 from handpose.estimate.predictor import Predictor
+from handpose.estimate.starts import recenter
 from handpose.fit.body import WorldPose, crop_variables, world_pose
 from handpose.fit.search import Plan
 from handpose.fit.support import APART_MM, support
@@ -28,8 +28,6 @@ from handpose.tracking.reasons import LEAVING, Expected
 from netlib.blob import Array
 from netlib.errors import DataError
 
-LIKELY = 0.5  # minimum probability of a hand, by the locator
-ARM_PLACES = 5  # along a forearm
 # The minimum share of an expected surface without a reading, and the minimum share of the crop's readings that it
 # explains: otherwise the hand itself has moved. In the ordinary frames of CVAR's P1, P3, P4, P7 and of hpx the first is
 # below 0.06 in 99% and at most 0.15, though 75% of a crop are background without readings. The second was chosen on
@@ -37,7 +35,6 @@ ARM_PLACES = 5  # along a forearm
 UNREAD, EXPLAINED = 0.15, 0.5
 AROUND_MM = 15.0  # pixels without a reading this close to it may be of it
 HIDING = 0.08  # minimum share of the expected surface behind nearer readings: fewer are reflections, mostly next to it
-TIMES = 2  # number of evaluations of the locator, each at the predicted position
 
 
 class PoseEstimator:
@@ -47,8 +44,6 @@ class PoseEstimator:
         assert predictor.fitter is not None and predictor.plan is not None
         self.fitter, self.model, self.camera = predictor.fitter, predictor.fitter.model, camera
         self.cube_mm, self.plan, self.sides = predictor.cube_mm, predictor.plan, predictor.sides
-        assert predictor.locator is not None
-        self.locator = predictor.locator
         self.hands = HandEstimator(predictor.net, self.cube_mm, self.fitter)
         self._middle = self._middle_of_crops()
         reach = 2 * round(AROUND_MM * SIZE / self.cube_mm) + 1
@@ -67,9 +62,14 @@ class PoseEstimator:
         candidates: dict[int, Candidate] = {}
         for i, region in enumerate(regions):
             with contextlib.suppress(DataError):  # outside the image
-                candidates[i] = self._candidate(depth, region, readings)
-        hands = self.hands.estimate(list(candidates.values()), self.camera, plan or self.plan)
-        found = dict(zip(candidates, judge(hands, depth if readings is None else readings)))
+                own = (depth, readings) if region.alone is None else (region.alone, region.alone)
+                candidates[i] = self._candidate(own[0], region, own[1])
+        hands = dict(zip(candidates, self.hands.estimate(list(candidates.values()), self.camera, plan or self.plan)))
+        together = [i for i in hands if regions[i].alone is None]
+        found = dict(zip(together, judge([hands[i] for i in together], depth if readings is None else readings)))
+        for i in hands:
+            if (alone := regions[i].alone) is not None:
+                found[i] = judge([hands[i]], alone)[0]
         return [found.get(i) for i in range(len(regions))]
 
     def _candidate(
@@ -131,26 +131,12 @@ class PoseEstimator:
         x = crop_variables(self.model, body, body.place)[None]
         return self.model.capsules(x, body.place[None]).mirrored(mirror_of(side))
 
-    def hand_near(self, depth: NDArray[np.float32], hand: Hand) -> Array:
-        """The crop centre (3,) by the locator, px, px, mm; otherwise by the network, if it was run."""
-        middle = hand.center_mm[None]
-        for _ in range(TIMES):
-            chance, middle = self.locator.at(depth, middle, self.camera)
-            if not len(chance) or chance[0] < LIKELY:
-                break
-        else:
-            return self.camera.project(middle[0])
+    def palm_by_network(self, hand: Hand) -> Array:
+        """The crop centre (3,) by the joints that the network predicted, px, px, mm; the same if it was not run."""
         if not hand.is_predicted:
             return hand.center_uvd
         joints = hand.network_mm * mirror_of(hand.hand) / (self.cube_mm / 2)
         return recenter(joints, self.model.skeleton, hand.center_uvd, self.cube_mm, self.camera, hand.hand)
-
-    def arm(self, hand: Hand) -> Array:
-        """Positions (A, 3) in mm, camera axes, along the capsules of the surface alone: the forearm of a hand."""
-        capsules, limbs = hand.capsules(in_space=True), self.model.surface.limbs
-        a, b = capsules.a[0, limbs], capsules.b[0, limbs]
-        places = a[:, None] + np.linspace(0, 1, ARM_PLACES)[:, None] * (b - a)[:, None]
-        return np.asarray(places.reshape(-1, 3))
 
     def _middle_of_crops(self) -> Array:
         """The crop centre (3,) in mm, from the root's position and in its axes."""

@@ -6,7 +6,8 @@ with open_recording("frames") as recording:
         print(frame.time, [hand.xyz for hand in frame.hands], [hand.reason for hand in frame.lost])
 
 The fit of a hand starts from the pose extrapolated from its motion, at intervals also from the network's
-prediction, and the better result is used. While there are fewer hands than allowed, the image is searched for more.
+prediction, and the better result is used. While there are fewer hands than
+allowed, the finder looks for more, and a new hand is followed if it is present enough.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 
 from handpose.body.sides import Side
 from handpose.estimate.estimator import SearchRegion
+from handpose.estimate.finder import MIN_PRESENCE, FoundHand
 from handpose.estimate.hand import MIN_CONFIDENCE, Hand
 from handpose.estimate.nets import refuse_other_bodies
 from handpose.estimate.packaged import load_predictor
@@ -29,21 +31,20 @@ from handpose.frames.cameras import Camera
 from handpose.frames.crops import check_size
 from handpose.frames.images import check_unit, depth_image, without_dropouts
 from handpose.frames.recording import DepthFrame
-from handpose.tracking.acceptance import Acceptance
-from handpose.tracking.detector import NOWHERE, Detector
-from handpose.tracking.hand_track import AHEAD_S, HandTrack
+from handpose.tracking.hand_track import AHEAD_S, FrameHands, HandTrack
 from handpose.tracking.output import tracked_hand
 from handpose.tracking.pose_estimator import PoseEstimator
 from handpose.tracking.reasons import reason
 from handpose.tracking.sizing import checked
 from handpose.tracking.sure_hands import SureHands
-from handpose.tracking.track import LostHand, RefusedPlace, TrackedFrame, TrackHeader
+from handpose.tracking.track import LostHand, TrackedFrame, TrackHeader
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 
 MAX_HANDS = 100  # larger numbers of hands are invalid
-MAX_REFUSED = 8  # number of places that are refused in the search of one frame
+SEARCH_S = 0.2  # s between searches for further hands
 SAME_MM = 70.0  # palms closer together are the same hand
+APART_MM = 110.0  # a found hand this close to one that is followed is the same
 AGAIN = dataclasses.replace(ACCURATE, quarters=(0,))  # of a tracked hand: its last pose replaces the turned crops
 
 
@@ -55,11 +56,12 @@ def load_tracker(camera: Camera, *, fit: Fit = "fast", seed: int = 0, **options:
 class Tracker:
     """Tracks hands.
 
-    predictor  with a locator, a fit, and a camera of the frames' size
+    predictor  with a finder, a fit, and a camera of the frames' size
     hands      maximum number at a time
     smooth     smooth poses over time
     size       of all hands, relative to the skeleton; by default each is estimated from its first seconds
     surface    output each hand's surface, too
+    min_presence    below it a found place is no hand
     min_confidence  below it a hand is not reported (``SureHands``); 0 for all hands that are followed
 
     Raises NetlibError for an unsuitable predictor or number of hands, DataError for a size that cannot be fitted.
@@ -67,10 +69,10 @@ class Tracker:
 
     def __init__(
         self, predictor: Predictor, *, hands: int = 2, smooth: bool = True, size: float | None = None,
-        surface: bool = False, min_confidence: float = MIN_CONFIDENCE,
+        surface: bool = False, min_confidence: float = MIN_CONFIDENCE, min_presence: float = MIN_PRESENCE,
     ) -> None:
-        if predictor.fitter is None or predictor.locator is None:
-            raise NetlibError("a tracker needs a predictor with a fit and a locator")
+        if predictor.fitter is None or predictor.finder is None:
+            raise NetlibError("a tracker needs a predictor with a fit and a finder")
         check_whole("hands", hands, 1, MAX_HANDS)
         check_confidence(min_confidence)
         refuse_other_bodies(predictor.skeleton, "only hands are followed")
@@ -78,8 +80,8 @@ class Tracker:
         self.limit, self.smooth, self.surface = hands, smooth, surface
         self.size = None if size is None else checked(size)
         self.estimator = PoseEstimator(predictor, self.camera)
-        self.detector = Detector(predictor.locator, self.camera)
-        self.acceptance = Acceptance(predictor, self.estimator, self.detector)
+        self.finder, self.min_presence = predictor.finder, min_presence
+        self._searched = -np.inf  # s, when further hands were searched for
         self.known: dict[int, HandTrack] = {}  # all hands of the recording by their ids
         self._sure = SureHands(min_confidence)
         self._time = -np.inf
@@ -106,10 +108,13 @@ class Tracker:
         """
         before = self._time
         readings, depth, time = self._accept(frame)
-        self._follow(depth, readings, time)
+        found = FrameHands(self.finder, depth, self.camera, self.min_presence)
+        self._follow(found, readings, time)
         self._drop_doubles()
-        refused = self._search(depth, time, at_once=time - before > AHEAD_S)
-        return self._sure(self._report(frame.number, time, refused))
+        if sum(track.is_sure for track in self.tracks) < self.limit and (time - self._searched >= SEARCH_S or time - before > AHEAD_S):
+            self._searched = time
+            self._search(found, readings, time)
+        return self._sure(self._report(frame.number, time))
 
     def _accept(self, frame: DepthFrame) -> tuple[NDArray[np.float32], NDArray[np.float32], float]:
         """Check a frame; returns its readings (H, W) in mm, those that the camera can measure, and its time."""
@@ -124,15 +129,16 @@ class Tracker:
         readings = without_dropouts(readings)
         return readings, without_dropouts(self.camera.in_range(readings)), time
 
-    def _follow(self, depth: NDArray[np.float32], readings: NDArray[np.float32], time: float) -> None:
+    def _follow(self, found: FrameHands, readings: NDArray[np.float32], time: float) -> None:
         """Find every hand where it is expected.
 
         readings  the image with those readings that are nearer than the camera measures
         """
         tracks = self.tracks
-        regions = {track.id: track.regions(time) for track in tracks}
+        depth = found.depth
+        regions = {track.id: track.regions(time, found) for track in tracks}
         estimates = self._estimates(depth, readings, regions)
-        others = {track.id: track.other_regions(depth, estimates[track.id], time) for track in tracks}
+        others = {track.id: track.other_regions(found, estimates[track.id], time) for track in tracks}
         again = self._estimates(depth, readings, others, AGAIN)
         for track in tracks:
             seen, more = estimates[track.id], again[track.id]
@@ -159,38 +165,35 @@ class Tracker:
                 if other is not track and np.linalg.norm(self._middle(track) - self._middle(other)) < SAME_MM:
                     other.end("another hand is tracked at its position")
 
-    def _search(self, depth: NDArray[np.float32], time: float, at_once: bool) -> list[RefusedPlace]:
-        """Search for hands that are not tracked, one or all ``at_once``. Returns the refused places."""
-        refused: list[RefusedPlace] = []
-        while (count := len(self.tracks)) < self.limit and len(refused) < MAX_REFUSED:
-            more = self._detect(depth, time)
-            refused += more
-            self._drop_doubles()
-            # While no hand is tracked, the detector offers a refused place again.
-            if not at_once or (len(self.tracks) == count and not (more and count)):
-                break
-            self.detector.restart()
-        return refused
+    def _search(self, found: FrameHands, readings: NDArray[np.float32], time: float) -> None:
+        """Begin to follow the hands that the finder finds apart from those that are followed."""
+        for hand in found.hands:
+            tracks = self.tracks
+            if any(np.linalg.norm(hand.middle - track.place) < APART_MM for track in tracks):
+                continue
+            if len(tracks) == self.limit:
+                last = min(tracks, key=lambda track: (track.is_sure, track.presence))
+                if last.is_sure or last.presence >= hand.presence:
+                    return
+                last.end("another place looks more like a hand")
+            self._begin(hand, found, readings, time)
 
-    def _detect(self, depth: NDArray[np.float32], time: float) -> list[RefusedPlace]:
-        """Search for a hand that is not tracked. Returns the place that was refused, if any."""
-        middles = np.array([self._middle(track) for track in self.tracks]).reshape(-1, 3)
-        arms = [self.estimator.arm(track.best.estimate) for track in self.tracks]
-        place = self.detector.detect(depth, middles, time, np.concatenate([*arms, NOWHERE]))
-        if place is None:
-            return []
-        seen, why = self.acceptance.hands_at(depth, place)
+    def _begin(self, hand: FoundHand, found: FrameHands, readings: NDArray[np.float32], time: float) -> None:
+        """Follow a found hand, by the better pose of each side with and without what is around it."""
+        sides = self.predictor.sides if hand.side is None else (hand.side,)
+        center = self.camera.project(hand.middle)
+        regions = [SearchRegion(center, side, size=self.size, alone=alone)
+                   for side in sides for alone in (None, found.alone(hand))]
+        seen = [one for one in self.estimator.estimate(found.depth, regions, ACCURATE, readings) if one is not None]
         if not seen:
-            self.detector.reject(place, time)
-            x, y, z = place.tolist()
-            return [RefusedPlace((x, y, z), why)]
-        track = HandTrack(self.estimator, seen, time, self.size, self._side_prior(time))
+            return
+        track = HandTrack(self.estimator, seen, time, self.size, self._side_prior(time), hand.presence,
+                          hand.middle)
         id = self._id_of(track.hand, time)
         track.identify(id, self.known.get(id))
         self.known[id] = track
-        return []
 
-    def _report(self, number: int, time: float, refused: list[RefusedPlace]) -> TrackedFrame:
+    def _report(self, number: int, time: float) -> TrackedFrame:
         """The hands that were seen in this frame, however sure, and those that are lost."""
         hands, lost = [], []
         for id, track in sorted(self.known.items()):
@@ -201,7 +204,7 @@ class Tracker:
             if track.is_decided:
                 track.size = track.size or track.sizes.take(track.best.estimate, time)
             hands.append(tracked_hand(track, self.estimator.model, smooth=self.smooth, surface=self.surface))
-        return TrackedFrame(number, time, tuple(hands), tuple(lost), tuple(refused))
+        return TrackedFrame(number, time, tuple(hands), tuple(lost))
 
     def _missing(self, time: float) -> list[int]:
         """The ids of known hands that are not found in this frame."""

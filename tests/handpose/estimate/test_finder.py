@@ -64,7 +64,7 @@ def found_in(depth: np.ndarray, camera: Camera = CAMERA, **changed: np.ndarray) 
 def test_palms_sides_and_masks_of_two_hands() -> None:
     first, second = found_in(frame())
     for hand, side in ((first, "right"), (second, "left")):
-        np.testing.assert_allclose(hand.palm, PALMS[side], atol=1e-3)
+        np.testing.assert_allclose(hand.middle, PALMS[side], atol=1e-3)
         assert hand.side == side
         true = frame() == PALMS[side][2] - 20
         assert (hand.mask & ~true).sum() == 0 and hand.mask.sum() > 0.9 * true.sum()
@@ -75,7 +75,7 @@ def test_a_finer_camera_gives_the_same_hands_and_masks_of_its_own_size() -> None
     fine = Camera("fine", 480.0, 480.0, 240.0, 192.0, 480, 384)
     coarse, again = found_in(frame()), found_in(np.kron(frame(), np.ones((3, 3), np.float32)), fine)
     for one, other in zip(coarse, again, strict=True):
-        np.testing.assert_allclose(one.palm, other.palm, atol=1e-3)
+        np.testing.assert_allclose(one.middle, other.middle, atol=1e-3)
         assert other.mask.shape == (384, 480)
         assert other.mask[::3, ::3].sum() == pytest.approx(one.mask.sum(), rel=0.1)
 
