@@ -13,11 +13,12 @@ realsense, a connected camera. Camera, unit and distortion come from it, from a 
 a report on the first frames shows them and warns about likely mistakes. --look stops after it, with a figure of the
 first hand.
 
-Each hand is tracked from its last pose; while there are fewer than --hands, the image is searched for more. Handedness
-is decided in the first frames and size in the first seconds of a track, and both are kept. Angles and palm poses are
-smoothed, so bones keep their length; those of recordings also with the frames after them, up to two seconds later.
---raw turns this off. A hand below --min-confidence is lost in that frame: no output has its joints. --fit accurate
-takes about a third longer than fast. --serve shows the track in a browser as it is computed (docs/live.md).
+Each hand is tracked from its last pose; while there are fewer than --hands, the image is searched for more.
+Handedness is decided in the first frames and size in the first seconds of a track, and both are kept. Angles and palm
+poses are smoothed, so bones keep their length; those of recordings also with the frames after them, up to two seconds
+later. --raw turns this off. A place below --min-presence is no hand. A hand below --min-confidence is reported with its
+place, but without joints. --fit accurate takes about a third longer than fast. --serve shows the track in a browser as
+it is computed (docs/live.md).
 
 Without an output option, FILE.json and a contact sheet FILE.png are written to the working folder, named after the
 source, unless they exist. Ctrl-C or a truncated recording leaves complete files of the frames so far.
@@ -65,6 +66,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--hands", type=whole(1, MAX_HANDS), default=2, metavar="N", help="maximum number (default: 2)")
     parser.add_argument("--size", type=_size, metavar="S", help="relative to the skeleton (default: estimated)")
     hand_arguments.add_min_confidence(parser)
+    hand_arguments.add_min_presence(parser)
     parser.add_argument("--seed", type=seed, default=0, metavar="N", help="of random starts (default: %(default)s)")
     parser.add_argument("--raw", action="store_true", help="do not smooth")
     parser.add_argument("--frames", type=count, metavar="N", help="maximum number of frames")
@@ -90,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
         if args.look is not None:
             return findings.draw_first(seen, predictor, args.look)
         tracker = Tracker(predictor, hands=args.hands, smooth=not args.raw, size=args.size, surface=is_drawn(args),
-                          min_confidence=0)
+                          min_confidence=0, min_presence=args.min_presence)
         summary, begun = Summary(predictor.skeleton), time.perf_counter()
         outputs, status = Outputs(args, tracker.header(recording.name), recording.rate), DONE
         reporting = Reporting(tracker.estimator.model, args.min_confidence, outputs.is_live or recording.live)

@@ -150,8 +150,8 @@ class Predictor:
     def start(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> Array:
         """The centre (3,) of the first crop: u, v in px and d in mm. Raises DataError.
 
-        center  (u, v, d) is returned; (u, v) gets the depth measured there; None is the most certain hand of the finder,
-                or the nearest surface
+        center  (u, v, d) is returned; (u, v) gets the depth measured there; None is the hand of the finder with the
+                highest presence, or the nearest surface
         """
         return self._start(self._readings(depth), center)
 

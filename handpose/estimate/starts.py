@@ -1,7 +1,7 @@
-"""Where a fit of a hand starts in a depth image: the nearest surface, a given pixel, and the palm that a network predicts.
+"""Where a fit of a hand starts: at the nearest surface, at a given pixel, or at the palm that a network predicts.
 
-``find_hand`` gives the centre of mass of the nearest object, ``depth_around`` the depth at a pixel. ``recenter`` moves a
-crop to the palm that the network predicts in it, as in the training crops (joint 34 of the NYU annotation).
+``find_hand`` gives the centre of mass of the nearest object, ``depth_around`` the depth at a pixel. ``recenter`` moves
+a crop to the palm that the network predicts in it, as in the training crops (joint 34 of the NYU annotation).
 """
 
 from __future__ import annotations

@@ -65,6 +65,8 @@ def _as_sides(
             finger_error_mm=quality.finger_error_mm[n],
             raw_xyz=raw_xyz[n],
             poses=TrackedPoses(hand.body, seen.smooth, hand.error_mm, track.size) if smooth else None,
+            presence=np.fmax(track.presence, quality.confidence[n]),
+            place=None if track.is_sure else track.place,
         )
         for n, (hand, seen) in enumerate(zip(found, sides))
     ]

@@ -71,7 +71,7 @@ class Summary:
         self._bones = skeleton.bones[self._has_bone]
         self.frames = 0
         self.hands: dict[int, HandSummary] = {}
-        self.refused: Counter[str] = Counter()  # number of refused places by reason, without its figures
+        self.present: Counter[str] = Counter()  # number of hands without a sure pose by reason, without its figures
         self._first = self._last = 0.0
 
     @property
@@ -95,7 +95,7 @@ class Summary:
             own.losses += not own.is_lost
             own.is_lost = True
             own.longest = max(own.longest, frame.time - lost.since)
-        self.refused.update(place.reason.partition(" (")[0] for place in frame.refused)
+        self.present.update(hand.reason.partition(" (")[0] for hand in frame.present)
 
     @property
     def rows(self) -> list[list[str]]:
@@ -112,9 +112,7 @@ class Summary:
     @property
     def nothing_found(self) -> str:
         """Why no hand was found, as text."""
-        count = self.refused.total()
-        if not count:
+        if not self.present:
             return "no hand was found: no place looked like one"
-        places = f"{count} places, all refused" if count > 1 else "1 place, which was refused"
-        reasons = "; ".join(f"{reason} ({number})" for reason, number in self.refused.most_common())
-        return f"no hand was found: seen at {places}: {reasons}"
+        reasons = "; ".join(f"{reason} ({number})" for reason, number in self.present.most_common())
+        return f"no pose was found of the hands that were seen: {reasons}"

@@ -84,6 +84,8 @@ class TrackedHand:
                 where it is unknown
     raw_xyz     (K, 3) mm, likewise: the joints before smoothing; None if poses are not smoothed, or if unknown
     poses       before and after smoothing; None likewise
+    presence    probability that it is a hand; NaN if unknown
+    place       (3,) mm, camera axes: its middle, if that is not the mean of its joints
     """
 
     id: int
@@ -102,6 +104,13 @@ class TrackedHand:
     finger_error_mm: Array = field(default_factory=unknown_finger_errors)
     raw_xyz: Array | None = None
     poses: TrackedPoses | None = None
+    presence: float = float("nan")
+    place: Array | None = None
+
+    @property
+    def palm_mm(self) -> Array:
+        """The middle (3,) of the hand."""
+        return np.asarray(self.xyz.mean(axis=0)) if self.place is None else self.place
 
     @property
     def known_side(self) -> Side | None:
@@ -133,11 +142,27 @@ class LostHand(NamedTuple):
         return self.hand or UNKNOWN_SIDE
 
 
-class RefusedPlace(NamedTuple):
-    """A place (3,) in mm, camera axes, where a hand was supposed, and why it is not reported, one line."""
+class PresentHand(NamedTuple):
+    """A hand that is there, but whose pose is not sure enough to be reported.
 
-    xyz: tuple[float, float, float]
+    hand        None if its side is not known
+    presence    probability that it is a hand; NaN if unknown
+    confidence  of its pose
+    place       (3,) mm, camera axes: its middle
+    reason      one line
+    """
+
+    id: int
+    hand: Side | None
+    presence: float
+    confidence: float
+    place: tuple[float, float, float]
     reason: str
+
+    @property
+    def side_name(self) -> str:
+        """The side, or "unknown"."""
+        return self.hand or UNKNOWN_SIDE
 
 
 class TrackedFrame(NamedTuple):
@@ -145,16 +170,16 @@ class TrackedFrame(NamedTuple):
 
     number  0-based, of the frame in its recording
     time    s; NaN if unknown, of single images
-    hands   the tracked hands, by id
+    hands   the tracked hands with their poses, by id
     lost    hands reported before that are missing now, by id
-    refused  places where a new hand was supposed and refused, or is not sure enough
+    present  hands that are there without a sure pose, by id
     """
 
     number: int
     time: float
     hands: tuple[TrackedHand, ...]
     lost: tuple[LostHand, ...] = ()
-    refused: tuple[RefusedPlace, ...] = ()
+    present: tuple[PresentHand, ...] = ()
 
 
 def joints_of(

@@ -111,7 +111,8 @@ class Tracker:
         found = FrameHands(self.finder, depth, self.camera, self.min_presence)
         self._follow(found, readings, time)
         self._drop_doubles()
-        if sum(track.is_sure for track in self.tracks) < self.limit and (time - self._searched >= SEARCH_S or time - before > AHEAD_S):
+        due = time - self._searched >= SEARCH_S or time - before > AHEAD_S
+        if due and sum(track.is_sure for track in self.tracks) < self.limit:
             self._searched = time
             self._search(found, readings, time)
         return self._sure(self._report(frame.number, time))

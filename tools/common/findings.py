@@ -83,7 +83,7 @@ def _row(found: Hand, predictor: Predictor, joints: FormatName | None) -> list[s
     """The values of a prediction, one for each column; empty if unknown. Raises DataError."""
     skeleton, fitted = predictor.skeleton, found.fit is not None
     about: list[str] = [found.hand if predictor.is_hand else ""]
-    about += csv_file.quality(found.confidence, found.error_mm)
+    about += csv_file.quality(found.presence, found.confidence, found.error_mm)
     about += csv_file.finger_numbers(skeleton, found.finger_error_mm)
     xyz, whole = _positions(found), found.in_frame
     camera, cube = found.camera if whole else None, None if whole else found.cube_mm

@@ -6,6 +6,7 @@ import argparse
 
 from handpose import CAMERAS, Camera
 from handpose.body.joint_formats.formats import FORMAT_NAMES
+from handpose.estimate.finder import MIN_PRESENCE
 from handpose.estimate.hand import MIN_CONFIDENCE
 from handpose.frames.camera_values import INTRINSICS, RANGES
 from handpose.frames.cameras import VIEWS, View, by_field_of_view
@@ -23,6 +24,12 @@ def add_min_confidence(parser: argparse.ArgumentParser) -> None:
     """Add the option --min-confidence, for tools that write hands."""
     parser.add_argument("--min-confidence", type=real(0, 1), default=MIN_CONFIDENCE, metavar="P",
                         help="give no joints of a hand with a lower confidence, from 0 to 1 (default: %(default)s)")
+
+
+def add_min_presence(parser: argparse.ArgumentParser) -> None:
+    """Add the option --min-presence, for tools that look for hands."""
+    parser.add_argument("--min-presence", type=real(0, 1), default=MIN_PRESENCE, metavar="P",
+                        help="ignore what is a hand with a lower probability, from 0 to 1 (default: %(default)s)")
 
 
 def camera(text: str) -> Camera | View:

@@ -16,7 +16,17 @@ from handpose.frames.crops import check_size
 from handpose.output.drawing import hands, strokes, surface
 from handpose.output.drawing.space import Space
 from handpose.output.drawing.strokes import Colour, Image
-from handpose.output.drawing.view import Contrast, Tags, View, Window, box_of, colour_of, spoken, spoken_loss
+from handpose.output.drawing.view import (
+    Contrast,
+    Tags,
+    View,
+    Window,
+    box_of,
+    colour_of,
+    spoken,
+    spoken_loss,
+    spoken_presence,
+)
 from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
 from netlib.blob import Array
 from netlib.errors import printable
@@ -24,6 +34,7 @@ from netlib.errors import printable
 WIDTH = 1280
 HEAD = 32  # pixels of height of the line on top
 MAX_HEIGHT, MAX_WIDTH = 0.4125, 0.6  # width of the depth image, as a fraction of the whole image
+PRESENT_MM = 60.0  # radius of the circle that marks a hand without joints
 MAX_LOST = 3  # number of lost hands that are listed
 _INK: Colour = (40, 40, 40)
 _MIN_DEPTH_MM = 1.0  # joints behind the camera are drawn at this depth, far outside the image
@@ -75,6 +86,10 @@ class Painter:
             low, high = _corners(hand, self.header.camera, view, self._size)
             cv2.rectangle(canvas, _pixel(low), _pixel(high), colour_of(hand.id), 1, cv2.LINE_AA)
             self._hand(canvas, hand, camera)
+        for present in frame.present:
+            u, v, d = camera.project(present.place)
+            radius = round(PRESENT_MM * camera.fx / d)
+            cv2.circle(canvas, _pixel(np.array([u, v])), radius, colour_of(present.id), 2, cv2.LINE_AA)
         self._tags(canvas, frame, view)
         return canvas
 
@@ -92,6 +107,10 @@ class Painter:
         lately = sorted(frame.lost, key=lambda lost: -lost.since)
         for lost in lately[:MAX_LOST]:
             tags.add(spoken_loss(lost, frame.time), 0, len(canvas), colour_of(lost.id))
+        camera = _camera_of(self.header.camera, view, self._size)
+        for present in frame.present:
+            u, v, d = camera.project(present.place)
+            tags.add(spoken_presence(present), u, v - PRESENT_MM * camera.fy / d, colour_of(present.id), sure=False)
         for hand in frame.hands:
             left, top = _corners(hand, self.header.camera, view, self._size)[0]
             tags.add(spoken(hand), left, top, colour_of(hand.id), sure=hand.known_side is not None)

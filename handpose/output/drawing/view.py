@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from handpose.frames.cameras import Camera
 from handpose.output.drawing import strokes
 from handpose.output.drawing.strokes import Colour, Image
-from handpose.tracking.track import LostHand, TrackedHand
+from handpose.tracking.track import LostHand, PresentHand, TrackedHand
 from netlib.blob import Array
 
 SECONDS = 0.5  # time constant of a move
@@ -160,6 +160,12 @@ def spoken(hand: TrackedHand) -> str:
     """``right 93%``, ``right? 49%`` while the side is assumed; without the number if it was not measured."""
     side = hand.known_side or f"{hand.hand}?"
     return f"{side} {percent(hand.confidence)}" if math.isfinite(hand.confidence) else side
+
+
+def spoken_presence(hand: PresentHand) -> str:
+    """``left hand 43%``: its presence."""
+    side = f"{hand.hand} hand" if hand.hand else "hand"
+    return f"{side} {percent(hand.presence)}" if math.isfinite(hand.presence) else side
 
 
 def spoken_loss(hand: LostHand, time: float) -> str:

@@ -2,7 +2,8 @@
 
     number, time_s   of the frame in its recording, from 0
     id, hand         the hand's constant number; right or left
-    lost             empty, or the reason why the hand is not found in this frame: then all further columns are empty
+    lost             empty, or the reason why the hand or its pose is not found in this frame: then joints are empty
+    presence         probability that it is a hand; empty if unknown
     confidence       probability that the joints' mean error is below 30 mm; empty if unknown
     error_mm         expected error; empty likewise
     FINGER_error_mm  of a hand: expected error of each finger, thumb to little; empty likewise
@@ -36,7 +37,7 @@ from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
-FIRST = ["number", "time_s", "id", "hand", "lost", "confidence", "error_mm"]
+FIRST = ["number", "time_s", "id", "hand", "lost", "presence", "confidence", "error_mm"]
 
 
 class CsvWriter:
@@ -57,7 +58,7 @@ class CsvWriter:
         self._gestures = GestureReader(header.skeleton) if gestures else None
         columns += ["gesture", "gesture_confidence"] * gestures
         columns = fingers + columns
-        self._empty = [""] * (2 + len(columns))
+        self._empty = [""] * (3 + len(columns))
         self._file = GrowingFile(path, rows_of([FIRST + columns]))
 
     def __enter__(self) -> CsvWriter:
@@ -69,10 +70,12 @@ class CsvWriter:
         about = [frame.number, f"{frame.time:.6f}"]
         rows = [[*about, hand.id, hand.side_name, "", *self._values(hand, frame.time)] for hand in frame.hands]
         rows += [[*about, lost.id, lost.side_name, lost.reason, *self._empty] for lost in frame.lost]
+        rows += [[*about, one.id, one.side_name, one.reason, _known("%.3f", one.presence),
+                  _known("%.4f", one.confidence), *self._empty[2:]] for one in frame.present]
         self._file.append(rows_of(rows))
 
     def _values(self, hand: TrackedHand, time: float) -> list[str]:
-        values, about = quality(hand.confidence, hand.error_mm), (hand.hand, hand.xyz)
+        values, about = quality(hand.presence, hand.confidence, hand.error_mm), (hand.hand, hand.xyz)
         values += finger_numbers(self._skeleton, hand.finger_error_mm)
         frames = hand_frames(self._skeleton, *about) if self._joints or self._gestures else None
         if self._joints and frames:
@@ -111,9 +114,9 @@ def finger_numbers(skeleton: Skeleton, errors_mm: Array) -> list[str]:
     return [_known("%.1f", error) for error in errors_mm.tolist()] if has_fingers(skeleton) else []
 
 
-def quality(confidence: float, error_mm: float) -> list[str]:
-    """Both as fields; empty if unknown."""
-    return [_known("%.4f", confidence), _known("%.2f", error_mm)]
+def quality(presence: float, confidence: float, error_mm: float) -> list[str]:
+    """The three as fields; empty if unknown."""
+    return [_known("%.3f", presence), _known("%.4f", confidence), _known("%.2f", error_mm)]
 
 
 def _known(form: str, number: float) -> str:

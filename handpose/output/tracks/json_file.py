@@ -4,7 +4,7 @@ docs/hands.schema.json describes the same keys as a JSON Schema.
 
 The header, once:
 
-    format, version  "handpose", 1; a change that old readers misread changes the version
+    format, version  "handpose", 2; a change that old readers misread changes the version
     source           the recording's name
     smoothed         true if poses were smoothed over time
     units, axes      in words: lengths in mm, angles in rad, time in s; x right, y up, z away from the camera
@@ -27,10 +27,14 @@ A frame:
 
     number, time_s   in the recording, from 0; time_s is null for single images
     image, picture   for single images only: the file, and the file of its picture
-    hands            the tracked hands, by id
+    hands            the hands that are there, by id
         id, hand         the hand's constant number; "right" or "left", or null while its side is undecided: then also
                          assumed_hand, which angles and positions are of, and its probability assumed_confidence
+        presence         probability that it is a hand; null if unknown, as where its place was given
         confidence       probability that the joints' mean error is below 30 mm; null if unknown
+        palm_mm          the middle of the hand, camera axes
+        reason           only of a hand whose confidence is below the minimum: why it has no joints, a line; then
+                         positions_mm is null, and the further keys are missing
         error_mm         expected error; null likewise
         finger_error_mm  expected error of each finger, by name: mean over PIP joint, DIP joint and tip; null likewise
         positions_mm     (x, y, z) of each joint, camera axes, to 0.01 mm
@@ -45,7 +49,6 @@ A frame:
                          thumb_up; confidence, 0 to 1 (``handpose.body.gestures``)
         mediapipe, mano, nyu, anatomical_deg   with a format of joints (``joint_values``)
     lost             hands tracked before: id, hand (or null), since_s (reported last), reason (a line)
-    refused          only in frames with one: supposed hands that are not reported, position_mm and reason (a line)
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ from handpose.fit.pose_confidence import unknown_finger_errors
 from handpose.frames.cameras import Camera
 from handpose.frames.json_fields import Fields
 from handpose.output.tracks import joint_values
-from handpose.tracking.track import LostHand, RefusedPlace, TrackedFrame, TrackedHand, TrackHeader
+from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackedHand, TrackHeader
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter, text_of
 from netlib.blob import Array
@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from handpose.body.gestures import GestureReader
 from typing import NamedTuple
 
-FORMAT, VERSION = "handpose", 1
+FORMAT, VERSION = "handpose", 2
+READ = (1, 2)  # versions; without presence before 2
 UNITS = {"length": "mm", "angle": "rad", "time": "s", "pixel": "px"}
 AXES = {"x": "right", "y": "up", "z": "away from the camera"}
 
@@ -84,7 +85,7 @@ def header_of(fields: Fields) -> TrackHeader:
     """The header from its object. Raises DataError, PrototxtError."""
     if "format" not in fields or fields.text("format") != FORMAT:
         raise DataError(f"{fields.where}: not a track; expected a file that track --json has written")
-    if fields.whole("version") != VERSION:
+    if fields.whole("version") not in READ:
         raise DataError(f"{fields.where}: format version {fields.whole('version')}; this program reads {VERSION}")
     if not fields.has("camera"):
         raise DataError(f"{fields.where}: predicted from crops without a camera, so positions are relative to crops")
@@ -128,9 +129,13 @@ class FrameValues:
         lost = [{"id": int(l.id), "hand": l.hand, "since_s": rounded(l.since, 6), "reason": l.reason}
                 for l in frame.lost]
         hands = [self._hand_values(hand, frame.time) for hand in frame.hands]
-        refused = [{"position_mm": rounded(place.xyz, 1), "reason": place.reason} for place in frame.refused]
-        return {"number": int(frame.number), "time_s": rounded(frame.time, 6), "hands": hands, "lost": lost,
-                **({"refused": refused} if refused else {})}
+        hands += [
+            {"id": int(one.id), "hand": one.hand, "presence": rounded(one.presence, 3),
+             "confidence": rounded(one.confidence, 4), "palm_mm": rounded(one.place, 1), "positions_mm": None,
+             "reason": one.reason} for one in frame.present
+        ]
+        hands.sort(key=lambda hand: int(hand["id"]))
+        return {"number": int(frame.number), "time_s": rounded(frame.time, 6), "hands": hands, "lost": lost}
 
     def _hand_values(self, hand: TrackedHand, time: float) -> dict[str, Any]:
         theta = self._skeleton.theta(hand.inputs)
@@ -141,7 +146,8 @@ class FrameValues:
             "id": int(hand.id), "hand": hand.known_side,
             **({} if hand.known_side else {"assumed_hand": hand.hand,
                                            "assumed_confidence": rounded(hand.side_confidence, 3)}),
-            "confidence": rounded(hand.confidence, 4), "error_mm": rounded(hand.error_mm, 2),
+            "presence": rounded(hand.presence, 3), "confidence": rounded(hand.confidence, 4),
+            "error_mm": rounded(hand.error_mm, 2), "palm_mm": rounded(hand.palm_mm, 1),
             "finger_error_mm": dict(zip(FINGERS, rounded(hand.finger_error_mm, 1))),
             "positions_mm": rounded(hand.xyz, 2),
             **({} if self._live or hand.raw_xyz is None else {"raw_positions_mm": rounded(hand.raw_xyz, 2)}),
@@ -176,13 +182,14 @@ class FrameValues:
 
     def frame(self, fields: Fields) -> TrackedFrame:
         """The next frame from its object. Raises DataError."""
-        hands = tuple(self._hand(hand) for hand in fields.parts("hands"))
+        every = list(fields.parts("hands"))
+        hands = tuple(self._hand(hand) for hand in every if hand.has("positions_mm"))
+        present = tuple(_present(hand) for hand in every if not hand.has("positions_mm"))
         lost = tuple(
             LostHand(of.whole("id"), _side(of) if of.has("hand") else None, of.number("since_s"), of.text("reason"))
             for of in fields.parts("lost")
         )
-        refused = tuple(_refused(of) for of in fields.parts("refused")) if "refused" in fields else ()
-        return TrackedFrame(fields.whole("number"), fields.known("time_s"), hands, lost, refused)
+        return TrackedFrame(fields.whole("number"), fields.known("time_s"), hands, lost, present)
 
     def _hand(self, of: Fields) -> TrackedHand:
         assumed = not of.has("hand")
@@ -198,6 +205,7 @@ class FrameValues:
             side_confidence=of.number("assumed_confidence", 0, 1 - 1e-6) if assumed else 1.0,
             finger_error_mm=_finger_errors(of),
             raw_xyz=of.numbers("raw_positions_mm", joints, 3) if "raw_positions_mm" in of else None,
+            presence=of.known("presence") if "presence" in of else math.nan,
         )
 
     def _bones_of(self, of: Fields) -> Array:
@@ -238,9 +246,10 @@ def _side(fields: Fields, name: str = "hand") -> Side:
         raise DataError(f"{fields.where}: {name!r} is {error}") from None
 
 
-def _refused(of: Fields) -> RefusedPlace:
-    x, y, z = of.numbers("position_mm", 3).tolist()
-    return RefusedPlace((x, y, z), of.text("reason"))
+def _present(of: Fields) -> PresentHand:
+    x, y, z = of.numbers("palm_mm", 3).tolist()
+    side = _side(of) if of.has("hand") else None
+    return PresentHand(of.whole("id"), side, of.known("presence"), of.known("confidence"), (x, y, z), of.text("reason"))
 
 
 # ---------------------------------------------------------------------------------------------- angles

@@ -1,6 +1,6 @@
 """Predictions for single images in the format of tracks: each image is a frame with one hand and without a time.
 
-A hand without joints, because it is not sure enough, is a refused place, as in a track.
+A hand without joints, because its pose is not sure enough, is present, as in a track.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from handpose.estimate.hand import Hand
 from handpose.estimate.nets import is_hand
 from handpose.output.tracks.json_values import FrameValues, header_values
 from handpose.tracking.reasons import uncertain
-from handpose.tracking.track import RefusedPlace, TrackedFrame, TrackedHand, TrackHeader
+from handpose.tracking.track import PresentHand, TrackedFrame, TrackedHand, TrackHeader
 from layers.hand.skeleton import Skeleton
 
 
@@ -41,6 +41,7 @@ def tracked(found: Hand, skeleton: Skeleton) -> TrackedHand:
         cube_mm=found.cube_mm,
         capsules=None,
         finger_error_mm=found.finger_error_mm,
+        presence=found.presence,
     )
 
 
@@ -49,8 +50,9 @@ def frame_values(number: int, found: Hand, skeleton: Skeleton, joints: FormatNam
     values = FrameValues(_header("", found, skeleton), joints, in_frames=found.in_frame)
     if not found.has_joints:
         x, y, z = (found.center_mm if found.in_frame else np.zeros(3)).tolist()
-        refused = RefusedPlace((x, y, z), uncertain(found.confidence))
-        return values.values(TrackedFrame(number, math.nan, (), refused=(refused,)))
+        side = found.hand if is_hand(skeleton) else None
+        present = PresentHand(0, side, found.presence, found.confidence, (x, y, z), uncertain(found.confidence))
+        return values.values(TrackedFrame(number, math.nan, (), present=(present,)))
     frame = values.values(TrackedFrame(number, math.nan, (tracked(found, skeleton),)))
     if not is_hand(skeleton):
         frame["hands"][0]["hand"] = None

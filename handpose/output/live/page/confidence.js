@@ -80,6 +80,7 @@ export class Confidence {
 
 /* For example "right 93%, expected error 5 mm, gesture open". */
 function stateOf(hand) {
+  if (!hand.positions_mm) return `${labelOf(hand)}: ${hand.reason}`;
   const error = hand.error_mm === null ? "" : `, expected error ${formatNumber(hand.error_mm, 0)} mm`;
   const gesture = hand.gesture?.name ? `, gesture ${hand.gesture.name.replaceAll("_", " ")}` : "";
   return `${labelOf(hand)}${error}${gesture}`;

@@ -45,7 +45,9 @@ export class DepthView {
       return [(u - window.left) * zoom, (v - window.top) * zoom, z];
     };
     drawBones(pen, scene, project);
-    for (const hand of frame.record.hands) this.drawLabel(pen, hand, hand.positions_mm.map(project));
+    for (const hand of frame.record.hands) {
+      this.drawLabel(pen, hand, (hand.positions_mm ?? [hand.palm_mm]).map(project));
+    }
   }
 
   /* Paint the depth into the layer, one pixel per sample; the contrast is highest at the depth of the hands. */
@@ -78,8 +80,9 @@ export class DepthView {
 }
 
 /* For example "right 93%", or "right? 49%" while the side is assumed. No confidence is shown as 100%. */
-export function labelOf({ hand, assumed_hand: assumed, confidence }) {
-  const side = hand ?? `${assumed}?`;
-  if (confidence === null) return side;
-  return `${side} ${confidence >= 0.995 ? ">99%" : `${formatNumber(100 * confidence, 0)}%`}`;
+export function labelOf({ hand, assumed_hand: assumed, confidence, presence, positions_mm: positions }) {
+  const side = positions ? (hand ?? `${assumed}?`) : hand ? `${hand} hand` : "hand";
+  const chance = positions ? confidence : presence;
+  if (chance === null) return side;
+  return `${side} ${chance >= 0.995 ? ">99%" : `${formatNumber(100 * chance, 0)}%`}`;
 }

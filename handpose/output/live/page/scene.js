@@ -21,8 +21,8 @@ export class Scene {
   }
 
   /* Show the hands of a frame. Returns whether there are any. */
-  show({ record: { hands }, surfaces, depth, grid }) {
-    const { names } = this;
+  show({ record, surfaces, depth, grid }) {
+    const { names } = this, hands = record.hands.filter((hand) => hand.positions_mm);
     this.joints = hands.flatMap((hand) => hand.positions_mm);
     this.skeleton = { joints: hands.flatMap(() => names) };
     this.tips = hands.flatMap((_, h) => this.handTips.map((j) => j + h * names.length));
