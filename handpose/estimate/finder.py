@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.body.sides import Side
+from handpose.fit.rounding import PLACE_STEP_MM, rounded
 from handpose.frames.cameras import Camera
 from handpose.frames.images import depth_image
 from netlib.blob import Array
@@ -30,6 +31,8 @@ STRIDE = 32  # heights and widths of the net's input are multiples
 MAX_PIXELS = 1 << 19  # of the net's input; larger frames are seen smaller
 MIN_PRESENCE = 0.1
 SURE_SIDE = 0.8
+CHANCE_STEP = 2.0**-10  # to which probabilities are rounded, so that processors agree
+MIN_VOTES = 1e-4  # sum of the weights around a maximum
 APART_MM = 70.0  # middles closer than this are one hand
 REACH_MM = 150.0  # from the middle to the farthest part of a hand
 AWAY_MM = 10_000.0
@@ -104,12 +107,12 @@ class Finder:
         said = self.net.forward(blobs=["votes", "class"], frame=channels_of(small[None], focal))
         if not all(np.isfinite(said[name]).all() for name in OUTPUTS):
             raise NetlibError(f"{self.net.source}: answers that are not finite; check its weights")
-        hand = said["class"][0, 1]
-        presence, right = said["presence"][0, 0], said["right"][0, 0]
+        hand, presence, right = (rounded(said[name][0, n], CHANCE_STEP).astype(np.float32)
+                                 for name, n in (("class", 1), ("presence", 0), ("right", 0)))
         z = small[::4, ::4].astype(np.float64)
         z[z >= BEYOND_MM] = 0
         points = np.concatenate([slopes[::4, ::4], np.ones((*z.shape, 1))], axis=-1) * z[..., None]
-        votes = points + VOTE_MM * np.moveaxis(said["votes"][0], 0, -1)
+        votes = points + rounded(VOTE_MM * np.moveaxis(said["votes"][0], 0, -1), PLACE_STEP_MM)
         weight = (z > 0) * np.maximum(hand[::2, ::2], 1e-3)
         peaks = [(chance, middle) for chance, middle in _peaks(presence, votes, weight, min_presence, most)
                  if _in_sight(middle, camera)]
@@ -183,18 +186,28 @@ def _peaks(
 ) -> list[tuple[float, Array]]:
     """The highest maxima of the presence (h, w) and the middles (3,) that the votes (h, w, 3) around them mean."""
     highest = cv2.dilate(presence, np.ones((3, 3), np.uint8))
-    total = cv2.boxFilter(weight, -1, (5, 5), normalize=False, borderType=cv2.BORDER_CONSTANT)
-    summed = cv2.boxFilter(votes * weight[..., None], -1, (5, 5), normalize=False, borderType=cv2.BORDER_CONSTANT)
-    mean = summed / np.maximum(total, 1e-9)[..., None]
-    rows, columns = np.nonzero((presence == highest) & (presence >= min_presence) & (total > 1e-4))
+    rows, columns = np.nonzero((presence == highest) & (presence >= min_presence))
     kept: list[tuple[float, Array]] = []
     for n in np.argsort(-presence[rows, columns], kind="stable"):
-        middle = mean[rows[n], columns[n]]
+        around = tuple(slice(max(at - 2, 0), at + 3) for at in (int(rows[n]), int(columns[n])))
+        own = weight[around].ravel()
+        if own.sum() < MIN_VOTES:
+            continue
+        middle = _agreed(votes[around].reshape(-1, 3), own)
         if all(np.linalg.norm(middle - other) > APART_MM for _, other in kept):
             kept.append((float(presence[rows[n], columns[n]]), middle))
         if len(kept) == most:
             break
     return kept
+
+
+def _agreed(votes: Array, weight: Array) -> Array:
+    """The mean (3,) of the votes (n, 3) near their median, so that those of a wall behind a hand do not count."""
+    order = votes.argsort(axis=0)
+    half = weight[order].cumsum(axis=0) >= weight.sum() / 2
+    median = np.take_along_axis(votes, order, axis=0)[half.argmax(axis=0), range(3)]
+    near = weight * (np.linalg.norm(votes - median, axis=1) < APART_MM)
+    return np.asarray(near @ votes / near.sum()) if near.any() else median
 
 
 def _masks(

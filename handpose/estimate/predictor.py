@@ -49,8 +49,8 @@ class Predictor:
              not centred as NYU's (ICVL's)
     fit      "no", or the name of the plan by which the predicted pose is fitted to the depth
     fitter   of the net's body; by default one for a network with unknown errors
-    finder   finds hands in frames, or a function that loads one when it is first used; where it finds none, and without
-             it, the nearest surface is taken for the hand
+    finder   finds hands in frames, or a function that loads one when it is first used; without it, the nearest surface
+             is taken for the hand
     min_confidence  below it a hand has no joints (``Hand.given``); 0 for all joints
 
     Nets know the hand of their training data, which is a right hand in NYU and in the synthetic frames. A body other
@@ -126,15 +126,15 @@ class Predictor:
         The hand's error and confidence are judged in the frame (``judge``, ``as_one_side``), without what is around a
         found hand.
 
-        Raises UnitError for depths that cannot be mm, DataError, NetlibError.
+        Raises UnitError for depths that cannot be mm, DataError, also if no hand is found, NetlibError.
         """
         depth = self._readings(depth)
         camera = self._camera_of(depth)
         if center is None and not self.is_hand:
             raise DataError(f"skeleton {self.skeleton.name!r} is not a hand, and only hands are searched for")
-        found = self._found(depth, camera) if center is None else []
-        if not found:
+        if center is not None or self.finder is None:
             return self._judged(depth, camera, self._start(depth, center), False).given(self.min_confidence)
+        found = self._found(depth, camera, self.finder)
         hands = [self._judged(one.alone(depth, camera), camera, camera.project(one.middle), True, one.presence)
                  for one in (found if self.plan is not None else found[:1])]
         return max(hands, key=lambda hand: hand.presence * max(hand.chance, 0.01)).given(self.min_confidence)
@@ -159,14 +159,20 @@ class Predictor:
         """``start`` in a checked frame."""
         if center is None:
             camera = self._camera_of(depth)
-            found = self._found(depth, camera)
-            return camera.project(found[0].middle) if found else find_hand(depth, camera)
+            if self.finder is None:
+                return find_hand(depth, camera)
+            return camera.project(self._found(depth, camera, self.finder)[0].middle)
         place = _center(center)
         return place if len(place) == 3 else depth_around(depth, *place)
 
-    def _found(self, depth: NDArray[np.generic], camera: Camera) -> list[FoundHand]:
-        """The hands that the finder finds, the most certain first; none without a finder."""
-        return [] if self.finder is None else self.finder.hands(depth, camera, most=MOST)
+    def _found(self, depth: NDArray[np.generic], camera: Camera, finder: Finder) -> list[FoundHand]:
+        """The hands that the finder finds, the most certain first. Raises DataError if there is none."""
+        if not (depth > 0).any():  # type: ignore[operator]
+            raise DataError("no depth anywhere in the image")
+        found = finder.hands(depth, camera, most=MOST)
+        if not found:
+            raise DataError("no hand is seen in this frame; if there is one, give its place (center)")
+        return found
 
     def _readings(self, depth: object) -> NDArray[np.generic]:
         """A depth image in mm, 0 where it is masked or nearer than the camera measures. Raises UnitError, DataError."""

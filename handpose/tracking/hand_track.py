@@ -151,7 +151,8 @@ class HandTrack:
     reason      why it was lost
     usual_cost  the average selection cost of its poses
     place       (3,) mm, camera axes: the mean of its joints; the finder's while its pose is not sure
-    is_sure     True if its last pose is
+    chance      confidence of the best pose in the last frame in which it was looked at
+    is_sure     True if that is enough
     presence    probability that it is a hand, by the finder, when it looked last
     is_crowded  True if its poses are better without what is around it
     """
@@ -175,7 +176,8 @@ class HandTrack:
         self._pause = PAUSE
         self.presence, self._found = presence, time
         self.place = _mean_joint(estimates[0]) if place is None else place
-        self.is_sure = max(estimate.chance for estimate in estimates) >= ENOUGH
+        self.chance = max(estimate.chance for estimate in estimates)
+        self.is_sure = self.chance >= ENOUGH
         self.is_crowded = min(best.values(), key=lambda one: one.selection_cost).is_alone
         self.usual_cost = min(estimate.selection_cost for estimate in estimates)
         self._evidence, self._compared, self._begun = side_prior, 0, time
@@ -273,6 +275,8 @@ class HandTrack:
         self.presence = 0.0 if near is None else near.presence
         if near is not None:
             self._found = time
+            if not self.is_sure:
+                self.place = near.middle
         return near
 
     def take(self, estimates: Sequence[Hand], others: Sequence[Hand], time: float) -> bool:
@@ -295,7 +299,11 @@ class HandTrack:
         sure = max((estimate.chance for estimate in own), default=0.0) >= ENOUGH
         self.is_sure = sure
         self.credit = min(self.credit + 2 * seconds, MOST_CREDIT) if sure else self.credit - seconds
-        present = self.credit <= 0 and time - self._found < PRESENT_S
+        self.chance = max((estimate.chance for estimate in own), default=0.0)
+        present = time - self._found < PRESENT_S
+        if not sure and present and (self.credit > 0 or not own):  # the last sure pose is kept for a while
+            self.time = time
+            return True
         if not own or not (sure or present):
             return False
         for estimate in own:

@@ -10,7 +10,8 @@ from handpose.tracking.track import PresentHand, TrackedFrame
 class SureHands:
     """Takes hands below a minimum confidence out of the frames of a track, in their order; the tracker follows them on.
 
-    Such a hand is present, without its joints. A hand whose confidence is unknown is reported.
+    Such a hand is present, without its joints; it is listed as lost later only if its joints were given before. A hand
+    whose confidence is unknown is given.
 
     frames  number of frames with a hand that was taken out
     """
@@ -36,6 +37,8 @@ class SureHands:
                 hands.append(hand)
                 self._reported[hand.id] = frame.time, hand.known_side or side
             else:
+                if hand.id in self._reported:
+                    self._reported[hand.id] = frame.time, hand.known_side or side
                 x, y, z = hand.palm_mm.tolist()
                 present.append(PresentHand(hand.id, hand.known_side or side, hand.presence, hand.confidence, (x, y, z),
                                            uncertain(hand.confidence)))

@@ -26,7 +26,7 @@ from handpose.estimate.hand import MIN_CONFIDENCE, Hand
 from handpose.estimate.nets import refuse_other_bodies
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor, check_confidence, check_whole
-from handpose.fit.search import ACCURATE, Fit, Plan
+from handpose.fit.search import ACCURATE, FAST, Fit, Plan
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import check_size
 from handpose.frames.images import check_unit, depth_image, without_dropouts
@@ -180,13 +180,19 @@ class Tracker:
             self._begin(hand, found, readings, time)
 
     def _begin(self, hand: FoundHand, found: FrameHands, readings: NDArray[np.float32], time: float) -> None:
-        """Follow a found hand, by the better pose of each side with and without what is around it."""
+        """Follow a found hand, by the best pose of each side, with and without what is around it.
+
+        The crops are about the middle that the finder gives, and about the palm that the network predicts there.
+        """
         sides = self.predictor.sides if hand.side is None else (hand.side,)
         center = self.camera.project(hand.middle)
         regions = [SearchRegion(center, side, size=self.size, alone=alone)
                    for side in sides for alone in (None, found.alone(hand))]
-        seen = [one for one in self.estimator.estimate(found.depth, regions, ACCURATE, readings) if one is not None]
-        if not seen:
+        first = self.estimator.estimate(found.depth, regions, FAST, readings)
+        moved = [dataclasses.replace(region, center_uvd=self.estimator.palm_by_network(one))
+                 for region, one in zip(regions, first) if one is not None]
+        every = self.estimator.estimate(found.depth, [*regions, *moved], ACCURATE, readings)
+        if not (seen := [one for one in every if one is not None]):
             return
         track = HandTrack(self.estimator, seen, time, self.size, self._side_prior(time), hand.presence,
                           hand.middle)

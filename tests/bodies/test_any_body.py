@@ -173,6 +173,6 @@ def test_parts_that_are_about_hands(tmp_path: Path) -> None:
         predictor.in_frame(frame)
     found = predictor.in_frame(frame, (250.0, 200.0, 2100.0))
     assert np.isfinite(found.joints).all() and tuple(found.center_uvd) == (250, 200, 2100)
-    predictor.locator = object()  # type: ignore[assignment]
+    predictor.finder = object()  # type: ignore[assignment]
     with pytest.raises(NetlibError, match="'random1' is not a hand: it has no joint 'palm'; only hands are followed"):
         Tracker(predictor)

@@ -197,7 +197,6 @@ def test_a_page_of_a_person() -> None:
     ("arguments", "message"),
     [
         (["--recipe", "nyu"], "--recipe applies only to hands"),
-        (["--places"], "not allowed with argument"),
     ],
 )
 def test_what_is_not_for_a_body(arguments: list[str], message: str, tmp_path: Path) -> None:

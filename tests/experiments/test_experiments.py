@@ -100,14 +100,6 @@ def test_fit(small_blocks: None) -> None:
     assert float(fast.split()[-2].rstrip("%")) > 90
 
 
-def test_finding() -> None:
-    first, head, *rows = run("finding", "--scenes", "3", "--seed", "3", "--fit", "fast").out.splitlines()
-    assert first.startswith("3 scenes, seed 3, fast fit, ")
-    assert head.split() == ["scenes", "count", "found", "right", "located", "mean", "median"]
-    assert [row.split()[:2] for row in rows] == [["forearm", "1"], ["body", "1"], ["clutter", "1"], ["all", "3"]]
-    assert float(rows[-1].split()[2].rstrip("%")) > 60
-
-
 def test_tracking() -> None:
     """There is a row for each hand of both recordings, and a line for all."""
     done = run("tracking", "--scripts", "rest", "left", "--seeds", "3", "--rate", "10", "--frame-by-frame", *RECORDING)

@@ -14,8 +14,7 @@ from experiments import bench, parts
 from experiments.example_nets import NETS, Example, Text, Workload, hand_deploy, hand_training, ordinary
 from experiments.fit import auc, measure, scenes_of
 from experiments.tracking import alone_of, cells_of, follow
-from handpose.estimate.locator import Locator
-from handpose.estimate.packaged import HAND_LOCATOR, load_predictor, rounded
+from handpose.estimate.packaged import HAND_FINDER, load_predictor, rounded
 from handpose.fit.body import CapsuleModel
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.search import FAST
@@ -26,7 +25,6 @@ from handpose.synthetic import recipes
 from handpose.synthetic.generator import Generator
 from handpose.tracking.track import TrackedFrame, TrackHeader
 from netlib import fillers
-from netlib.errors import DataError
 from netlib.proto import prototxt
 from tests.support.running import run_tool
 from tests.support.tracked_hands import HEADER, tracked
@@ -59,20 +57,9 @@ def test_figures_of_the_packaged_network() -> None:
     assert fast.expected.shape == (128,) and ((fast.confidence >= 0) & (fast.confidence <= 1)).all()
 
 
-def test_a_scene_where_nothing_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It counts as not found and has no error."""
-
-    def nothing(self: object, depth: object, camera: object) -> None:
-        raise DataError("out of sight")
-
-    monkeypatch.setattr(Locator, "hands", nothing)
-    lines = run_tool("experiments.__main__", "finding", "--scenes", "1").out.splitlines()
-    assert lines[-1].split() == ["all", "1", "0.0%", "0.0%"]
-
-
 def test_packaging_a_net_without_a_hand(tmp_path: Path) -> None:
     """Its weights are rounded and compressed only."""
-    deploy, big, small = HAND_LOCATOR / "deploy.prototxt", tmp_path / "big.h5", tmp_path / "small.h5"
+    deploy, big, small = HAND_FINDER / "deploy.prototxt", tmp_path / "big.h5", tmp_path / "small.h5"
     net = netlib.Net(deploy, netlib.TEST, seed=1)
     net.save(big)
     run_tool("experiments.__main__", "package_model", big, "--model", deploy, "--out", small)

@@ -42,7 +42,8 @@ def test_a_hand_that_is_not_sure_enough(tmp_path, monkeypatch):
     document = json.loads(Path("demo/hands.json").read_text())
     assert not json_schema.faults(document)
     (frame,) = document["frames"]
-    assert frame["hands"] == [] and frame["refused"][0]["reason"].startswith("the pose is uncertain (confidence ")
+    assert [hand["positions_mm"] for hand in frame["hands"]] == [None]
+    assert frame["hands"][0]["reason"].startswith("the pose is uncertain (confidence ")
     crop, *others = np.array_split(cv2.imread("demo/hands.png")[40:], 3, axis=1)
     assert crop.min() == 0 and all(other[:, 16:].min() == 255 for other in others)
 

@@ -110,16 +110,6 @@ def test_ctrl_c(tmp_path: Path) -> None:
     assert all(name.startswith("train_") and name.endswith(".h5") for name in names(out))
 
 
-def test_places(tmp_path: Path) -> None:
-    out = str(tmp_path / "places")
-    done = run_tool("make_synthetic", "--places", "--out", out, "--train", "5", "--test", "3", "--workers", "1")
-    assert done.out.startswith(f"{out}: 5 train and 3 test places (synthetic, seed 0); made 8 of them in")
-    with h5py.File(f"{out}/train_000.h5") as file:
-        assert {name: file[name].shape for name in file} == {
-            "depth": (5, 1, 64, 64), "hand": (5,), "offset": (5, 3), "near": (5, 3), "index": (5,)
-        }
-
-
 def test_another_body_is_left_alone(tmp_path: Path) -> None:
     """Frames of another body are replaced only with --force."""
     body = ["--body", str(NYU_HAND.parents[1] / "body" / "arm_prior.prototxt")]

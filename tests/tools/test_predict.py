@@ -14,7 +14,7 @@ import netlib
 from handpose import read_track
 from handpose.body.fingers import FINGERS
 from handpose.body.nyu import EVALUATION_JOINTS
-from handpose.estimate import locator, packaged, pipeline
+from handpose.estimate import packaged, pipeline, starts
 from handpose.frames.cameras import KINECT2
 from handpose.output.drawing.view import percent
 from handpose.output.tracks import joint_values
@@ -31,8 +31,9 @@ from tests.tools.conftest import ROOT
 
 OWN = ["--weights", "net.caffemodel.h5", "--fit", "no"]  # the user's network without a fit
 KINECT = ["--camera", "kinect2"]
-CENTER = ["--center", "271,217"]  # on the hand in frame.png, which the locator then does not look for
-COLUMNS = ["image", "hand", "confidence", "error_mm", *(f"{finger}_error_mm" for finger in FINGERS)]  # before joints
+CENTER = ["--center", "271,217"]  # on the hand in frame.png, which the finder then does not look for
+# before joints
+COLUMNS = ["image", "hand", "presence", "confidence", "error_mm", *(f"{finger}_error_mm" for finger in FINGERS)]
 
 
 @pytest.fixture(scope="module")
@@ -110,7 +111,7 @@ def test_crops(snapshot):
     document, (first, second) = json.loads(text), hands_of(text)
     assert document["camera"] is None and document["source"] == "2 images"
     assert [(found["number"], found["time_s"]) for found in (first, second)] == [(0, None), (1, None)]
-    unknown = {"confidence", "error_mm", "angles_rad", "translations_mm", "bones_mm"}
+    unknown = {"presence", "confidence", "error_mm", "angles_rad", "translations_mm", "bones_mm"}
     assert {key for key, value in document["frames"][0]["hands"][0].items() if value is None} == unknown
     assert first["origin_mm"] == [0, 0, 0] and first["crop"] == {"center_uvd": None, "cube_mm": 300}
     assert cv2.imread(first["picture"]) is not None and first["picture"] == "p/crop_hand.png"
@@ -135,7 +136,7 @@ def test_engine(snapshot, monkeypatch):
     nets, names = [], ["plain", *(["fast"] if engine.has_fast() else [])]
     monkeypatch.setattr(packaged, "Net", lambda *args, **options: nets.append(netlib.Net(*args, **options)) or nets[-1])
     found = [predicted("crop.png", "--engine", name)[0]["positions_mm"] for name in names]
-    assert [net.engine.name for net in nets] == names  # crops need no locator
+    assert [net.engine.name for net in nets] == names  # crops need no finder
     assert np.allclose(found[0], found[-1], atol=0.02)  # mm
 
 
@@ -164,14 +165,15 @@ def test_a_whole_frame(frame):
     assert re.fullmatch(f"frame.png: right hand; {place}, joints in mm from the camera, cube 300 mm; picture .*", first)
     assert len(joints) == 31 and all(abs(float(line.split()[-1]) - 700) < 300 for line in joints)
     (found,) = hands_of(Path("hands.json").read_text())
-    center = KINECT2.project(packaged.load_locator().hands(frame, KINECT2).center[0])
+    center = KINECT2.project(packaged.load_finder().hands(frame, KINECT2)[0].middle)
     assert found["center_uvd"] == pytest.approx(center, abs=0.01)
     assert found["origin_mm"] == pytest.approx((30, -20, 700), abs=60)
     (row,) = table("hands.csv")
-    assert [row[name] for name in COLUMNS[:4]] == ["frame.png", "right", "", ""]
+    assert [row[name] for name in COLUMNS[:2]] == ["frame.png", "right"] and float(row["presence"]) > 0.1
+    assert row["confidence"] == row["error_mm"] == ""
     numbers = [float(row[f"{name}_{axis}_mm"]) for name in found["joints"] for axis in "xyz"]
     assert numbers == pytest.approx(np.ravel(found["positions_mm"]), abs=0.011)
-    assert len(row) == 4 + 5 + 93  # without a fit there are no angles
+    assert len(row) == 5 + 5 + 93  # without a fit there are no angles
 
 
 def test_json_of_frames_is_read_as_a_track(frame):
@@ -225,7 +227,7 @@ def test_centers(frame):
     """U,V,D is used unchanged; for U,V the depth is read from the image; each image may have its own centre."""
     v, u = (int(np.median(where)) for where in np.nonzero((frame > 0) & (frame < 800)))
     (found,) = predicted("frame.png", *KINECT, "--refine", "0", "--center", f"{u},{v}")
-    assert found["center_uvd"] == pytest.approx(locator.depth_around(frame, u, v), abs=0.01)
+    assert found["center_uvd"] == pytest.approx(starts.depth_around(frame, u, v), abs=0.01)
     centers = [[250, 200, 690], [260, 210, 700]]
     for given in (centers[:1], centers):
         options = [f"--center={u},{v},{d}" for u, v, d in given]
@@ -351,15 +353,15 @@ def test_a_hand_below_the_minimum_confidence(frame):
         (line,) = done.out.splitlines()
         assert f"{percent(hand['confidence'])} sure" in line and "no joints below 100% (--min-confidence), cube" in line
         assert "x.html: not written: nothing has joints, which need a confidence of at least 100%" in done.err
-        assert hands_of(Path("x.json").read_text()) == []
         [found] = json.loads(Path("x.json").read_text())["frames"]
-        assert [place["position_mm"] for place in found["refused"]] == [pytest.approx(hand["origin_mm"], abs=0.06)]
-        assert found["refused"][0]["reason"] == f"the pose is uncertain (confidence {hand['confidence']:.0%})"
+        [present] = found["hands"]
+        assert present["palm_mm"] == pytest.approx(hand["origin_mm"], abs=0.06) and present["positions_mm"] is None
+        assert present["reason"] == f"the pose is uncertain (confidence {hand['confidence']:.0%})"
         (row,) = table("x.csv")
         assert float(row["confidence"]) == pytest.approx(hand["confidence"], abs=1e-4) and row["hand"] == "right"
         assert len(row) > 60 and not any(value for key, value in row.items() if key not in COLUMNS)
     assert cv2.imread(found["picture"]).shape[1] < 2 * 512  # the crop alone
-    assert read_track("x.json").frames[0].refused[0].reason == found["refused"][0]["reason"]
+    assert read_track("x.json").frames[0].present[0].reason == present["reason"]
 
 
 def test_a_hand_with_the_packaged_weights(tmp_path, monkeypatch):
@@ -377,7 +379,7 @@ def test_a_hand_with_the_packaged_weights(tmp_path, monkeypatch):
     assert float(row["error_mm"]) == pytest.approx(found["error_mm"], abs=0.0051)
     for finger, error in found["finger_error_mm"].items():
         assert 0 < error < 30 and float(row[f"{finger}_error_mm"]) == pytest.approx(error, abs=0.051)
-    assert len(row) == 4 + 5 + 93 + 23 and all(row.values())
+    assert len(row) == 5 + 5 + 93 + 23 and all(row.values())
     (shown,) = hands_in("page.html")
     np.testing.assert_allclose(shown["joints"] + found["origin_mm"], joints, atol=0.02)
     assert shown["place"]["center_uvd"] == pytest.approx(found["center_uvd"], abs=0.01)

@@ -76,7 +76,7 @@ def write_json(
 def _columns(predictor: Predictor, joints: FormatName | None) -> list[str]:
     """The columns of a table of predictions, for ``_row``."""
     own = joint_values.columns(joints) if joints else csv_file.model_columns(predictor.skeleton, _angles(predictor))
-    return ["hand", "confidence", "error_mm", *csv_file.finger_columns(predictor.skeleton), *own]
+    return ["hand", "presence", "confidence", "error_mm", *csv_file.finger_columns(predictor.skeleton), *own]
 
 
 def _row(found: Hand, predictor: Predictor, joints: FormatName | None) -> list[str]:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
 
 import netlib
 from handpose.body.nyu import CUBE_MM
-from handpose.estimate.locator import Located, Locator
+from handpose.estimate.finder import MIN_PRESENCE, Finder, FoundHand
 from handpose.frames.cameras import KINECT2, Camera
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
@@ -59,12 +59,22 @@ def some_crop() -> np.ndarray:
     return np.random.default_rng(0).uniform(-1, 1, (128, 128)).astype(np.float32)
 
 
-class Said(Locator):
-    """A locator with a fixed result."""
+class Said(Finder):
+    """A finder with a fixed result."""
 
-    def __init__(self, center: np.ndarray, odds: np.ndarray) -> None:
-        self.said = Located(center, odds)
+    def __init__(self, *hands: FoundHand) -> None:
+        self.said = list(hands)
 
-    def hands(self, depth: np.ndarray, camera: Camera) -> Located:
+    def hands(
+        self, depth: np.ndarray, camera: Camera, min_presence: float = MIN_PRESENCE, most: int = 4
+    ) -> list[FoundHand]:
         """The fixed result for any image."""
-        return self.said
+        return self.said[:most]
+
+
+def found_at(frame: np.ndarray, place: Sequence[float], presence: float = 0.9) -> FoundHand:
+    """What a finder says of a hand at a place (3,) in mm in a frame of KINECT2; its mask is what is within 110 mm."""
+    rows, columns = np.indices(frame.shape)
+    points = KINECT2.unproject(np.stack([columns, rows, np.maximum(frame, 1)], axis=-1))
+    near = np.linalg.norm(points - place, axis=-1) < 110
+    return FoundHand(presence, np.array(place, float), 0.5, near & (frame > 0))

@@ -18,11 +18,9 @@ from hypothesis import strategies as st
 import netlib
 from handpose.estimate.packaged import (
     HAND_FINDER,
-    HAND_LOCATOR,
     SYNTHETIC_HAND,
     checked_weights,
     load_finder,
-    load_locator,
     load_predictor,
     read_card,
     rounded,
@@ -54,16 +52,15 @@ def test_the_packaged_model() -> None:
     assert load_predictor().plan is PLANS["accurate"] and load_predictor(fit="no", hand="left").fitter is None
 
 
-@pytest.mark.parametrize(("folder", "most"), [(HAND_LOCATOR, 0.3), (HAND_FINDER, 3.0)])
-def test_the_packaged_detectors(folder: Path, most: float) -> None:
-    """They are smaller (MB), and their nets use all weights."""
-    weights = checked_weights(read_card(folder))
-    assert weights.stat().st_size < most * MEGABYTE
-    ignored, missing = netlib.Net(folder / "deploy.prototxt", netlib.TEST).copy_from(weights)
+def test_the_packaged_finder() -> None:
+    """It is small, and its net uses all weights."""
+    weights = checked_weights(read_card(HAND_FINDER))
+    assert weights.stat().st_size < 3 * MEGABYTE
+    ignored, missing = netlib.Net(HAND_FINDER / "deploy.prototxt", netlib.TEST).copy_from(weights)
     assert not ignored and not missing
 
 
-@pytest.mark.parametrize("load", [load_predictor, load_locator, load_finder])
+@pytest.mark.parametrize("load", [load_predictor, load_finder])
 def test_weights_are_read_once(
     monkeypatch: pytest.MonkeyPatch, forget_weights: Callable[[], None], load: Callable[[], object]
 ) -> None:
@@ -128,7 +125,7 @@ def test_a_changed_net(copy: Path) -> None:
     with pytest.raises(WeightsError, match=r"deploy.prototxt: SHA-256 .*the file is damaged"):
         load_predictor(folder=copy)
     with pytest.raises(WeightsError, match=r"deploy.prototxt: SHA-256 .*the file is damaged"):
-        load_locator(copy)
+        load_finder(copy)
     net.unlink()
     with pytest.raises(WeightsError, match=r"deploy.prototxt: cannot read the net: No such file"):
         load_predictor(folder=copy)
@@ -171,14 +168,14 @@ def test_zero_stays() -> None:
 
 def test_a_model_file(tmp_path: Path) -> None:
     """The file is read back as weights and as the network's errors, and is smaller than its numbers."""
-    net = netlib.Net(HAND_LOCATOR / "deploy.prototxt", netlib.TEST, seed=3)
+    net = netlib.Net(HAND_FINDER / "deploy.prototxt", netlib.TEST, seed=3)
     for blobs in net.params.values():
         for blob in blobs:
             blob.data[...] = rounded(blob.data, 8)
     errors = NetworkErrors(np.eye(20) * 0.1, {"fast": np.array([[1.0, 2, 1], [2, 3, 0.5]])},
                            {"fast": np.full(5, 0.2)})
     write_model(net, errors, tmp_path / "x.caffemodel.h5")
-    again = netlib.Net(HAND_LOCATOR / "deploy.prototxt", tmp_path / "x.caffemodel.h5", netlib.TEST)
+    again = netlib.Net(HAND_FINDER / "deploy.prototxt", tmp_path / "x.caffemodel.h5", netlib.TEST)
     for name, blobs in net.params.items():
         for one, other in zip(blobs, again.params[name]):
             np.testing.assert_array_equal(one.data, other.data)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from handpose.estimate.nets import hand_poses, skeleton_to_fit, trained
-from handpose.estimate.packaged import HAND_LOCATOR, load_predictor, read_card
+from handpose.estimate.packaged import HAND_FINDER, load_predictor, read_card
 from handpose.frames.cameras import NYU
 from layers.hand.bodies import kinematics_of
 from netlib.errors import PrototxtError
@@ -33,7 +33,7 @@ def crops() -> np.ndarray:
 
 def test_weights_replace_initial_values(tmp_path: Path) -> None:
     """All parameters have the file's weights, although no filler ran; an unknown filler is still an error."""
-    card = read_card(HAND_LOCATOR)
+    card = read_card(HAND_FINDER)
     found, expected = trained(card.net, card.weights), Net(card.net, card.weights, TEST)
     for name, blobs in expected.params.items():
         for one, other in zip(found.params[name], blobs, strict=True):

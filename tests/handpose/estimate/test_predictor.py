@@ -10,7 +10,7 @@ import pytest
 
 import netlib
 from handpose.body.nyu import CUBE_MM
-from handpose.estimate import locator
+from handpose.estimate import starts
 from handpose.estimate.nets import best_fit, skeleton_to_fit
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor
@@ -20,7 +20,7 @@ from handpose.frames.images import UnitError
 from layers.hand import skeleton
 from layers.hand.bodies import kinematics_of
 from netlib.errors import DataError, NetlibError
-from tests.handpose.estimate.conftest import NET, NetOf, Said, some_crop
+from tests.handpose.estimate.conftest import NET, NetOf, Said, found_at, some_crop
 from tests.support.bad_input import bad_inputs
 
 HAND = skeleton.load()
@@ -184,9 +184,8 @@ def test_frames_that_are_refused(seeing: netlib.Net, frame: np.ndarray, given: A
         Predictor(seeing, camera).in_frame(change(frame), center)
 
 
-def test_frames_of_other_sizes_with_a_locator(frame: np.ndarray) -> None:
-    """The size of a frame is checked before the locator runs."""
-    with pytest.raises(DataError, match=r"depth image of shape \(424, 512\), expected \(480, 640\) of camera 'nyu'"):
+def test_frames_of_other_sizes_with_a_finder(frame: np.ndarray) -> None:
+    with pytest.raises(DataError, match="depth image of 512 x 424 px, expected 640 x 480 px of the camera nyu"):
         load_predictor(NYU).in_frame(frame)
 
 
@@ -202,31 +201,31 @@ def test_a_frame_with_its_centre(seeing: netlib.Net, frame: np.ndarray) -> None:
     assert found.camera == KINECT2
 
 
-def test_a_locator_is_loaded_when_it_is_used(seeing: netlib.Net, frame: np.ndarray) -> None:
-    """The locator is loaded once, by the first frame without a centre."""
+def test_a_finder_is_loaded_when_it_is_used(seeing: netlib.Net, frame: np.ndarray) -> None:
+    """The finder is loaded once, by the first frame without a centre."""
     loads: list[Said] = []
 
     def load() -> Said:
-        loads.append(Said(np.array([[30.0, -20, 700]]), np.zeros(1)))
+        loads.append(Said(found_at(frame, (30.0, -20, 700))))
         return loads[-1]
 
-    predictor = Predictor(seeing, KINECT2, refine=0, locator=load)
+    predictor = Predictor(seeing, KINECT2, refine=0, finder=load)
     predictor.in_crop(some_crop())
     predictor.in_frame(frame, (260, 210, 690))
     assert not loads
     for _ in range(2):
         np.testing.assert_allclose(predictor.in_frame(frame).center_mm, (30, -20, 700))
-    assert len(loads) == 1 and predictor.locator is loads[0]
+    assert len(loads) == 1 and predictor.finder is loads[0]
 
 
 def test_where_to_start(seeing: netlib.Net, frame: np.ndarray) -> None:
     """The start is the nearest object, a pixel with the depth around it, or a given place."""
     predictor = Predictor(seeing, KINECT2, refine=0)
-    nearest = locator.find_hand(frame, KINECT2)
+    nearest = starts.find_hand(frame, KINECT2)
     np.testing.assert_array_equal(predictor.in_frame(frame).center_uvd, nearest)
     assert KINECT2.unproject(nearest) == pytest.approx((30, -20, 700), abs=60)
     u, v, _ = nearest
-    np.testing.assert_array_equal(predictor.start(frame, (u, v)), locator.depth_around(frame, u, v))
+    np.testing.assert_array_equal(predictor.start(frame, (u, v)), starts.depth_around(frame, u, v))
     np.testing.assert_array_equal(predictor.start(frame, (1, 2, 3)), [1, 2, 3])
 
 
@@ -241,13 +240,36 @@ def test_frames_of_other_sizes(seeing: netlib.Net, frame: np.ndarray) -> None:
 # ------------------------------------------------------------------------------------------------ places
 
 
-def test_the_likeliest_place(seeing: netlib.Net, frame: np.ndarray) -> None:
-    """With a locator and without a fit, the likeliest place is the start."""
-    said = Said(np.array([[30.0, -20, 700], [0, 0, 900]]), np.array([3.0, 2]))
-    predictor = Predictor(seeing, KINECT2, refine=0, locator=said)
-    np.testing.assert_allclose(predictor.start(frame), KINECT2.project(said.said.center[0]))
-    np.testing.assert_allclose(predictor.in_frame(frame).center_mm, said.said.center[0])
-    np.testing.assert_array_equal(predictor.in_frame(frame, (260, 210, 690)).center_uvd, (260, 210, 690))
+def test_the_hand_with_the_highest_presence(seeing: netlib.Net, frame: np.ndarray) -> None:
+    """Without a fit it is the start; a given place is not looked for."""
+    said = Said(found_at(frame, (30.0, -20, 700)), found_at(frame, (0, 0, 900), 0.5))
+    predictor = Predictor(seeing, KINECT2, refine=0, finder=said)
+    np.testing.assert_allclose(predictor.start(frame), KINECT2.project(said.said[0].middle))
+    found = predictor.in_frame(frame)
+    np.testing.assert_allclose(found.center_mm, said.said[0].middle)
+    assert found.presence == 0.9
+    given = predictor.in_frame(frame, (260, 210, 690))
+    assert given.center_uvd.tolist() == [260, 210, 690] and np.isnan(given.presence)
+
+
+def test_where_nothing_is_found(seeing: netlib.Net, frame: np.ndarray) -> None:
+    predictor = Predictor(seeing, KINECT2, refine=0, finder=Said())
+    for find in (predictor.in_frame, predictor.start):
+        with pytest.raises(DataError, match=r"no hand is seen in this frame; if there is one, give its place \(center\)"):
+            find(frame)
+
+
+def test_of_found_hands_the_one_with_a_sure_pose(frame: np.ndarray) -> None:
+    """Also if another place is more likely a hand; what is around it is not seen."""
+    predictor = load_predictor(KINECT2, fit="fast", hand="right")
+    hand, wall = found_at(frame, (30.0, -20, 700), 0.5), found_at(frame, (-250.0, 100, 1480), 0.7)
+    predictor.finder = Said(wall, hand)
+    found = predictor.in_frame(frame)
+    assert np.linalg.norm(found.center_mm - hand.middle) < 60 and found.presence == 0.5
+    beside = frame.copy()
+    beside[:, 300:] = 690
+    again = predictor.in_frame(beside)
+    assert again.confidence > 0.3 and np.linalg.norm(again.center_mm - found.center_mm) < 30
 
 
 # ----------------------------------------------------------------------------------------------- options

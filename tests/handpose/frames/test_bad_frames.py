@@ -16,7 +16,6 @@ from handpose.frames.crops import crop
 from handpose.frames.images import BadFrameError, UnitError, check_unit, depth_image
 from handpose.frames.inspection import inspect
 from handpose.frames.lens import Lens, Undistorter, lens_of
-from handpose.frames.places import place_crops
 from handpose.frames.raw import DepthDecoder, calibration_of, sized, stored
 from handpose.frames.recording import UNKNOWN, CameraInfo
 from netlib.errors import DataError
@@ -58,8 +57,6 @@ def undistort(model: str, *coefficients: float) -> Callable[[], object]:
     "crop outside": (cut(5000, 240, 800), "the cube of 300 mm at u 5000, v 240, 800 mm lies outside the image"),
     "crop of another size": (lambda: crop(np.ones((240, 320)), (100, 100, 800), 300),
                              "depth image of shape (240, 320), expected (480, 640) of camera 'nyu'"),
-    "no places, another size": (lambda: place_crops(np.ones((240, 320)), np.zeros((0, 3)), NYU),
-                                "depth image of shape (240, 320), expected (480, 640) of camera 'nyu'"),
     "a list": (lambda: depth_image([[700.0]]), "depth image is a list, expected an array of numbers"),
     "a name": (lambda: depth_image("frame.png"), "depth image is a str, expected an array of numbers"),
     "texts": (lambda: depth_image(np.array([["a"]])), "depth image is an array of <U1, expected numbers"),

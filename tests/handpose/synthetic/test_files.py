@@ -11,7 +11,6 @@ import pytest
 from handpose.datasets import parts
 from handpose.synthetic.files import DataSet, pieces_of
 from handpose.synthetic.generator import Generator
-from handpose.synthetic.places import PlaceGenerator
 from netlib.errors import DataError
 
 SOURCES = [(Generator(split="train"), 5), (Generator(split="test"), 2)]
@@ -94,15 +93,3 @@ def test_a_missing_list_is_written_again(tmp_path: Path) -> None:
     assert (data.missing_frames, data.is_whole) == (0, False)
     data.write(1, lambda count: pytest.fail("writes frames"))
     assert (tmp_path / "train.txt").exists()
-
-
-@pytest.mark.parametrize("places_first", [True, False])
-def test_places_and_frames_do_not_replace_each_other(tmp_path: Path, places_first: bool) -> None:
-    """Places and frames replace each other only with ``force``; the error names both."""
-    places, frames = [(PlaceGenerator(), 2)], [(Generator(), 2)]
-    first, second = (places, frames) if places_first else (frames, places)
-    DataSet(tmp_path, first).write(1, lambda count: None)
-    there, asked = ("places", "frames of nyu.prototxt")[:: 1 if places_first else -1]
-    with pytest.raises(DataError, match=f"train_000.h5: holds {there}, expected {asked}; choose another folder"):
-        DataSet(tmp_path, second)
-    assert DataSet(tmp_path, second, force=True).missing_frames == 2

@@ -11,11 +11,12 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from handpose.synthetic.places import PlaceGenerator
 
 from handpose.body.nyu import ANNOTATION_OF_JOINT, CENTER_JOINT
 from handpose.body.render import Capsules, normalise_depth, render_crop
 from handpose.datasets.frames import Frames
-from handpose.estimate.locator import palm_frame
+from handpose.estimate.starts import palm_frame
 from handpose.frames.cameras import NYU
 from handpose.frames.crops import (
     crop_pixels,
@@ -25,7 +26,6 @@ from handpose.frames.crops import (
 from handpose.synthetic import prior_file, recipes
 from handpose.synthetic.generator import BLOCK, VERSION, Generator, Recipe, View
 from handpose.synthetic.many import generate, processes
-from handpose.synthetic.places import PlaceGenerator
 from handpose.synthetic.prior_file import NormalParameter, RangeParameter
 from netlib.errors import DataError
 from netlib.files.paths import ROOT

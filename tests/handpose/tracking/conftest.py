@@ -60,7 +60,7 @@ def tracked(predictor: Predictor, take: Take, **options: object) -> Take:
 def copied(tracker: Tracker) -> Tracker:
     """A tracker in the same state, which shares what tracking does not change."""
     models = [track.best.estimate.model for track in tracker.tracks]
-    shared = (tracker.predictor, tracker.estimator, tracker.detector.locator, *models)
+    shared = (tracker.predictor, tracker.estimator, tracker.finder, *models)
     return copy.deepcopy(tracker, {id(one): one for one in shared})
 
 

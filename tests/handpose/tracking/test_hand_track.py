@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,28 +12,56 @@ from handpose.body.sides import SIDES, Side
 from handpose.estimate.hand import Hand
 from handpose.fit.body import WorldPose
 from handpose.fit.depth_fit import DepthFit
-from handpose.frames.cameras import NYU
-from handpose.tracking.hand_track import FIRST_CREDIT, MOST_CREDIT, HandTrack
+from handpose.frames.cameras import NYU, Camera
+from handpose.tracking.hand_track import COMPARE, MOST_CREDIT, PRESENT_S, FrameHands, HandTrack
 
 FRAME = 1 / 30
 
 
-class FakeEstimator:
-    """An estimator whose crops are at the palm, and whose locator sees the hand 7 mm farther right."""
+class FakeCamera:
+    """A camera for which mm are pixels."""
 
-    sides = SIDES
+    def project(self, place: np.ndarray) -> np.ndarray:
+        """The same."""
+        return place
+
+    unproject = project
+
+
+class FakeEstimator:
+    """An estimator whose crops are at the palm."""
+
+    sides, camera = SIDES, FakeCamera()
 
     def center_of(self, body: WorldPose, side: Side) -> np.ndarray:
         """The place of the body."""
         return body.place
 
-    def hand_near(self, depth: np.ndarray, estimate: Hand) -> np.ndarray:
-        """The place, 7 mm to the right."""
-        return estimate.body.place + (7, 0, 0)
+    def palm_by_network(self, estimate: Hand) -> np.ndarray:
+        """The place, 9 mm to the left."""
+        return estimate.body.place - (9, 0, 0)
+
+
+class FakeHands:
+    """A frame in which the finder sees every hand 7 mm farther right, or none."""
+
+    def __init__(self, presence: float = 0.8) -> None:
+        self.presence = presence
+
+    def near(self, place: np.ndarray) -> Any:
+        """A hand at the place, 7 mm to the right."""
+        if self.presence:
+            return SimpleNamespace(middle=place + (7, 0, 0), presence=self.presence)
+        return None
+
+    def alone(self, hand: Any) -> np.ndarray:
+        """A frame that tells where the hand is."""
+        return np.full((1, 1), hand.middle[0], np.float32)
 
 
 ESTIMATOR: Any = FakeEstimator()
-DEPTH = np.zeros((1, 1), np.float32)  # unused by the fake estimator
+SEEN: Any = FakeHands()
+UNSEEN: Any = FakeHands(0.0)
 
 
 class AtPlace(Hand):
@@ -41,7 +70,7 @@ class AtPlace(Hand):
     def __init__(self, body: WorldPose, fit: DepthFit, side: Side, is_tracked: bool) -> None:
         crop = np.zeros((128, 128), np.float32)
         super().__init__(side, crop, body.place, 300.0, NYU, np.zeros((1, 3)), fit, is_tracked=is_tracked)
-        vars(self)["body"] = body
+        vars(self).update(body=body, center_mm=body.place)
 
 
 def estimate(
@@ -89,9 +118,9 @@ def test_which_hand_is_decided_and_kept(right: float, left: float, side: Side) -
     one = HandTrack(ESTIMATOR, both(right=right, left=left), 0.0, None)
     compared(one, [both(right=right, left=left)] * (SECOND - 2))
     assert set(one.sides) == set(SIDES) and not one.is_decided and 0.5 < one.side_confidence < 1
-    assert one.best.estimate.hand == side and {region.side for region in one.regions(1.0)} == set(SIDES)
+    assert one.best.estimate.hand == side and {region.side for region in one.regions(1.0, SEEN)} == set(SIDES)
     compared(one, [both(right=right, left=left)], SECOND - 1)
-    assert list(one.sides) == [side] and {region.side for region in one.regions(1.1)} == {side}
+    assert list(one.sides) == [side] and {region.side for region in one.regions(1.1, SEEN)} == {side}
     assert one.is_decided and one.side_confidence == 1
     says, other = both(right=right, left=left), both(right=left, left=right)
     compared(one, [other, says] * 30, SECOND)
@@ -141,7 +170,7 @@ def test_a_side_that_is_not_seen_says_nothing() -> None:
 def test_only_one_side_is_looked_for() -> None:
     """If only one side is tracked, it is decided from the start."""
     one = HandTrack(ESTIMATOR, [estimate("left")], 0.0, 1.1)
-    assert one.is_decided and one.decided == "left" and [region.size for region in one.regions(FRAME)] == [1.1]
+    assert one.is_decided and one.decided == "left" and [region.size for region in one.regions(FRAME, SEEN)] == [1.1]
 
 
 # --------------------------------------------------------------------------------------------- where next
@@ -150,17 +179,17 @@ def test_only_one_side_is_looked_for() -> None:
 def test_where_to_look_next() -> None:
     """The first region is at the hand; later ones are extrapolated, by no more than its velocity."""
     one = HandTrack(ESTIMATOR, [estimate(x=0)], 0.0, None)
-    (region,) = one.regions(FRAME)
+    (region,) = one.regions(FRAME, SEEN)
     np.testing.assert_array_equal(region.center_uvd, [0, 0, 600])
     assert region.before is one.best.estimate.body
     followed(one, [[estimate(x=10.0 * n)] for n in range(1, 10)])
-    (region,) = one.regions(10 * FRAME)
+    (region,) = one.regions(10 * FRAME, SEEN)
     assert (
         90 < region.center_uvd[0] <= 100
         and region.before is not None
         and region.before.place[0] == region.center_uvd[0]
     )
-    (later,) = one.regions(12 * FRAME)
+    (later,) = one.regions(12 * FRAME, SEEN)
     assert region.center_uvd[0] < later.center_uvd[0] <= 120
 
 
@@ -169,34 +198,37 @@ def test_the_network_is_asked_now_and_then() -> None:
     one = HandTrack(ESTIMATOR, [estimate()], 0.0, None)
     asked = []
     for n in range(1, 31):
-        (region,) = one.regions(n * FRAME)
+        (region,) = one.regions(n * FRAME, SEEN)
         asked.append(region.moved_mm is None)
         assert asked[-1] or region.moved_mm == 3
         followed(one, [[estimate()]], n)
     assert 0 < sum(asked) < 15
     for n in range(31, 40):
         followed(one, [[estimate(confidence=0.7, error=30)]], n)
-        assert one.regions((n + 1) * FRAME)[0].moved_mm is None
+        assert one.regions((n + 1) * FRAME, SEEN)[0].moved_mm is None
     undecided = HandTrack(ESTIMATOR, both(), 0.0, None)
-    assert all(region.moved_mm is None for n in range(1, 9) for region in undecided.regions(n * FRAME))
+    assert all(region.moved_mm is None for n in range(1, 9) for region in undecided.regions(n * FRAME, SEEN))
 
 
 def test_a_second_look() -> None:
-    """An uncertain hand gets a region where the locator sees one, or at its last place."""
+    """An uncertain hand gets a region where the finder or else the network sees one, or at its last place."""
     one = HandTrack(ESTIMATOR, [estimate(x=5)], 0.0, 0.9)
-    assert one.other_regions(DEPTH, [estimate()], 1.0) == []
+    assert one.other_regions(SEEN, [estimate()], 1.0) == []
     unsure = [estimate(x=20, confidence=0.6)]
-    first = one.other_regions(DEPTH, unsure, 1.0)
+    first = one.other_regions(SEEN, unsure, 1.0)
     assert [(region.center_uvd[0], region.side) for region in first] == [(27, "right")]
     assert first[0].size == 0.9 and first[0].before is one.best.estimate.body
-    assert one.other_regions(DEPTH, unsure, 1.0 + FRAME) == []
-    assert [region.center_uvd[0] for region in one.other_regions(DEPTH, [], 9.0)] == [5]
+    assert first[0].alone is not None and first[0].alone[0, 0] == 27
+    assert one.other_regions(SEEN, unsure, 1.0 + FRAME) == []
+    (by_network,) = one.other_regions(UNSEEN, unsure, 4.0)
+    assert by_network.center_uvd[0] == 11 and by_network.alone is None
+    assert [region.center_uvd[0] for region in one.other_regions(UNSEEN, [], 9.0)] == [5]
 
 
 def test_a_second_look_at_both_sides() -> None:
     """While the side is undecided, both sides get a second region, however certain the estimates are."""
     one = HandTrack(ESTIMATOR, both(x=5), 0.0, None)
-    regions = one.other_regions(DEPTH, both(x=20), 1.0)
+    regions = one.other_regions(SEEN, both(x=20), 1.0)
     assert sorted((region.center_uvd[0], region.side) for region in regions) == [(27, "left"), (27, "right")]
     assert all(region.before is one.sides[region.side].estimate.body for region in regions)
 
@@ -211,7 +243,7 @@ def test_second_looks_are_rare(error: float, goes_on: bool, least: int, most: in
     one, looks = HandTrack(ESTIMATOR, [estimate()], 0.0, None), 0
     for n in range(1, 301):
         seen = [estimate(confidence=0.6)]
-        regions = one.other_regions(DEPTH, seen, n * FRAME)
+        regions = one.other_regions(SEEN, seen, n * FRAME)
         looks += bool(regions)
         assert one.take(seen, [estimate(confidence=0.6, error=error, goes_on=goes_on)] if regions else [], n * FRAME)
     assert least <= looks <= most
@@ -221,16 +253,16 @@ def test_a_hand_in_trouble() -> None:
     """If a hand fits much worse than usual, the network runs again, and a second estimate follows soon."""
     one = HandTrack(ESTIMATOR, [estimate(error=4)], 0.0, None)
     followed(one, [[estimate(error=4)]] * 9)
-    assert one.other_regions(DEPTH, [estimate(error=5)], 10 * FRAME) == []
+    assert one.other_regions(SEEN, [estimate(error=5)], 10 * FRAME) == []
     bad = [estimate(error=30)]
-    assert one.other_regions(DEPTH, bad, 10 * FRAME)
-    assert one.other_regions(DEPTH, bad, 10 * FRAME + 1e-3) == []
-    assert one.other_regions(DEPTH, bad, 10 * FRAME + 0.2)
+    assert one.other_regions(SEEN, bad, 10 * FRAME)
+    assert one.other_regions(SEEN, bad, 10 * FRAME + 1e-3) == []
+    assert one.other_regions(SEEN, bad, 10 * FRAME + 0.2)
     followed(one, [bad], 10)
-    assert all(one.regions((11 + n) * FRAME)[0].moved_mm is None for n in range(3))
+    assert all(one.regions((11 + n) * FRAME, SEEN)[0].moved_mm is None for n in range(3))
     often = HandTrack(ESTIMATOR, [estimate(error=30)], 0.0, None)
     followed(often, [bad] * 30)
-    assert often.other_regions(DEPTH, bad, 9.0) == []
+    assert often.other_regions(SEEN, bad, 9.0) == []
 
 
 def test_of_several_looks_the_best_counts() -> None:
@@ -250,9 +282,9 @@ def test_of_several_looks_the_best_counts() -> None:
 def test_losing(seen: list[Hand]) -> None:
     """A frame without the hand does not end its track: its credit does, which time with the hand renews."""
     one = HandTrack(ESTIMATOR, [estimate()], 0.0, None)
-    assert one.credit == FIRST_CREDIT
     followed(one, [[estimate(x=1)]])
     credit = one.credit
+    assert credit == pytest.approx(2 * FRAME)
     assert not one.take(seen, seen, 2 * FRAME) and one.credit == pytest.approx(credit - FRAME)
     assert one.time == FRAME and one.best.estimate.body.place[0] == 1
     assert one.take([estimate(x=2)], [], 3 * FRAME) and one.time == 3 * FRAME
@@ -277,11 +309,11 @@ def test_a_jump_is_no_movement() -> None:
     one = HandTrack(ESTIMATOR, [estimate(x=0)], 0.0, None)
     followed(one, [[estimate(x=10.0 * n)] for n in range(1, 10)])
     followed(one, [[estimate(x=250.0, goes_on=False)]], 10)
-    (region,) = one.regions(11 * FRAME)
+    (region,) = one.regions(11 * FRAME, SEEN)
     assert 256 < region.center_uvd[0] <= 260
     rests = HandTrack(ESTIMATOR, [estimate(x=0)], 0.0, None)
     followed(rests, [[estimate(x=0)], [estimate(x=0)], [estimate(x=180, goes_on=False)]])
-    assert rests.regions(4 * FRAME)[0].center_uvd[0] == 180
+    assert rests.regions(4 * FRAME, SEEN)[0].center_uvd[0] == 180
 
 
 def test_a_fast_start_is_a_movement() -> None:
@@ -296,3 +328,68 @@ def test_a_fast_start_is_a_movement() -> None:
     assert 65 < expected.place[0] < 75
     np.testing.assert_array_equal(expected.rotation, found.body.rotation)
     np.testing.assert_array_equal(expected.others, found.body.others)
+
+
+# ------------------------------------------------------------------------------------------- hands that are there
+
+
+def uncertain_for(seconds: float, frame: Any, one: HandTrack) -> list[bool]:
+    """Whether a hand is there in frames without a sure pose."""
+    there = []
+    for n in range(1, round(seconds / FRAME) + 1):
+        seen = [estimate(x=3, confidence=0.1) for _ in one.regions(n * FRAME, frame)]
+        more = one.other_regions(frame, seen, n * FRAME)
+        there.append(one.take(seen, [estimate(x=5, confidence=0.2) for _ in more], n * FRAME))
+    return there
+
+
+def test_a_hand_without_a_sure_pose_is_there_while_the_finder_sees_it() -> None:
+    """It is where the finder sees it, and is looked at a few times a second."""
+    one = HandTrack(ESTIMATOR, [estimate(confidence=0.1)], 0.0, presence=0.6, place=np.array([1.0, 2, 600]))
+    assert not one.is_sure and one.place.tolist() == [1, 2, 600]
+    assert one.regions(FRAME, SEEN) == [] and one.other_regions(SEEN, [], FRAME) == [], "it rests"
+    assert all(uncertain_for(1.0, SEEN, one)) and one.presence == 0.8
+    assert not one.is_sure and one.best.motion is None and one.place[0] == pytest.approx(10)
+    gone = HandTrack(ESTIMATOR, [estimate(confidence=0.1)], 0.0, presence=0.6)
+    there = uncertain_for(1.0, UNSEEN, gone)
+    assert sum(there) * FRAME <= PRESENT_S + COMPARE and not any(there[9:]) and gone.presence == 0
+
+
+def test_a_hand_with_credit_waits_for_a_sure_pose() -> None:
+    one = HandTrack(ESTIMATOR, [estimate()], 0.0)
+    followed(one, [[estimate()]] * 30)
+    assert not one.take([estimate(confidence=0.1)], [], 31 * FRAME) and one.credit > 0
+
+
+def test_a_hand_among_other_things_is_seen_alone_from_then_on() -> None:
+    """If its pose is better without what is around it; until that is no gain any more."""
+    one = HandTrack(ESTIMATOR, [estimate(error=20)], 0.0)
+    alone = replace_alone(estimate(error=5))
+    assert not one.is_crowded and one.regions(FRAME, SEEN)[0].alone is None
+    assert one.take([estimate(error=20)], [alone], FRAME) and one.is_crowded
+    assert one.regions(2 * FRAME, SEEN)[0].alone is not None and one.regions(2 * FRAME, UNSEEN)[0].alone is None
+    assert one.take([estimate(error=4)], [replace_alone(estimate(error=9))], 2 * FRAME) and not one.is_crowded
+
+
+def replace_alone(hand: Hand) -> Hand:
+    """The same, seen without what is around it."""
+    object.__setattr__(hand, "is_alone", True)
+    return hand
+
+
+def test_the_finder_looks_once_in_a_frame() -> None:
+    looks: list[float] = []
+
+    def hand(x: float) -> Any:
+        return SimpleNamespace(middle=np.array([x, 0, 600]), alone=lambda depth, camera: depth + x)
+
+    def look(depth: np.ndarray, camera: Camera, min_presence: float, most: int) -> list[Any]:
+        looks.append(min_presence)
+        return [hand(0), hand(90), hand(400)]
+
+    finder: Any = SimpleNamespace(hands=look)
+    frame = FrameHands(finder, np.zeros((2, 3), np.float32), NYU, 0.3)
+    assert not looks
+    near = frame.near(np.array([60.0, 0, 600]))
+    assert near is frame.hands[1] and frame.near(np.array([250.0, 0, 600])) is None and looks == [0.3]
+    assert near is not None and frame.alone(near) is frame.alone(near) and (frame.alone(near) == 90).all()

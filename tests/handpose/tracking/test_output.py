@@ -48,7 +48,8 @@ def track(
     [seen] = judge([hand], readings)
     smooth = seen.body._replace(place=seen.body.place + (apart, 0, 0))
     best = SimpleNamespace(estimate=seen, smooth=smooth)
-    return SimpleNamespace(id=4, size=size, best=best, hand=side, sides={side: best}, side_confidence=1.0, time=0.0)
+    return SimpleNamespace(id=4, size=size, best=best, hand=side, sides={side: best}, side_confidence=1.0, time=0.0,
+                           presence=0.5, is_sure=True)
 
 
 @pytest.mark.parametrize("side", ["right", "left"])

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from handpose.tracking.summary import Summary
-from handpose.tracking.track import LostHand, RefusedPlace, TrackedFrame, TrackedHand
+from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackedHand
 from tests.support.tracked_hands import HEADER, tracked
 
 
@@ -63,12 +63,13 @@ def test_how_sure() -> None:
 
 
 def test_why_nothing_was_found() -> None:
-    """The places that were refused are counted by reason, without the figures in it."""
+    """The hands without a sure pose are counted by reason, without the figures in it."""
     found = Summary(HEADER.skeleton)
     assert found.nothing_found == "no hand was found: no place looked like one"
     for n, reasons in enumerate([("cold (12%)", "late"), ("cold (3%)",)]):
-        found.add(TrackedFrame(n, n / 2, (), (), tuple(RefusedPlace((0, 0, 700), reason) for reason in reasons)))
-    assert found.nothing_found == "no hand was found: seen at 3 places, all refused: cold (2); late (1)"
+        hands = tuple(PresentHand(0, None, 0.5, 0.1, (0, 0, 700), reason) for reason in reasons)
+        found.add(TrackedFrame(n, n / 2, (), (), hands))
+    assert found.nothing_found == "no pose was found of the hands that were seen: cold (2); late (1)"
 
 
 @pytest.mark.parametrize(("size", "confidence", "frames", "doubt"), [

@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from handpose.body.sides import Side
 from handpose.estimate.hand import MIN_CONFIDENCE
 from handpose.estimate.predictor import Predictor
 from handpose.output.live.messages import Messages
 from handpose.output.tracks.writing import open_writer
 from handpose.tracking.sure_hands import SureHands
-from handpose.tracking.track import LostHand, RefusedPlace, TrackedFrame, TrackedHand
+from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackedHand
 from handpose.tracking.tracker import Tracker
 from netlib.errors import NetlibError
 from tests.handpose.tracking.conftest import Take
@@ -31,47 +32,52 @@ def reported(*frames: tuple[TrackedHand | LostHand, ...], least: float = 0.3) ->
             for n, own in enumerate(frames)]
 
 
+def present(hand: TrackedHand, side: Side | None = "right") -> PresentHand:
+    """A hand without its joints."""
+    x, y, z = hand.palm_mm.tolist()
+    reason = f"the pose is uncertain (confidence {hand.confidence:.0%})"
+    return PresentHand(hand.id, side, hand.presence, hand.confidence, (x, y, z), reason)
+
+
 def test_a_hand_that_becomes_unsure() -> None:
-    """It is lost since it was reported last, and found again; what was found is not changed."""
-    sure, unsure = tracked(confidence=0.3), tracked(confidence=0.299)
+    """It is present, and its joints are given again later; what was found is not changed."""
+    sure, unsure = replace(tracked(confidence=0.3), presence=0.8), replace(tracked(confidence=0.299), presence=0.7)
     frames = reported((sure,), (unsure,), (unsure,), (sure,))
     assert [frame.hands for frame in frames] == [(sure,), (), (), (sure,)]
-    lost = LostHand(1, "right", 0.0, "the pose is uncertain (confidence 30%)")
-    assert [frame.lost for frame in frames] == [(), (lost,), (lost,), ()]
+    assert [frame.present for frame in frames] == [(), (present(unsure),), (present(unsure),), ()]
+    assert not any(frame.lost for frame in frames)
 
 
 def test_a_hand_that_was_never_sure() -> None:
-    """It is a refused place, and is not listed as lost when the tracker loses it."""
-    unsure, gone = tracked(at=(10, 20, 600), confidence=0.1), LostHand(1, "right", 1.0, "hidden")
+    """It is present where the tracker says, and is not listed as lost when the tracker loses it."""
+    unsure, gone = replace(tracked(confidence=0.1), place=np.array([1.0, 2, 600])), LostHand(1, "right", 1.0, "hidden")
     first, second = reported((unsure,), (gone,))
-    assert first == TrackedFrame(
-        0, 0.0, (), refused=(RefusedPlace((10, 20, 600), "the pose is uncertain (confidence 10%)"),)
-    )
+    assert not first.hands and first.present[0].place == (1, 2, 600)
     assert second == TrackedFrame(1, 1.0, ())
 
 
 def test_a_hand_that_is_lost_after_it_became_unsure() -> None:
-    """The tracker's reason, and the time at which it was reported last."""
+    """The tracker's reason, and the time at which it was there last."""
     *_, last = reported((tracked(),), (tracked(confidence=0.1),), (LostHand(1, "right", 1.0, "left the image"),))
-    assert last.lost == (LostHand(1, "right", 0.0, "left the image"),)
+    assert last.lost == (LostHand(1, "right", 1.0, "left the image"),)
 
 
 def test_the_side_that_was_known() -> None:
-    """An unsure hand of an undecided side is lost with the side that it had, if any."""
+    """An unsure hand of an undecided side has the side that it had, if any."""
     undecided = replace(tracked(confidence=0.2), side_confidence=0.6)
-    sides = [reported((first,), (undecided,))[1].lost[0].hand
+    sides = [reported((first,), (undecided,))[1].present[0].hand
              for first in (tracked(), replace(tracked(), side_confidence=0.6))]
     assert sides == ["right", None]
 
 
 def test_each_hand_by_itself() -> None:
-    """Hands are lost by their ids, with others that are reported or refused."""
     a, b, c = (tracked(id=id) for id in (0, 1, 2))
-    refused = RefusedPlace((0, 0, 1), "flat")
+    other = present(tracked(id=7))
     sure = SureHands(0.5)
     sure(TrackedFrame(0, 0.0, (a, b, c)))
-    found = sure(TrackedFrame(1, 1.0, (replace(b, confidence=0.4), c), (LostHand(0, "right", 0.0, "x"),), (refused,)))
-    assert found.hands == (c,) and [one.id for one in found.lost] == [0, 1] and found.refused == (refused,)
+    unsure = replace(b, confidence=0.4)
+    found = sure(TrackedFrame(1, 1.0, (unsure, c), (LostHand(0, "right", 0.0, "x"),), (other,)))
+    assert found.hands == (c,) and [one.id for one in found.lost] == [0] and found.present == (other, present(unsure))
     assert sure.frames == 1
 
 
@@ -100,7 +106,7 @@ def test_the_tracker_reports_by_this_rule(predictor: Predictor, shown: Take) -> 
             (hand,) = same.hands
             enough = hand.confidence >= (MIN_CONFIDENCE if least is None else least)
             assert [one.confidence for one in frame.hands] == [hand.confidence] * enough
-            assert len(frame.lost) + len(frame.refused) - len(same.refused) == (not enough)
+            assert len(frame.present) == (not enough)
 
 
 def test_no_output_has_the_joints(tmp_path: Path) -> None:
@@ -115,11 +121,13 @@ def test_no_output_has_the_joints(tmp_path: Path) -> None:
     written = json.loads((tmp_path / "t.json").read_text())["frames"]
     lines = [json.loads(line) for line in (tmp_path / "t.jsonl").read_text().splitlines()[1:]]
     for every in (written, lines, [json.loads(messages.line(one)) for one in records]):
-        assert [len(frame["hands"]) for frame in every] == [1, 0, 0]
-        assert [one["reason"] for one in every[1]["lost"]] == ["the pose is uncertain (confidence 10%)"]
-        assert every[2]["refused"] == [
-            {"position_mm": [0, 0, 600], "reason": "the pose is uncertain (confidence 10%)"}
-        ]
+        without = [[hand["positions_mm"] is None for hand in frame["hands"]] for frame in every]
+        assert without == [[False], [True], [True]]
+        assert {hand["reason"] for frame in every[1:] for hand in frame["hands"]} == {
+            "the pose is uncertain (confidence 10%)"
+        }
+        [first], [second] = every[1]["hands"], every[2]["hands"]
+        assert "angles_rad" not in first and second["palm_mm"] == first["palm_mm"]
     rows = list(csv.DictReader((tmp_path / "t.csv").read_text().splitlines()))
     empty = [{value for key, value in row.items() if key.endswith(("_mm", "_rad"))} == {""} for row in rows]
     assert [row["lost"] for row in rows] == ["", *["the pose is uncertain (confidence 10%)"] * (len(rows) - 1)]

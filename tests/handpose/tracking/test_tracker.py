@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
+from handpose.estimate.finder import FoundHand
 from handpose.estimate.hand import Hand
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor
@@ -197,7 +198,7 @@ def test_what_does_not_look_like_a_hand_is_dropped(
     """A pose whose confidence by the frame is low is none, and the hand is lost when its credit is used up."""
     tracker = begun()
     (track,) = tracker.tracks
-    monkeypatch.setattr(tracker.detector, "detect", lambda *what: None)
+    monkeypatch.setattr(tracker.finder, "hands", lambda *what: [])
 
     def doubtful(hands: list[Hand], readings: np.ndarray) -> list[Hand]:
         return [dataclasses.replace(hand, quality=(60.0, 0.2)) for hand in hands]
@@ -224,25 +225,42 @@ def test_after_a_gap_in_time(shown: Take, begun: Callable[[], Tracker]) -> None:
     assert [hand.id for hand in reported.hands] == [0] and not reported.lost
 
 
-def test_what_no_fit_is_sure_of(shown: Take, predictor: Predictor, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A hand that only the locator sees is not tracked."""
+def test_a_place_out_of_sight(shown: Take, predictor: Predictor, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no crop can be taken, no hand is followed."""
     tracker = Tracker(predictor)
-    monkeypatch.setattr(tracker.detector, "detect", lambda *what: shown.truth[0].hands[0].origin_mm)
     monkeypatch.setattr(tracker.estimator, "estimate", lambda depth, regions, *others: [None] * len(regions))
-    assert not tracker.step(shown.frames[0]).hands
+    assert tracker.step(shown.frames[0]) == TrackedFrame(0, 0.0, (), ())
 
 
-@pytest.mark.parametrize("place", [(9000.0, 0, 700), (0.0, 60, 1400)], ids=["out of sight", "before a wall"])
-def test_what_the_locator_takes_for_a_hand(
-    predictor: Predictor, monkeypatch: pytest.MonkeyPatch, place: tuple[float, ...]
-) -> None:
-    """A place that only the locator takes for a hand is rejected by the fit."""
+def what_the_finder_says(monkeypatch: pytest.MonkeyPatch, tracker: Tracker, *places: tuple[float, ...]) -> None:
+    """It sees a hand at each place (x, y, z, presence)."""
+    hands = [FoundHand(presence, np.array(place), 0.5, np.ones((240, 320), bool)) for *place, presence in places]
+    monkeypatch.setattr(tracker, "finder", SimpleNamespace(hands=lambda *what: hands))
+
+
+def test_what_only_the_finder_takes_for_a_hand(predictor: Predictor, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is present without joints where the finder sees it, and is gone when the finder no longer sees it."""
     tracker = Tracker(predictor)
-    monkeypatch.setattr(tracker.detector, "detect", lambda *what: np.array(place))
+    what_the_finder_says(monkeypatch, tracker, (0.0, 60, 1400, 0.7))
     image = np.full((240, 320), 1380, np.float32)
-    found = tracker.step(DepthFrame(0, 0.0, image))
-    assert found[:4] == TrackedFrame(0, 0.0, (), ())[:4]
-    assert [refused.xyz for refused in found.refused] == [place] and found.refused[0].reason
+    for n in range(12):
+        found = tracker.step(DepthFrame(n, n / RATE, image))
+        [present] = found.present
+        assert not found.hands and present.place == (0, 60, 1400) and present.presence == pytest.approx(0.7)
+    what_the_finder_says(monkeypatch, tracker)
+    for n in range(12, 17):
+        found = tracker.step(DepthFrame(n, n / RATE, image))
+    assert found == TrackedFrame(16, 16 / RATE, (), ()) and not tracker.tracks
+
+
+def test_a_place_with_a_higher_presence_replaces_one_without_a_pose(
+    predictor: Predictor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tracker, image = Tracker(predictor, hands=1), np.full((240, 320), 1380, np.float32)
+    what_the_finder_says(monkeypatch, tracker, (0.0, 60, 1400, 0.4))
+    tracker.step(DepthFrame(0, 0.0, image))
+    what_the_finder_says(monkeypatch, tracker, (250.0, 60, 1400, 0.6), (0.0, 60, 1400, 0.4))
+    assert [one.place for one in tracker.step(DepthFrame(1, 1.0, image)).present] == [(250, 60, 1400)]
 
 
 # ------------------------------------------------------------------------------------------ many and none
@@ -346,7 +364,7 @@ def test_masked_frames(shown: Take, predictor: Predictor) -> None:
 
 def test_predictors_of_other_kinds() -> None:
     """A predictor without a fit raises an error."""
-    with pytest.raises(NetlibError, match="a tracker needs a predictor with a fit and a locator"):
+    with pytest.raises(NetlibError, match="a tracker needs a predictor with a fit and a finder"):
         Tracker(load_predictor(NYU, fit="no", hand="right"))
 
 

@@ -75,7 +75,7 @@ def test_no_hand_no_row(tmp_path: Path) -> None:
         (tmp_path / "a.csv")
         .read_text()
         .startswith(
-            "number,time_s,id,hand,lost,confidence,error_mm,"
+            "number,time_s,id,hand,lost,presence,confidence,error_mm,"
             "thumb_error_mm,index_error_mm,middle_error_mm,ring_error_mm,little_error_mm,little_tip_x_mm,"
         )
     )

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from handpose.output.tracks.json_file import JsonLinesWriter, JsonWriter, Track, read_track
 from handpose.output.tracks.json_values import rounded
-from handpose.tracking.track import LostHand, RefusedPlace, TrackedFrame, TrackHeader, joints_of
+from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackHeader, joints_of
 from layers.hand.skeleton import load
 from netlib.errors import DataError, PrototxtError
 from tests.support import json_schema
@@ -187,7 +187,7 @@ def test_a_document_that_another_program_laid_out(tmp_path: Path) -> None:
 @bad_inputs(DataError, {
     f"{old} -> {new[:20]}": ((old, new), *error, f"...a.json: {line}") for old, new, *error, line in (
         ('"handpose"', '"something"', "not a track; expected a file that track --json has written"),
-        ('"version":1', '"version":2', "format version 2; this program reads 1"),
+        ('"version":2', '"version":3', "format version 3; this program reads 2"),
         ('"fx":588.03', '"fx":-3', "'camera': 'fx' is -3, expected a number above 0"),
         ('"time_s":0.0', '"time_s":NaN', "'frames' 0: 'time_s' is nan, expected a number"),
         ('"time_s":0.0', '"time_s":"0"', "'frames' 0: 'time_s' is '0', expected a number"),
@@ -226,15 +226,14 @@ def test_a_standard_output_that_is_closed(monkeypatch: pytest.MonkeyPatch) -> No
 def test_an_undecided_side(tmp_path: Path, layout: str) -> None:
     """The side is null until it is decided, and the assumed one, of which the angles are, returns from the file."""
     hand = replace(any_hand(HAND, np.random.default_rng(0)), hand="left", side_confidence=0.75)
-    frame = TrackedFrame(
-        0, 0.0, (hand,), (LostHand(4, None, 0.0, "hidden"),), (RefusedPlace((1.0, 2.0, 700.0), "a cup"),)
-    )
+    present = PresentHand(5, None, 0.4, 0.1, (1.0, 2.0, 700.0), "a cup")
+    frame = TrackedFrame(0, 0.0, (hand,), (LostHand(4, None, 0.0, "hidden"),), (present,))
     track = written(tmp_path / f"a.{layout}", HAND, [frame])
     (found,) = track.frames
     assert (
         found.hands[0].hand == "left" and found.hands[0].known_side is None and found.hands[0].side_confidence == 0.75
     )
-    assert found.lost[0].hand is None and found.refused == frame.refused
+    assert found.lost[0].hand is None and found.present == frame.present
     if layout == "json":
         assert not json_schema.faults(json.loads((tmp_path / "a.json").read_text()))
     assert '"hand": null' in (tmp_path / f"a.{layout}").read_text().replace('"hand":null', '"hand": null')

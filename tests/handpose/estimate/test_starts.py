@@ -1,4 +1,4 @@
-"""handpose/estimate/locator.py"""
+"""handpose/estimate/starts.py"""
 
 from __future__ import annotations
 
@@ -8,123 +8,27 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import netlib
 from handpose.body.nyu import CENTER_JOINT, CUBE_MM
 from handpose.body.sides import SIDES, mirror_of
 from handpose.datasets.nyu_files import read_nyu_depth
-from handpose.estimate import locator
-from handpose.estimate.locator import (
-    APART_MM,
-    FARTHER_MM,
-    HANDS,
-    PALM_MM,
-    Locator,
-    depth_around,
-    find_hand,
-    palm_frame,
-    recenter,
-)
-from handpose.estimate.packaged import load_locator
-from handpose.frames import places
+from handpose.estimate import starts
+from handpose.estimate.starts import PALM_MM, depth_around, find_hand, palm_frame, recenter
 from handpose.frames.cameras import KINECT2, NYU
-from handpose.frames.places import SIZE
 from handpose.synthetic import prior_file
 from handpose.synthetic.generator import BLOCK, Generator
 from handpose.synthetic.pose_prior import BodySampler
-from handpose.synthetic.scenes import draw_scenes
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
-from netlib.errors import DataError, NetlibError
+from netlib.errors import DataError
 from netlib.proto import prototxt, schema
 from tests.handpose.whole_images import ARM_BEHIND, capsules_of, render_image
 from tests.support.bad_input import bad_inputs
 from tests.support.nyu_data_set import whole_image
 
-NET = """
-layer { name: "in" type: "Input" top: "depth" input_param { shape { dim: 1 dim: 1 dim: 64 dim: 64 } } }
-layer { name: "score" type: "InnerProduct" bottom: "depth" top: "score" inner_product_param { num_output: 2 } }
-layer { name: "chance" type: "Softmax" bottom: "score" top: "chance" }
-layer { name: "where" type: "InnerProduct" bottom: "depth" top: "where" inner_product_param { num_output: 3 } }
-"""
-NetOf = Callable[..., netlib.Net]
-
 EXACT = prior_file.load().but(
     center_jitter=0, center_jitter_wide=0, scale_std=0, bone_std=0
 )  # all centres at one place of a palm
 COUNT = 16
-
-
-@pytest.fixture
-def drawn_to_the_right(net_of: NetOf) -> Locator:
-    """A locator for which everything is a hand, likelier if nearer, 20 mm to the right of where it is."""
-    net = net_of(NET, netlib.TEST)
-    net.params["score"][0].data[1, SIZE * SIZE // 2 + SIZE // 2] = -1
-    net.params["where"][1].data[0] = 20 / (places.CUBE_MM / 2)
-    return Locator(net)
-
-
-def two_plates() -> np.ndarray:
-    """Two plates, at 700 and at 900 mm."""
-    depth = np.zeros((480, 640))
-    depth[220:260, 150:190], depth[220:260, 450:480] = 700, 900
-    return depth
-
-
-def test_where_the_net_says(drawn_to_the_right: Locator) -> None:
-    """Places move four times by 20 mm; the results are apart from each other, the likeliest first."""
-    found = drawn_to_the_right.hands(two_plates(), NYU)
-    *likely, _ = found.odds  # the nearest object is the last
-    assert 1 < len(found.center) <= HANDS + 1 and (np.diff(likely) <= 0).all()
-    apart = np.linalg.norm(found.center[:, None] - found.center, axis=2) + 1e9 * np.eye(len(found.center))
-    assert apart.min() > APART_MM
-    left = NYU.unproject(np.array([150, 240, 700]))[0]
-    assert found.center[:-1, 0].min() > left + 4 * 20
-    np.testing.assert_allclose(found.center[-1], NYU.unproject(find_hand(two_plates(), NYU)))
-
-
-def test_the_nearest_thing_is_told_as_well(net_of: NetOf) -> None:
-    """The nearest object is returned, however unlikely; an object far away has lower odds than the same one nearby."""
-    net = net_of(NET, netlib.TEST)
-    net.params["where"][1].data[0] = 0.25  # every place moves away from the object
-    found = Locator(net).hands(two_plates(), NYU)
-    nearest = NYU.unproject(find_hand(two_plates(), NYU))
-    np.testing.assert_allclose(found.center[-1], nearest)
-    far = np.ptp(found.center[:, 2])
-    assert far > 150 and np.ptp(found.odds) == pytest.approx(far / FARTHER_MM, rel=0.2)
-
-
-def test_many_crops(drawn_to_the_right: Locator) -> None:
-    """Many crops, evaluated in blocks, give the same results as single ones."""
-    crops = np.random.default_rng(0).uniform(-1, 1, (70, SIZE, SIZE)).astype(np.float32)
-    chance, where = drawn_to_the_right.look(crops)
-    assert chance.shape == (70,) and where.shape == (70, 3)
-    np.testing.assert_allclose(where, np.tile([20.0, 0, 0], (70, 1)), rtol=1e-5)
-    np.testing.assert_allclose(chance[69], drawn_to_the_right.look(crops[69:])[0][0], rtol=1e-5)
-
-
-def test_the_packaged_locator_finds_hands() -> None:
-    """The packaged locator finds hands among forearms, bodies and other things, which are often nearer."""
-    scenes, locator = draw_scenes(np.random.default_rng(5), 14), load_locator()
-    best = [locator.hands(depth, NYU).center[0] for depth in scenes.depth]
-    assert (np.linalg.norm(best - scenes.center, axis=1) < 50).mean() > 0.9
-    nearest = [NYU.unproject(find_hand(depth, NYU)) for depth in scenes.depth]
-    assert (np.linalg.norm(nearest - scenes.center, axis=1) < 50).mean() < 0.7
-
-
-@bad_inputs(NetlibError, {
-    "where": (('top: "where"', 'top: "there"'),
-              "<net>: blob 'where' of shape None an item, expected (3,) of a locator"),
-    "depth": (("dim: 64", "dim: 32"),
-              "<net>: blob 'depth' of shape (1, 32, 64) an item, expected (1, 64, 64) of a locator"),
-    "nan": (("", ""), "<net>: answers that are not finite; check its weights"),
-})
-def test_other_nets(net_of: NetOf, given, rejected) -> None:
-    """A net with other blobs raises an error at construction, weights that are not finite raise one at evaluation."""
-    net = net_of(NET.replace(*given, 1), netlib.TEST)
-    if given == ("", ""):
-        net.params["where"][1].data[1] = np.nan
-    with rejected:
-        Locator(net).look(np.zeros((1, SIZE, SIZE)))
 
 
 def whole_frames(camera, count=COUNT):
@@ -235,20 +139,6 @@ def test_where_no_hand_can_be(given, rejected):
         given()
 
 
-@bad_inputs(DataError, {
-    "no depth": ((np.zeros((480, 640)), 0), "no depth anywhere in the image"),
-    "far away": ((np.full((480, 640), 3000.0), 0), "nothing as large as a hand is seen nearer than 1600 mm"),
-    "out of sight": ((two_plates(), 50), "what may be a hand is out of sight"),
-})
-def test_nothing_to_be_found(drawn_to_the_right: Locator, given, rejected) -> None:
-    """An image without depth, with everything far away, and places that leave the field of view raise an error."""
-    depth, right = given
-    if right:
-        drawn_to_the_right.net.params["where"][1].data[0] = right
-    with rejected:
-        drawn_to_the_right.hands(depth, NYU)
-
-
 # ----------------------------------------------------------------------------------------------- recenter
 
 
@@ -322,7 +212,7 @@ def test_of_a_huge_image_every_so_manieth_pixel_is_looked_at(frames, monkeypatch
     """A very large image is subsampled, and the centre is the same to one pixel."""
     images, _ = frames
     larger = replace(NYU, fx=4 * NYU.fx, fy=4 * NYU.fy, u0=4 * NYU.u0, v0=4 * NYU.v0)
-    monkeypatch.setattr(locator, "MAX_PIXELS", images[0].size)
+    monkeypatch.setattr(starts, "MAX_PIXELS", images[0].size)
     for image in images[:4]:
         found = find_hand(image.repeat(4, axis=0).repeat(4, axis=1), larger)
         assert np.abs(found / (4, 4, 1) - find_hand(image, NYU)).max() < 1
