@@ -255,7 +255,7 @@ def test_the_hand_with_the_highest_presence(seeing: netlib.Net, frame: np.ndarra
 def test_where_nothing_is_found(seeing: netlib.Net, frame: np.ndarray) -> None:
     predictor = Predictor(seeing, KINECT2, refine=0, finder=Said())
     for find in (predictor.in_frame, predictor.start):
-        with pytest.raises(DataError, match=r"no hand is seen in this frame; if there is one, give its place \(center\)"):
+        with pytest.raises(DataError, match=r"no hand is seen in this frame; .* give its place \(center\)"):
             find(frame)
 
 
