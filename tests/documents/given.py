@@ -164,7 +164,6 @@ BY_DOCUMENT: dict[str, tuple[Callable[[Path], Names], ...]] = {
     "docs/caffe.md": (nets,),
     "docs/caffe_nets.md": (classifier,),
     "docs/caffe_tools.md": (pictures,),
-    "docs/camera.md": (frames,),
     "docs/data.md": (frame,),
     "docs/fit.md": (frames, frame),
     "docs/onnx.md": (frame,),
