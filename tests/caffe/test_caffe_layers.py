@@ -39,13 +39,3 @@ def test_no_case_is_lost() -> None:
     assert sum(case.backward for case in cases) == 116
     for dtype in TOLERANCE:
         assert sum(case.results(dtype) for case in cases) >= 355
-
-
-def test_a_wrong_number_is_found() -> None:
-    """A result that differs, is infinite or has another shape is detected."""
-    (case,) = [case for case in layer_cases() if case.name == "conv_k5"]
-    array = case.arrays["top/y"]
-    assert array.differs(array.single) == 0
-    assert array.double is not None and array.differs(array.double) == 0
-    for wrong in (array.single * np.float32(1.0001), array.single * np.float32(np.inf), array.single[:1]):
-        assert array.differs(wrong) > 1e-5

@@ -1,7 +1,7 @@
-"""Compare netlib's logs of training, resuming, signals, tests and timing with those of real Caffe; test plot_log.
+"""Compare netlib's logs of training and signals with those of real Caffe; test plot_log. See tests/tools/test_caffe.py.
 
-Only the text after ``] `` is compared. Three things are not: durations; the losses of sigint.log and time.log,
-whose trainings started with Caffe's own random weights; and the lines on how a net is built, which netlib lacks.
+Only the text after ``] `` is compared. Three things are not: durations; the losses of sigint.log, whose training
+started with Caffe's own random weights; and the lines on how a net is built, which netlib lacks.
 """
 
 from __future__ import annotations
@@ -14,15 +14,11 @@ import pytest
 
 import netlib
 from netlib.errors import DataError
-from netlib.snapshots import binary_format, snapshot
 from netlib.updates import learning_rate
-from tests.caffe.recorded import FOLDER, check_same_log, log_lines, said, same_print, solver_text, texts, words
-from tests.support.running import run_tool
+from tests.caffe.recorded import FOLDER, check_same_log, log_lines, said, same_print, solver_text, words
 from tools import plot_log
 
 pytestmark = pytest.mark.both_engines
-
-ROOT = FOLDER.parents[1]
 
 
 def solver_of(log: str, tmp_path: Path, **changes: str) -> netlib.Solver:
@@ -49,30 +45,6 @@ def test_the_log_of_a_training(solvers: Path, tmp_path: Path, caplog: pytest.Log
         assert line in [message.removesuffix(".h5") for message in caplog.messages]
 
 
-def test_the_log_file_of_a_training(solvers: Path, tmp_path: Path) -> None:
-    """The log file that tools/train.py writes has Caffe's text after its time stamps."""
-    solver_of("a_avgloss.log", tmp_path, weights='"init.caffemodel.h5"')
-    run_tool("train", tmp_path / "solver.prototxt", "--log", tmp_path / "train.log")
-    lines = (tmp_path / "train.log").read_text(encoding="utf-8").splitlines()
-    check_same_log(said(texts(lines)), said(log_lines("a_avgloss.log"))[:-1])
-
-
-def test_the_log_of_a_resumed_training(solvers: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """A run resumed from a state without data position and losses, as Caffe's are, writes the same log as Caffe."""
-    trained(solvers, tmp_path)
-    state = snapshot.read_state(tmp_path / "a_iter_8.solverstate")
-    state.extra = {}  # fields that Caffe does not write
-    (tmp_path / "a_iter_8.solverstate").write_bytes(binary_format.state_image(state))
-    caplog.clear()
-    caplog.set_level("INFO", "netlib")
-    assert solver_of("a_resume_from8.log", tmp_path).solve(tmp_path / "a_iter_8.solverstate")
-    theirs = said(log_lines("a_resume_from8.log"))[:-1]
-    assert len(theirs) > 20
-    check_same_log(said(caplog.messages), theirs)
-    assert "SGDSolver: restoring history" in caplog.messages
-    assert "SGDSolver: restoring history" in log_lines("a_resume_from8.log")
-
-
 def test_the_log_of_signals(solvers: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """SIGHUP writes a snapshot and continues, SIGINT writes one and stops, in a hundredth of Caffe's iterations."""
     solver = solver_of("sigint.log", tmp_path, display="20")
@@ -91,30 +63,6 @@ def test_the_log_of_signals(solvers: Path, tmp_path: Path, caplog: pytest.LogCap
     assert len(rates) == 16
     for iteration, rate in rates:  # Caffe's rate is a float32, in which 0.02 * 0.5^285 is 0
         assert same_print(float(np.float32(learning_rate(solver.param, int(iteration)))), rate)
-
-
-def test_the_log_of_a_test(solvers: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """Every loss of ``caffe test`` over three batches agrees, and so does the mean, as printed in a solver's test."""
-    theirs = log_lines("test.log")
-    net = netlib.Net("net.prototxt", "init.caffemodel.h5", netlib.TEST)
-    losses = [float(net.forward()["loss"]) for _ in range(3)]
-    batches = [line for line in theirs if line.startswith("Batch ")]
-    check_same_log([f"Batch {i}, loss = {loss:.6g}" for i, loss in enumerate(losses)], batches)
-    assert same_print(f"{np.mean(losses):.6g}", theirs[-2].removeprefix("Loss: "))
-    solver = solver_of("a_avgloss.log", tmp_path, weights='"init.caffemodel.h5"')
-    caplog.set_level("INFO", "netlib")
-    solver.test(0)
-    check_same_log([caplog.messages[-1].strip()], [f"Test net output #0: {theirs[-1]}"])
-
-
-def test_the_log_of_timing(solvers: Path) -> None:
-    """tools/time.py prints the lines of ``caffe time`` in the same order, and one for an item of the batch."""
-    mine, theirs = run_tool("time", "net.prototxt", "--iterations", "3").out.splitlines(), log_lines("time.log")
-    (of_item,) = [line for line in mine if line.startswith("Per item of the batch of 8: ")]
-    mine.remove(of_item)
-    cut = [lines[lines.index("*** Benchmark begins ***") :] for lines in (mine, theirs)]
-    numberless = [[re.sub(r": \S+ ms", ": # ms", line) for line in lines] for lines in cut]
-    assert numberless[0] == numberless[1] and len(cut[0]) == 27
 
 
 # Log -> number of losses, the first and the last; number of tests, the first and the last

@@ -26,7 +26,6 @@ WRITTEN = (
     "is already written by layer {!r}; give it another name, or that of the bottom in the same place ({}) to run ..."
 )
 BN = '(the layer BN of SegNet and PSPNet needs the current format: layer { type: "BN" bn_param { ... } })'
-IP = "inner_product_param { num_output: 3 } }"
 
 
 def chain(*params: str) -> str:

@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 
 import netlib
-from layers.hand.kinematics import Kinematics
-from layers.hand.skeleton import load
 from netlib import engine
 from netlib.engine import Engine, Step
 from tests.support.running import run_python
@@ -115,44 +112,6 @@ def test_a_solver_takes_an_engine(tmp_path: Path, write_rows: Callable[..., Path
         assert solvers[0].loss == pytest.approx(solvers[1].loss, rel=1e-5)
 
 
-@needs_fast
-def test_both_engines_learn_the_size_of_a_hand(tmp_path: Path, write_rows: Callable[..., Path]) -> None:
-    """The hand's size, HandModel's second bottom, starts at 1 and converges to the true 1.3 on both engines."""
-    rows = write_rows("rows.txt", [70], x=(1, 8, 8), joint=(93,))
-    with h5py.File(tmp_path / "rows0.h5", "r+") as file:
-        poses = 0.02 * np.random.default_rng(2).normal(size=(70, 47))
-        file["joint"][...] = Kinematics(load().scaled(1.3)).joints(poses).reshape(70, 93)
-    (tmp_path / "net.prototxt").write_text(f"""
-        layer {{ name: "d" type: "HDF5Data" top: "x" top: "joint"
-                 hdf5_data_param {{ source: "{rows}" batch_size: 70 }} }}
-        layer {{ name: "c" type: "Convolution" bottom: "x" top: "c"
-                 convolution_param {{ num_output: 4 kernel_size: 3 weight_filler {{ type: "xavier" }} }} }}
-        layer {{ name: "r" type: "ReLU" bottom: "c" top: "c" }}
-        layer {{ name: "p" type: "Pooling" bottom: "c" top: "FC2" pooling_param {{ kernel_size: 2 stride: 2 }} }}
-        layer {{ name: "DoF" type: "InnerProduct" bottom: "FC2" top: "DoF"
-                 inner_product_param {{ num_output: 47 weight_filler {{ type: "gaussian" std: 0.01 }} }} }}
-        layer {{ name: "size" type: "InnerProduct" bottom: "FC2" top: "size"
-                 inner_product_param {{ num_output: 1 weight_filler {{ type: "gaussian" std: 0.001 }}
-                                        bias_filler {{ type: "constant" value: 1 }} }} }}
-        layer {{ name: "hand" type: "HandModel" bottom: "DoF" bottom: "size" top: "pred" }}
-        layer {{ name: "loss" type: "EuclideanLoss" bottom: "pred" bottom: "joint" top: "loss" }}
-    """)
-    (tmp_path / "solver.prototxt").write_text(
-        f'net: "{tmp_path}/net.prototxt" base_lr: 0.0005 momentum: 0.9 lr_policy: "fixed" random_seed: 3'
-    )
-    solvers = [netlib.get_solver(tmp_path / "solver.prototxt", engine=name) for name in ("plain", "fast")]
-    losses: list[list[float]] = []
-    for _ in range(40):
-        for solver in solvers:
-            solver.step(1)
-        losses.append([solver.loss for solver in solvers])
-    plain, fast = np.array(losses).T
-    assert np.allclose(plain, fast, rtol=1e-4)
-    assert plain[-1] < plain[0] / 5
-    for solver in solvers:
-        assert 1.2 < solver.net.blobs["size"].data.mean() < 1.4
-
-
 @pytest.mark.parametrize("value", ["", "fast"])
 @needs_fast
 def test_an_empty_choice_is_no_choice(value: str) -> None:
@@ -160,29 +119,6 @@ def test_an_empty_choice_is_no_choice(value: str) -> None:
     code = "import netlib; from netlib import engine; print(engine.get().name, netlib.BLAS_NOTE)"
     out = run_python("-c", code, NETLIB_ENGINE=value).out
     assert out.startswith("fast BLAS: ") and "as NumPy sets it up" not in out
-
-
-@pytest.mark.parametrize(
-    ("file", "before"),
-    [
-        ("fast.py", ""),
-        ("fast/__init__.py", ""),
-        ("layers.py", ""),
-        ("fast.py", "import fast"),
-        ("layers.py", "import layers"),
-    ],
-)
-@needs_fast
-def test_a_module_of_the_users_that_comes_first(tmp_path: Path, file: str, before: str) -> None:
-    """The project's packages are found despite user modules of the same name, also if imported before netlib."""
-    (tmp_path / file).parent.mkdir(exist_ok=True)
-    (tmp_path / file).write_text("")
-    (tmp_path / "run.py").write_text(
-        f"{before}\nimport sys; sys.path.append({str(ROOT)!r}); import netlib\n"
-        f"try: print(netlib.Net({str(ROOT / 'prototxt' / 'nyu_deploy.prototxt')!r}, netlib.TEST).engine.name)\n"
-        "except netlib.NetlibError as error: print(error)\n"
-    )
-    assert "fast" in run_python("run.py", cwd=tmp_path, NETLIB_ENGINE=None, PYTHONPATH=None).out
 
 
 def test_plain_has_one_thread() -> None:

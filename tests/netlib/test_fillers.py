@@ -76,8 +76,3 @@ def test_bilinear() -> None:
     line = np.array([0.25, 0.75, 0.75, 0.25])
     array = filled(Filler("bilinear"), (2, 1, 4, 4))
     assert np.allclose(array, np.outer(line, line))
-
-
-def test_the_same_stream_gives_the_same_values() -> None:
-    """Equal generators give equal values."""
-    assert np.array_equal(filled(Filler("msra")), filled(Filler("msra")))

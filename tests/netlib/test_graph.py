@@ -200,11 +200,3 @@ def test_two_layers_of_one_name(net_of: MakeNet, tmp_path: Path, caplog: pytest.
         again.copy_from(tmp_path / name, strict=True)
         assert (again.params["a (2)"][0].data == 7).all()
         assert np.array_equal(again.params["a"][0].data, net.params["a"][0].data)
-
-
-def test_a_name_that_a_repeated_one_would_get(net_of: MakeNet) -> None:
-    """A new name for a repeated one does not collide with an existing name."""
-    names = ["a", "a (2)", "a", "a (3)", "a"]
-    net = net_of(X + "".join(ip(name, "x", f"y{i}") for i, name in enumerate(names)))
-    assert [layer.name for layer in net.layers if layer.blobs] == ["a", "a (2)", "a (4)", "a (3)", "a (5)"]
-    assert len(net.params) == len(names)

@@ -14,7 +14,7 @@ import netlib
 from netlib.proto import prototxt
 from netlib.proto.messages import SolverParameter
 from tests.support.hdf5_files import write_hdf5
-from tests.support.nets import X, ip, loss, shared
+from tests.support.nets import X, ip, loss
 
 pytestmark = pytest.mark.both_engines
 
@@ -108,15 +108,6 @@ def test_backward_from_one_layer_to_another(net_of: MakeNet) -> None:
     assert np.allclose(net.blobs["x"].diff, net.blobs["a"].diff @ net.params["a"][0].data)
 
 
-def test_float64_nets(net_of: MakeNet) -> None:
-    """Blobs, parameters and gradients have the net's type."""
-    net = net_of(X + ip("a", "x", "a") + loss("a"), dtype=np.float64)
-    net.forward(x=np.random.default_rng(0).normal(size=(2, 3)))
-    net.backward()
-    arrays = [b for blob in [*net.blobs.values(), *net.params["a"]] for b in (blob.data, blob.diff)]
-    assert {array.dtype for array in arrays} == {np.dtype(np.float64)}
-
-
 # ---------------------------------------------------------------------------------------------- gradients
 
 
@@ -188,17 +179,6 @@ def test_old_four_dimensional_weights(net_of: MakeNet, tmp_path: Path) -> None:
     net = net_of(X + ip("a", "x", "a"))
     net.copy_from(tmp_path / "old.h5")
     assert net.params["a"][0].data[2].tolist() == [6, 7, 8]
-
-
-def test_shared_weights_are_saved_and_loaded(net_of: MakeNet, tmp_path: Path) -> None:
-    """Shared and separate parameters of both layers survive saving and loading."""
-    one, two = net_of(shared()), net_of(shared(), seed=2)
-    one.params["b"][1].data[...] = 4
-    one.save(tmp_path / "w.h5")
-    two.copy_from(tmp_path / "w.h5")
-    for name, params in one.params.items():
-        for mine, theirs in zip(two.params[name], params):
-            assert np.array_equal(mine.data, theirs.data)
 
 
 def test_nets_share_parameters_and_not_their_gradients(net_of: MakeNet) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -124,16 +123,6 @@ def test_the_loss_is_the_mean_over_iter_size_and_average_loss(solver_of: MakeSol
     assert solver.loss == pytest.approx(np.mean(losses[-2:]))
 
 
-def test_iter_counts_updates_and_step_makes_so_many(solver_of: MakeSolver) -> None:
-    """step(n) makes n updates; two steps of three equal one of six."""
-    one, two = solver_of(ONE_WEIGHT % "", "momentum: 0.5"), solver_of(ONE_WEIGHT % "", "momentum: 0.5")
-    assert one.step(6)
-    assert two.step(3)
-    assert two.step(3)
-    assert one.iter == two.iter == 6
-    assert_same(weights(one), weights(two))
-
-
 def test_the_same_seed_gives_the_same_training(solver_of: MakeSolver, rows: None) -> None:
     """random_seed determines weights, dropout and the order of data."""
     a, b, c = (solver_of(RANDOM, f"random_seed: {seed}") for seed in (4, 4, 5))
@@ -143,32 +132,12 @@ def test_the_same_seed_gives_the_same_training(solver_of: MakeSolver, rows: None
     assert not np.array_equal(weights(a)[0], weights(c)[0])
 
 
-def test_weights_start_from_a_file(solver_of: MakeSolver) -> None:
-    """``weights:`` names a snapshot to start from."""
-    solver = solver_of(ONE_WEIGHT % "")
-    solver.step(1)
-    solver.net.save("start.caffemodel")
-    assert weight(solver_of(ONE_WEIGHT % "", 'weights: "start.caffemodel"')) == weight(solver)
-
-
 # ---------------------------------------------------------------------------------------------- reports
 
 
 def messages(caplog: pytest.LogCaptureFixture, part: str) -> list[str]:
     """Return the log lines that contain ``part``."""
     return [line.strip() for line in caplog.messages if part in line]
-
-
-def test_display_shows_loss_outputs_and_rate(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture) -> None:
-    """The loss is displayed before the updates of iterations 0 and 2, and at the end, if display divides max_iter."""
-    caplog.set_level("INFO", "netlib")
-    solver_of(ONE_WEIGHT % "", "display: 2 max_iter: 4 snapshot_after_train: false").solve()
-    shown = messages(caplog, ", loss = ")
-    assert [line.split()[1].strip(",") for line in shown] == ["0", "2", "4"]
-    assert shown[0].endswith("loss = 0.5")
-    assert "Train net output #0: loss = 0.5 (* 1 = 0.5 loss)" in messages(caplog, "Train net output")
-    assert messages(caplog, ", lr = ") == ["Iteration 0, lr = 0.1", "Iteration 2, lr = 0.1"]
-    assert caplog.messages[-1] == "Optimization Done."
 
 
 def test_debug_info_shows_every_blob(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture) -> None:
@@ -202,13 +171,6 @@ def test_debug_info_shows_a_blob_before_a_layer_in_place(
     assert [line for line in messages(caplog, "[Backward]") if "blob y " in line] == [
         "[Backward] Layer sum, bottom blob y diff: 1", "[Backward] Layer half, bottom blob y diff: 0.5",
     ]
-
-
-def test_solver_mode_gpu_is_accepted_with_a_note(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture) -> None:
-    """A note states that training runs on the CPU."""
-    caplog.set_level("INFO", "netlib")
-    solver_of(ONE_WEIGHT % "", "solver_mode: GPU")
-    assert len(messages(caplog, "CPU")) == 1
 
 
 def test_a_step_of_multistep_is_logged(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture) -> None:
@@ -392,18 +354,6 @@ def test_where_snapshots_go(solver_of: MakeSolver, work: Path, prefix: str, stem
     assert (work / f"{stem}_iter_0.caffemodel").exists()
 
 
-def test_a_directory_of_the_prefix_that_comes_later(solver_of: MakeSolver, work: Path) -> None:
-    """A folder created during training with the name of the prefix does not change where snapshots are written."""
-    solver = solver_of(ONE_WEIGHT % "", "snapshot: 1")
-    solver.step(1)
-    (work / "snap").mkdir()
-    solver.step(1)
-    assert {path.name for path in work.glob("snap*.solverstate")} == {
-        "snap_iter_1.solverstate", "snap_iter_2.solverstate",
-    }
-    assert not list((work / "snap").iterdir())
-
-
 def test_a_finished_training_of_another_prefix_is_written_there(solver_of: MakeSolver, work: Path) -> None:
     """Resuming a finished training run with another prefix writes the snapshot under that prefix."""
     first = solver_of(ONE_WEIGHT % "", "max_iter: 2")
@@ -423,17 +373,6 @@ def test_a_directory_that_cannot_be_written_is_found_before_training(solver_of: 
     assert solver.iter == 0
 
 
-@pytest.mark.skipif(not hasattr(os, "O_NOFOLLOW"), reason="links cannot be told apart here")
-def test_a_lock_that_is_in_the_way_is_named(solver_of: MakeSolver, work: Path) -> None:
-    """A symbolic link in place of the lock file is reported and not followed."""
-    (work / ".x.netlib.lock").symlink_to("victim")
-    with pytest.raises(
-        netlib.WeightsError, match=r"^\.: cannot write snapshots there: \.x\.netlib\.lock: Too many levels"
-    ):
-        solver_of(ONE_WEIGHT % "", 'snapshot_prefix: "x" max_iter: 2').solve()
-    assert not (work / "victim").exists()
-
-
 @pytest.mark.parametrize("request_", ["stop", "snapshot"])
 def test_a_request_is_met_after_the_iteration(solver_of: MakeSolver, work: Path, request_: str) -> None:
     """A stop request writes a snapshot and ends training; a snapshot request writes one and continues."""
@@ -448,21 +387,6 @@ def test_a_request_is_met_after_the_iteration(solver_of: MakeSolver, work: Path,
     assert solver.iter == (3 if request_ == "stop" else 6)
     assert [path.name for path in work.glob("*.solverstate")] == ["snap_iter_3.solverstate"]
     assert solver.requested is None
-
-
-def test_stop_during_a_test_ends_the_test(solver_of: MakeSolver, work: Path) -> None:
-    """A stop request during a test ends the test early; the snapshot is that of the current iteration."""
-    solver = solver_of(ONE_WEIGHT % "", "test_iter: 1000000 test_interval: 1")
-    forward = solver.test_nets[0].run_forward
-
-    def stopping() -> float:
-        solver.requested = "stop"
-        return forward()
-
-    solver.test_nets[0].run_forward = stopping  # type: ignore[method-assign]
-    assert not solver.solve()
-    assert solver.iter == 0
-    assert (work / "snap_iter_0.solverstate").exists()
 
 
 # ---------------------------------------------------------------------------------------------- resume
@@ -534,6 +458,7 @@ def test_resume_says_what_changed(
     caplog.set_level("INFO", "netlib")
     solver_of(net, options).restore(state)
     assert line in messages(caplog, "Changed")
+    assert not messages(caplog, "the resume is exact")
 
 
 def test_a_state_older_than_a_field_was_made_with_its_default(
@@ -549,25 +474,6 @@ def test_a_state_older_than_a_field_was_made_with_its_default(
     caplog.clear()
     solver_of(RANDOM).restore(state)
     assert messages(caplog, "the resume is exact")
-
-
-def test_a_resume_that_changes_something_does_not_claim_to_be_exact(
-    solver_of: MakeSolver, rows: None, caplog: pytest.LogCaptureFixture
-) -> None:
-    """With other options or data, the log does not state that the resume is exact."""
-    state = solver_of(RANDOM).snapshot()
-    caplog.set_level("INFO", "netlib")
-    solver_of(RANDOM.replace("train.txt", "test.txt"), "base_lr: 0.05").restore(state)
-    assert not messages(caplog, "the resume is exact")
-
-
-def test_a_new_max_iter_is_no_change_of_a_fixed_policy(solver_of: MakeSolver) -> None:
-    """A larger max_iter continues training from the final state."""
-    solver = solver_of(ONE_WEIGHT % "", "max_iter: 2")
-    solver.solve()
-    longer = solver_of(ONE_WEIGHT % "", "max_iter: 4")
-    assert longer.solve(resume="snap_iter_2.solverstate")
-    assert longer.iter == 4
 
 
 def test_a_state_with_four_dimensional_histories(solver_of: MakeSolver, work: Path) -> None:
@@ -594,23 +500,6 @@ def test_resume_of_moved_files(solver_of: MakeSolver, work: Path) -> None:
     again = solver_of(ONE_WEIGHT % "")
     again.restore(work / "moved" / state.name)
     assert weight(again) == weight(solver)
-
-
-@bad_inputs(netlib.WeightsError, {
-    "weights": (lambda s: s.snapshot().with_name("snap_iter_0.caffemodel"), "snap_iter_0.caffemodel: this is a weights "
-                "file; pass it as --weights, or its pair *.solverstate here"),
-    "nothing": (lambda s: "nothing.solverstate",
-                "nothing.solverstate: cannot read a solver state: No such file or directory"),
-    "text": (lambda s: "solver.prototxt", "solver.prototxt: ...; expected a solver state (.solverstate); it looks "
-             "like a text file"),
-})
-def test_what_cannot_be_resumed_is_one_line(
-    solver_of: MakeSolver, given: Callable[[netlib.Solver], Any], rejected: Any
-) -> None:
-    """A weights file, a missing file and a text file each raise a one-line error."""
-    solver = solver_of(ONE_WEIGHT % "")
-    with rejected:
-        solver.restore(given(solver))
 
 
 OTHER = 'this state is of the solver type SGD, whose history has another meaning for {}; expected type: "SGD", or ...'
@@ -751,14 +640,6 @@ def test_what_is_no_solver(work: Path, given: str, rejected: Any) -> None:
     (work / "s.prototxt").write_text(given)
     with rejected:
         netlib.get_solver("s.prototxt")
-
-
-def test_a_net_beside_the_solver_is_found(work: Path, monkeypatch: pytest.MonkeyPatch, solver_of: MakeSolver) -> None:
-    """A net in the solver's folder is found from any working directory."""
-    solver_of(ONE_WEIGHT % "")
-    (work / "elsewhere").mkdir()
-    monkeypatch.chdir(work / "elsewhere")
-    assert netlib.get_solver("../solver.prototxt").net.name == ""
 
 
 def test_the_older_solver_type_field(solver_of: MakeSolver) -> None:

@@ -55,31 +55,6 @@ def test_two_updates_by_hand(rule: str, options: dict[str, float], expected: lis
     assert run(rule, [2, 4], **options) == pytest.approx(expected, rel=1e-12)
 
 
-def test_the_rate_is_inside_the_history_of_sgd() -> None:
-    """The learning rate scales new gradients only: with rate 0 the momentum still moves the weight."""
-    apply, _ = RULES["SGD"]
-    w, history = np.array([1.0]), [np.zeros(1)]
-    apply(solver(momentum=0.5), w, np.array([2.0]), 0.1, history, 1)
-    apply(solver(momentum=0.5), w, np.array([2.0]), 0.0, history, 2)
-    assert w[0] == pytest.approx(1 - 0.2 - 0.1)
-
-
-def test_momentum_0_is_plain_descent_for_nesterov_too() -> None:
-    """With momentum 0 both rules compute w - r g."""
-    assert run("Nesterov", [2, 4], momentum=0.0) == pytest.approx(run("SGD", [2, 4], momentum=0.0))
-
-
-@pytest.mark.parametrize("rule", list(RULES))
-def test_every_rule_works_in_float32_in_place(rule: str) -> None:
-    """An update in float32 keeps the types of weight and histories."""
-    apply, count = RULES[rule]
-    w, history = np.ones(3, np.float32), [np.zeros(3, np.float32) for _ in range(count)]
-    apply(solver(momentum=0.5), w, np.full(3, 2, np.float32), 0.1, history, 1)
-    assert w.dtype == np.float32
-    assert (w < 1).all()
-    assert {h.dtype for h in history} == {np.dtype(np.float32)}
-
-
 @pytest.mark.parametrize(
     ("policy", "options", "expected"),
     [

@@ -57,15 +57,6 @@ def test_fields_are_those_of_the_dataclass(name: str) -> None:
             assert getattr(made, known.name) == (pytest.approx(expected) if known.kind is float else expected)
 
 
-def test_the_bytes_are_those_of_our_own_encoder() -> None:
-    """Text that both parse gives the same bytes, which both decode."""
-    text = str(layer())
-    data = layer().SerializeToString()
-    assert wire.encode(prototxt.parse(text), messages.LayerParameter) == data
-    assert caffe_pb2.LayerParameter.FromString(data) == layer()
-    assert text_format.Parse(str(wire.decode(data, messages.LayerParameter)), caffe_pb2.LayerParameter()) == layer()
-
-
 def test_old_nets_are_read() -> None:
     """V1 layers are in the field ``layers`` of the same NetParameter, with their enum of types."""
     net = text_format.Parse('layers { name: "r" type: RELU bottom: "x" top: "y" }', caffe_pb2.NetParameter())
@@ -127,19 +118,6 @@ def test_the_labels_of_ssd() -> None:
     box.xmin, box.ymax, box.difficult = 0.25, 0.5, True
     assert caffe_pb2.AnnotatedDatum.FromString(made.SerializeToString()) == made
     assert box.SerializeToString().hex() == "0d0000803e" + "250000003f" + "3001"  # fields 1, 4 and 6
-
-
-@pytest.mark.parametrize("name", [*ssd.MESSAGES])
-def test_messages_of_ssd(name: str) -> None:
-    """Each field can be set and read back; a default is that of the table."""
-    enums, fields = ssd.parsed(ssd.MESSAGES[name])
-    described = getattr(caffe_pb2, name).DESCRIPTOR
-    assert {enum: [value.name for value in described.enum_types_by_name[enum].values] for enum in enums} == enums
-    assert {(field.name, field.number) for field in described.fields} == {(one.name, one.number) for one in fields}
-    made = getattr(caffe_pb2, name)()
-    for one in fields:
-        if one.default and one.kind in ssd.SCALARS:
-            assert str(getattr(made, one.name)).removesuffix(".0").lower() == one.default
 
 
 def test_the_training_net_of_ssd_is_written() -> None:

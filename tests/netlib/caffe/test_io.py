@@ -95,24 +95,6 @@ def test_preprocess_step_by_step(transformer):
     np.testing.assert_allclose(found[:, 0, 0], [-50, -55, -60])
 
 
-def test_preprocess_of_an_image_of_another_size():
-    """The values agree with pycaffe and scikit-image."""
-    transformer = io.Transformer({"data": (1, 3, 3, 4)})
-    transformer.set_transpose("data", (2, 0, 1))
-    transformer.set_channel_swap("data", (2, 1, 0))
-    transformer.set_raw_scale("data", 255.0)
-    transformer.set_mean("data", np.array([104.0, 117, 123]))
-    transformer.set_input_scale("data", 0.017)
-    found = transformer.preprocess("data", np.arange(18, dtype=np.float32).reshape(2, 3, 3) / 17)
-    expected = [
-        [-1.39613, -0.94456, -0.46644, -0.2805],
-        [-0.31769, 0.36763, 0.94138, 1.02106],
-        [0.27731, 0.96794, 1.44606, 1.39294],
-    ]
-    np.testing.assert_allclose(found[0], expected, atol=1e-5)
-    np.testing.assert_allclose(found[2, 2], [-0.41756, 0.21994, 0.69806, 0.69806], atol=1e-5)
-
-
 def test_preprocess_leaves_the_image_alone(transformer):
     """The image is not modified; pycaffe writes into a float32 image of the input's size."""
     transformer.set_raw_scale("data", 255)

@@ -128,12 +128,6 @@ def test_a_netspec_has_items_too():
     assert not hasattr(n, "conv") and list(copy.copy(n).tops) == ["conv1/relu"]
 
 
-def test_constants():
-    """The constants are those of caffe_pb2."""
-    assert (P.Pooling.MAX, P.Pooling.AVE) == (caffe_pb2.PoolingParameter.MAX, caffe_pb2.PoolingParameter.AVE)
-    assert P.Eltwise.MAX == caffe_pb2.EltwiseParameter.MAX
-
-
 def test_blocks_by_type():
     """param_name_dict maps a layer type to the name of its options block."""
     names = param_name_dict()

@@ -13,7 +13,6 @@ from netlib import files
 from netlib.errors import DataError, WeightsError
 from netlib.files import hdf5
 from tests.support.hdf5_files import write_hdf5
-from tests.support.running import run_python
 
 # ---------------------------------------------------------------------------------------------- rejected files
 
@@ -127,30 +126,6 @@ def test_damage_of_a_sealed_file_is_found_without_hdf5(sealed: Path, as_content:
             pass
 
 
-DAMAGE = """
-import sys
-from pathlib import Path
-import numpy as np
-from netlib.errors import DataError
-from netlib.files import hdf5
-path, good, rng = Path(sys.argv[1]), Path(sys.argv[1]).read_bytes(), np.random.default_rng(4)
-for bit in rng.choice(8 * len(good), 300, replace=False):
-    damaged = bytearray(good)
-    damaged[bit // 8] ^= 1 << bit % 8
-    path.write_bytes(damaged)
-    try:
-        hdf5.File(path, ("a", "b"))
-    except DataError as error:
-        assert "\\n" not in str(error)
-print("done")
-"""
-
-
-def test_damage_of_other_files(tmp_path: Path) -> None:
-    """A flipped bit gives one line or other numbers. The process is another one: HDF5 can crash on a damaged file."""
-    path = write_hdf5(tmp_path / "plain.h5", a=np.arange(3), b=np.zeros((3, 4)))
-    done = run_python("-c", DAMAGE, str(path), status=None)
-    assert done.out == "done\n" or done.status < 0
 
 
 # ---------------------------------------------------------------------------------------------- rows

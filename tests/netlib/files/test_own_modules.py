@@ -78,28 +78,6 @@ def test_ours_are_found_if_there_are_no_others(run) -> None:
     assert run(code, {}) == ["True layers layers.vision.pooling"]
 
 
-def test_a_python_layer_finds_the_scripts_own_module(run) -> None:
-    """A layer of type Python whose module is one that the script has imported is of that module's class."""
-    layer = (
-        "import caffe\n"
-        "class Ten(caffe.Layer):\n"
-        "    count = 0\n"
-        "    def setup(self, bottom, top): Ten.count += 1\n"
-        "    def reshape(self, bottom, top): top[0].reshape(*bottom[0].data.shape)\n"
-        "    def forward(self, bottom, top): top[0].data[...] = 10 * bottom[0].data\n"
-    )
-    net = (
-        'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 } } }'
-        'layer { name: "t" type: "Python" bottom: "x" top: "y" python_param { module: "layers.ten" layer: "Ten" } }'
-    )
-    code = (
-        "import caffe\nfrom layers.ten import Ten\nimport numpy as np\nnet = caffe.Net('net.prototxt', caffe.TEST)\n"
-        "print(net.forward(x=np.ones(2))['y'], type(net.layers[1]) is Ten, Ten.count)"
-    )
-    files = {"layers/__init__.py": "", "layers/ten.py": layer, "net.prototxt": net}
-    assert run(code, files, "-m", "netlib.caffe") == ["[10. 10.] True 1"]
-
-
 TRIPLE = """import netlib
 class Triple(netlib.Layer):
     def reshape(self, bottom, top): top[0].reshape(*bottom[0].shape)

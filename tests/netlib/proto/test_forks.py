@@ -33,30 +33,6 @@ def test_no_option_is_declared_twice(message: str) -> None:
     assert not declared & forks.OPTIONS[message].keys()
 
 
-@pytest.mark.parametrize(
-    ("message", "text"),
-    [
-        ("ConvolutionParameter", 'conv_algorithm: "winograd" cudnn_convolution_algo_seeker: GET relu: false'),
-        ("ConvolutionParameter", 'conv_algos_override: "7,5,7" fusion_type: NONE_FUSION hole: 1 engine: MKLDNN'),
-        ("PoolingParameter", "torch_pooling: false avg_include_pad: true axis: 1 engine: MKL2017"),
-        ("BatchNormParameter", "engine: CUDNN scale_bias: false stats_batch_size: 0 use_weight_bias: false"),
-        ("LRNParameter", "engine: MKLDNN"),
-        ("ELUParameter", "lambda: 1.0"),
-        ("ReshapeParameter", "pixelshuffler: 1"),
-        ("LayerParameter", 'forward_type: FLOAT16 backward_math: FLOAT engine: "MKLDNN:CPU" multinode { }'),
-        ("NetParameter", 'default_forward_type: FLOAT16 engine: "MKL2017" compile_net_state { bn_top_rename: false }'),
-        ("SolverParameter", 'eval_type: "classification" min_lr: 0 larc: false momentum_policy: "fixed"'),
-        ("SolverParameter", "larc_eta: 0.001 plateau_winsize: 10 plateau_winsize: 20 store_blobs_in_old_format: true"),
-        ("TransformationParameter", "use_gpu_transform: 1 vertical_stretch_upper: 1 img_rand_resize_lower: 0"),
-    ],
-)
-def test_options_without_effect_are_ignored(message: str, text: str) -> None:
-    """Options that select an implementation, and values without effect, give the same options as no field."""
-    cls = CLASSES[message]
-    found, plain = (schema.read(prototxt.parse(one), cls) for one in (text, ""))
-    assert found == plain
-
-
 REQUIRED = {"DataParameter": 'source: "d" batch_size: 1', "ImageDataParameter": 'source: "l"',
             "InnerProductParameter": "num_output: 1"}
 CHANGES = "of a fork of Caffe changes the result; not supported"

@@ -10,7 +10,7 @@ import pytest
 import netlib
 from netlib.proto import prototxt
 from netlib.proto.messages import NetState, NetStateRule
-from netlib.proto.net_parameter import load_parameter, meets
+from netlib.proto.net_parameter import meets
 from tests.support.nets import X
 
 MakeNet = Callable[..., netlib.Net]
@@ -94,12 +94,6 @@ def test_inputs_old_and_new(net_of: MakeNet, text: str, shapes: dict[str, tuple[
     assert {name: blob.shape for name, blob in net.blobs.items()} == shapes
     again = netlib.Net(net.param)
     assert {name: blob.shape for name, blob in again.blobs.items()} == shapes
-
-
-def test_a_printed_net_is_the_same_net(net_of: MakeNet) -> None:
-    """A printed net parses to the same net."""
-    text = str(prototxt.parse(RULES))
-    assert load_parameter(prototxt.parse(text)) == load_parameter(prototxt.parse(RULES))
 
 
 def test_an_input_without_a_shape_that_a_layer_has_too(net_of: MakeNet) -> None:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import pytest
 
 from netlib.errors import PrototxtError, WeightsError
-from netlib.proto import binaryproto, prototxt, schema, wire
+from netlib.proto import prototxt, schema, wire
 from netlib.proto.messages import NetParameter
 from netlib.proto.upgrade import AnyNetParameter, upgraded
 from netlib.snapshots import binary_format
@@ -90,13 +89,6 @@ def test_mistakes_point_at_the_old_text(given: str, rejected: Any) -> None:
     """Errors have the line and column of the original text."""
     with rejected:
         net(given)
-
-
-@pytest.mark.parametrize("text", ['layer { name: "a" %s }', 'layers { name: "a" %s }'])
-def test_weights_of_both_formats(text: str) -> None:
-    blob = str(binaryproto.tree_of(np.float32([[1, 2, 3]])))
-    data = wire.encode(prototxt.parse(text % f"blobs {{ {blob} }}"), AnyNetParameter)
-    assert binary_format.read_weights(data, "x")["a"][0].tolist() == [[1, 2, 3]]
 
 
 def test_a_binary_file_of_2013_is_refused() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import struct
 from typing import Any
 
@@ -17,12 +16,6 @@ from netlib.proto import messages, prototxt, schema, upgrade, wire
 from netlib.proto.messages import BlobProto, Datum, LayerParameter, SolverParameter, SolverState
 from netlib.proto.options import option_blocks
 from tests.support.bad_input import bad_inputs
-
-MESSAGES = [
-    *(cls for cls in vars(messages).values() if getattr(cls, "__module__", "") == messages.__name__),
-    upgrade.V1LayerParameter, upgrade.AnyNetParameter,
-    *option_blocks().values(),
-]
 
 
 def tree_of(data: bytes, cls: Any = LayerParameter) -> str:
@@ -101,16 +94,6 @@ def test_later_values_count_and_parts_of_messages_are_merged() -> None:
     data = b"\xda\x07\x05\x0d" + struct.pack("<f", 0.5) + b"\xda\x07\x02\x10\x01"
     layer = schema.read(wire.decode(data, LayerParameter), LayerParameter)
     assert str(layer.blocks["relu_param"]) == "negative_slope: 0.5\nengine: 1\n"
-
-
-def test_the_numbers_of_a_message_are_different() -> None:
-    """The field numbers of each message, including options blocks, are unique and positive."""
-    assert len(MESSAGES) > 40
-    for cls in MESSAGES:
-        numbers = [f.metadata["number"] for f in dataclasses.fields(cls) if "number" in f.metadata]
-        numbers += [n for f in dataclasses.fields(cls) for n in f.metadata.get("numbers", {}).values()]
-        assert len(set(numbers)) == len(numbers) > 0, cls
-        assert min(numbers) > 0
 
 
 def test_every_options_block_has_a_number() -> None:

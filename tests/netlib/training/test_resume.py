@@ -107,20 +107,6 @@ def test_a_state_of_the_other_engine_goes_on(older: Path, names: tuple[str, str]
     assert 0 <= distance(weights(second), weights(first)) <= 1e-6
 
 
-@pytest.mark.skipif(not engine.has_fast(), reason="the folder fast/ is not there")
-def test_both_engines_read_the_same_rows_and_draw_the_same_masks(older: Path) -> None:
-    """Both engines read the same rows, draw the same masks, and compute the same gradients after several steps."""
-    solvers = [netlib.get_solver("solver.prototxt", engine=name, seed=4) for name in ("plain", "fast")]
-    for _ in range(4):
-        for solver in solvers:
-            solver.step(1)
-        plain, fast = (solver.net for solver in solvers)
-        assert np.array_equal(plain.blobs["data"].data, fast.blobs["data"].data)
-        assert np.array_equal(plain.blobs["ip1"].data == 0, fast.blobs["ip1"].data == 0)
-        for one, other in zip(plain.learnable, fast.learnable):
-            assert np.allclose(one.blob.diff, other.blob.diff, rtol=1e-4, atol=1e-6), one.label
-
-
 # ---------------------------------------------------------------------------------------------- whole or refused
 
 
