@@ -25,14 +25,12 @@ RUNNING = [
 
 @pytest.mark.parametrize(("case", "dtype"), RUNNING)
 def test_layer(case: Case, dtype: Any) -> None:
-    """Tops, input gradients, parameter gradients and changed parameters of a layer agree with Caffe."""
     found = differences(case, dtype)
     assert len(found) >= case.results(dtype)
     assert {what: far for what, far in found.items() if not far <= TOLERANCE[dtype]} == {}
 
 
 def test_no_case_is_lost() -> None:
-    """All 122 cases run forward and, if recorded, backward."""
     cases = layer_cases()
     assert len({case.name for case in cases}) == 122
     assert [case.name for case in cases if not case.types <= KNOWN] == []

@@ -76,7 +76,6 @@ CURVES = {
 
 @pytest.mark.parametrize("name", CURVES)
 def test_plot_log_reads_caffes_trainings(name: str) -> None:
-    """plot_log reads all losses and tests of Caffe's logs, with their iterations."""
     log = plot_log.read_log(FOLDER / "logs" / name)
     ((_, test),) = log.test.items()
     assert (len(log.loss), log.loss[0], log.loss[-1], len(test), test[0], test[-1]) == CURVES[name]
@@ -87,6 +86,5 @@ def test_plot_log_reads_caffes_trainings(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["test.log", "time.log"])
 def test_plot_log_says_that_others_are_no_trainings(name: str) -> None:
-    """plot_log rejects the logs of ``caffe test`` and ``caffe time``, which have no curve."""
     with pytest.raises(DataError, match="expected a training log"):
         plot_log.read_log(FOLDER / "logs" / name)

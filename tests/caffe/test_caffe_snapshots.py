@@ -31,12 +31,8 @@ def ours(solvers: Path, tmp_path: Path) -> Path:
     return tmp_path
 
 
-# ---------------------------------------------------------------------------------------------- HDF5
-
-
 @ITERATIONS
 def test_weights_load_from_caffes_hdf5_snapshot(solvers: Path, iteration: int) -> None:
-    """Weights loaded from Caffe's HDF5 snapshot equal those of the recorded trajectory."""
     net = netlib.Net("net.prototxt", f"snap/{CASE}_iter_{iteration}.caffemodel.h5", netlib.TEST)
     compared = 0
     for (layer, index), after in trajectory(CASE).weights.items():
@@ -109,9 +105,6 @@ def layout(path: Path) -> dict[str, Any]:
     with h5py.File(path) as file:
         file.visititems(visit)
     return found
-
-
-# ---------------------------------------------------------------------------------------------- binary
 
 
 def test_both_formats_of_caffe_say_the_same(solvers: Path) -> None:
@@ -192,9 +185,6 @@ def test_a_real_lenet_reads_digits(whole: Path) -> None:
     found = net.forward(data=images.reshape(-1, 1, 28, 28) / np.float32(256))["prob"].argmax(axis=1)
     assert abs((found == labels).sum() - 1952) <= 1
     assert snapshot.read_state(folder / "lenet_iter_10000.solverstate").iter == 10000
-
-
-# ---------------------------------------------------------------------------------------------- shared weights
 
 
 def test_shared_weights_load_from_caffes_snapshot(solvers: Path, tmp_path: Path) -> None:

@@ -41,7 +41,6 @@ def test_plain_is_always_there(net_of: MakeNet) -> None:
 
 @needs_fast
 def test_one_net_or_the_whole_process(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> None:
-    """``engine=`` applies to one net and NETLIB_ENGINE to all others; the default is fast."""
     monkeypatch.delenv("NETLIB_ENGINE", raising=False)
     assert net_of(NET).engine.name == "fast"
     monkeypatch.setenv("NETLIB_ENGINE", "plain")
@@ -50,7 +49,6 @@ def test_one_net_or_the_whole_process(net_of: MakeNet, monkeypatch: pytest.Monke
 
 
 def test_an_unknown_engine(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An unknown name raises an error that lists the known engines, whether it is an argument or NETLIB_ENGINE."""
     message = r"unknown engine 'plane' \(did you mean 'plain'\?\); known: fast, plain"
     with pytest.raises(netlib.NetlibError, match=message):
         net_of(NET, engine="plane")
@@ -60,7 +58,6 @@ def test_an_unknown_engine(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_without_its_folder_fast_is_refused_by_name_only(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without the folder fast/ the default is the plain engine; asking for ``fast`` raises an error."""
     monkeypatch.setattr("netlib.engine.has_fast", lambda: False)
     monkeypatch.delenv("NETLIB_ENGINE", raising=False)
     engine._engine.cache_clear()
@@ -75,7 +72,6 @@ def test_without_its_folder_fast_is_refused_by_name_only(net_of: MakeNet, monkey
 @needs_fast
 @pytest.mark.parametrize(("dtype", "tolerance"), [(np.float32, 2e-5), (np.float64, 1e-11)])
 def test_both_engines_give_the_same(net_of: MakeNet, rng: np.random.Generator, dtype: type, tolerance: float) -> None:
-    """Both engines draw the same random numbers; all blobs and gradients agree to rounding."""
     x, dy = rng.normal(size=(3, 1, 20, 18)), rng.normal(size=(3, 93))
     plain, fast = (net_of(NET, engine=name, dtype=dtype, seed=7) for name in ("plain", "fast"))
     for net in (plain, fast):
@@ -122,7 +118,6 @@ def test_an_empty_choice_is_no_choice(value: str) -> None:
 
 
 def test_plain_has_one_thread() -> None:
-    """The plain engine always has one thread; set_threads(0) raises an error."""
     plain = engine.get("plain")
     plain.set_threads(3)
     assert plain.threads() == 1
@@ -132,7 +127,6 @@ def test_plain_has_one_thread() -> None:
 
 @pytest.mark.parametrize("name", ["plain", pytest.param("fast", marks=needs_fast)])
 def test_for_each(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    """for_each calls the function once for each item on either engine and raises its errors."""
     monkeypatch.setenv("NETLIB_ENGINE", name)
     done: list[int] = []
     engine.for_each(range(100), done.append)

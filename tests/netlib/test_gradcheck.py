@@ -89,17 +89,13 @@ def test_a_right_layer_passes(layer: Callable[[type[Layer]], Layer]) -> None:
     gradcheck.check(layer(Right), [X])
 
 
-@pytest.mark.parametrize(
-    ("cls", "message"),
-    [
-        (Forgets, r"Forgets: gradient of bottom 0 at \(1, 1\): backward computed nan"),
-        (Overwrites, r"Overwrites: gradient of parameter 0 at \(\d,\)"),
-        (Wrong, r"Wrong: gradient of bottom 0 at \(2, 0\): backward computed [-\d.]+, central differences give [-\d]+"),
-        (IgnoresTop, "IgnoresTop: gradient of"),
-    ],
-)
+@pytest.mark.parametrize(("cls", "message"), [
+    (Forgets, r"Forgets: gradient of bottom 0 at \(1, 1\): backward computed nan"),
+    (Overwrites, r"Overwrites: gradient of parameter 0 at \(\d,\)"),
+    (Wrong, r"Wrong: gradient of bottom 0 at \(2, 0\): backward computed [-\d.]+, central differences give [-\d]+"),
+    (IgnoresTop, "IgnoresTop: gradient of"),
+])
 def test_a_wrong_layer_is_caught(layer: Callable[[type[Layer]], Layer], cls: Any, message: str) -> None:
-    """The error gives the position and both numbers."""
     with pytest.raises(GradientError, match=message):
         gradcheck.check(layer(cls), [X])
 
@@ -124,7 +120,6 @@ class Curved(Right):
     (Curved, ""), (Wrong, ""), (IgnoresTop, ""),
 ])
 def test_a_doubt_about_the_differences(layer: Callable[[type[Layer]], Layer], cls: Any, doubt: str) -> None:
-    """A layer that rounds gets the reason; a wrong layer gets none."""
     with pytest.raises(GradientError, match=rf"differences give [-\d.e]+{re.escape(doubt)}$"):
         gradcheck.check(layer(cls), [X])
 
@@ -162,7 +157,6 @@ def test_bottoms_that_want_no_gradient_are_left_out(layer: Callable[[type[Layer]
 
 
 def test_the_values_are_as_before(layer: Callable[[type[Layer]], Layer]) -> None:
-    """The inputs and parameters are restored."""
     made, x = layer(Right), X.copy()
     gain = made.blobs[0].data.copy()
     gradcheck.check(made, [x])

@@ -80,13 +80,11 @@ def test_force_backward_runs_everything(net_of: MakeNet) -> None:
 
 
 def test_propagate_down_cuts_the_gradient(net_of: MakeNet) -> None:
-    """``propagate_down: false`` stops the gradient; no layer below runs backwards."""
     net = net_of(X + ip("a", "x", "a") + ip("b", "a", "b", "propagate_down: false") + loss("b"))
     assert backwards(net) == {"b": [False], "loss": [True, False]}
 
 
 def test_propagate_down_true_asks_for_a_gradient(net_of: MakeNet) -> None:
-    """``propagate_down: true`` computes the gradient of an input, which otherwise has none."""
     net = net_of(X + ip("a", "x", "a", "propagate_down: true") + loss("a"))
     net.forward(x=np.ones((2, 3)))
     net.backward()
@@ -160,21 +158,16 @@ def test_a_gradient_that_will_be_wrong_is_said(
         assert "layer 'p' overwrites blob 's', which the gradient of layer 's' needs: it will be wrong" in caplog.text
 
 
-@pytest.mark.parametrize(
-    ("behind", "notes"),
-    [
-        (['"Power" power_param { shift: -0.5 }'], 1),
-        (['"Scale" scale_param { filler { value: -1 } }'], 1),
-        (['"Dropout"'], 0),
-        (['"ReLU"', '"Dropout"'], 0),
-        (['"Dropout"', '"BatchNorm"'], 1),
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize(("behind", "notes"), [
+    (['"Power" power_param { shift: -0.5 }'], 1),
+    (['"Scale" scale_param { filler { value: -1 } }'], 1),
+    (['"Dropout"'], 0),
+    (['"ReLU"', '"Dropout"'], 0),
+    (['"Dropout"', '"BatchNorm"'], 1),
+], ids=str)
 def test_a_relu_in_place_needs_its_signs(
     net_of: MakeNet, caplog: pytest.LogCaptureFixture, behind: list[str], notes: int
 ) -> None:
-    """A layer in place that may change the signs of a ReLU's output is reported."""
     text = X + ip("a", "x", "a") + 'layer { name: "r" type: "ReLU" bottom: "a" top: "a" } '
     for i, kind in enumerate(behind):
         text += f'layer {{ name: "p{i}" bottom: "a" top: "a" type: {kind} }} '

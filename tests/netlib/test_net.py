@@ -25,7 +25,6 @@ MakeNet = Callable[..., netlib.Net]
 
 
 def test_the_constructor_is_pycaffes(net_of: MakeNet, tmp_path: Path) -> None:
-    """Net(file, weights, phase) and Net(file, phase=, weights=) are accepted."""
     (tmp_path / "net.prototxt").write_text(X + ip("ip", "x", "y"))
     first = netlib.Net(str(tmp_path / "net.prototxt"), netlib.TRAIN, seed=3)
     first.save(tmp_path / "w.h5")
@@ -67,7 +66,6 @@ def test_forward_takes_inputs_and_gives_outputs(net_of: MakeNet) -> None:
 
 
 def test_a_new_batch_size_reshapes_the_net(net_of: MakeNet) -> None:
-    """The batch size is that of the given array, or is set by reshape."""
     net = net_of(X + ip("a", "x", "a"))
     assert net.forward(x=np.ones((5, 3)))["a"].shape == (5, 3)
     net.blobs["x"].reshape(4, 3)
@@ -83,7 +81,6 @@ def test_a_new_batch_size_for_two_inputs_that_must_agree(net_of: MakeNet) -> Non
 
 
 def test_forward_from_one_layer_to_another(net_of: MakeNet) -> None:
-    """start and end are included; blobs of other layers keep their values."""
     net = net_of(X + ip("a", "x", "a") + ip("b", "a", "b") + ip("c", "b", "c"))
     x = np.ones((2, 3))
     whole = {name: net.forward(["a", "b"], x=x)[name].copy() for name in "abc"}
@@ -97,7 +94,6 @@ def test_forward_from_one_layer_to_another(net_of: MakeNet) -> None:
 
 
 def test_backward_from_one_layer_to_another(net_of: MakeNet) -> None:
-    """backward runs from ``start`` down to ``end``."""
     net = net_of("force_backward: true " + X + ip("a", "x", "a") + ip("b", "a", "b"))
     net.forward(x=np.ones((2, 3)))
     found = net.backward(["a"], end="b", b=np.ones((2, 3)))
@@ -140,18 +136,14 @@ def test_copy_from_copies_by_layer_name(net_of: MakeNet, tmp_path: Path) -> None
         assert np.array_equal(net.params["a"][0].data, source.params["a"][0].data)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (X + ip("a", "x", "a") + ip("b", "a", "b", outputs=4),
-         r"layer 'b' parameter 0 has shape \(3, 3\), the net expects \(4, 3\)"),
-        (X + ip("other", "x", "y"), "it has no layer of net ''; it has a, b.*, the net has other"),
-        ((X + ip("a", "x", "a") + ip("b", "a", "b")).replace("num_output: 3", "num_output: 3 bias_term: false"),
-         "layer 'a' has 2 parameters, the net expects 1"),
-    ],
-)
+@pytest.mark.parametrize(("text", "message"), [
+    (X + ip("a", "x", "a") + ip("b", "a", "b", outputs=4),
+     r"layer 'b' parameter 0 has shape \(3, 3\), the net expects \(4, 3\)"),
+    (X + ip("other", "x", "y"), "it has no layer of net ''; it has a, b.*, the net has other"),
+    ((X + ip("a", "x", "a") + ip("b", "a", "b")).replace("num_output: 3", "num_output: 3 bias_term: false"),
+     "layer 'a' has 2 parameters, the net expects 1"),
+])
 def test_weights_that_do_not_fit_change_nothing(net_of: MakeNet, tmp_path: Path, text: str, message: str) -> None:
-    """If one layer does not fit, none is copied."""
     net_of(X + ip("a", "x", "a") + ip("b", "a", "b")).save(tmp_path / "w.h5")
     net = net_of(text, seed=2)
     before = [p.blob.data.copy() for p in net.learnable]
@@ -161,14 +153,12 @@ def test_weights_that_do_not_fit_change_nothing(net_of: MakeNet, tmp_path: Path,
 
 
 def test_weights_without_a_bias_do_not_fill_half_a_layer(net_of: MakeNet, tmp_path: Path) -> None:
-    """A file that lacks the bias of a layer is rejected."""
     net_of((X + ip("a", "x", "a")).replace("num_output: 3", "num_output: 3 bias_term: false")).save(tmp_path / "w.h5")
     with pytest.raises(netlib.WeightsError, match="layer 'a' lacks parameter 1, the net has 2"):
         net_of(X + ip("a", "x", "a")).copy_from(tmp_path / "w.h5")
 
 
 def test_old_four_dimensional_weights(net_of: MakeNet, tmp_path: Path) -> None:
-    """Weights with four axes, as older versions of Caffe stored them, are loaded."""
     write_hdf5(
         tmp_path / "old.h5",
         **{
@@ -203,7 +193,6 @@ def test_a_net_is_not_copied(net_of: MakeNet, how: Callable[[object], object]) -
 
 @pytest.mark.parametrize("other", ["shape", "dtype"])
 def test_nets_that_cannot_share_parameters_share_none(net_of: MakeNet, other: str) -> None:
-    """If one parameter does not fit, none is shared."""
     text = X + ip("a", "x", "a") + ip("b", "a", "b")
     one = net_of(text)
     two = (

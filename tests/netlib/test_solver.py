@@ -6,14 +6,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import pytest
 
 import netlib
 from netlib.snapshots import binary_format, snapshot
 from netlib.snapshots.solver_state import SolverState
-from netlib.training.resume import COURSE
 from tests.netlib.conftest import ONE_WEIGHT, MakeSolver
 from tests.support.bad_input import bad_inputs
 from tests.support.hdf5_files import write_hdf5
@@ -81,21 +79,18 @@ def weight(solver: netlib.Solver) -> float:
 # ---------------------------------------------------------------------------------------------- one iteration
 
 
-@pytest.mark.parametrize(
-    ("param", "options", "expected"),
-    [
-        ("", "", 1 - 0.1 * 2),
-        ("param { lr_mult: 3 }", "", 1 - 0.3 * 2),
-        ("", "weight_decay: 0.5", 1 - 0.1 * (2 + 0.5)),
-        ("param { decay_mult: 4 }", "weight_decay: 0.5", 1 - 0.1 * (2 + 2)),
-        ("", 'weight_decay: 0.5 regularization_type: "L1"', 1 - 0.1 * (2 + 0.5)),
-        ("", "iter_size: 3", 1 - 0.1 * 2),
-        ("", "clip_gradients: 1", 1 - 0.1 * 1),
-        ("", "clip_gradients: 3", 1 - 0.1 * 2),
-        ("", "clip_gradients: 3 iter_size: 3", 1 - 0.1 * 1),  # the sum, 6, is clipped to 3, then divided by 3
-        ("", "clip_gradients: 3 iter_size: 3 weight_decay: 0.5", 1 - 0.1 * 1.5),  # decay is not clipped
-    ],
-)
+@pytest.mark.parametrize(("param", "options", "expected"), [
+    ("", "", 1 - 0.1 * 2),
+    ("param { lr_mult: 3 }", "", 1 - 0.3 * 2),
+    ("", "weight_decay: 0.5", 1 - 0.1 * (2 + 0.5)),
+    ("param { decay_mult: 4 }", "weight_decay: 0.5", 1 - 0.1 * (2 + 2)),
+    ("", 'weight_decay: 0.5 regularization_type: "L1"', 1 - 0.1 * (2 + 0.5)),
+    ("", "iter_size: 3", 1 - 0.1 * 2),
+    ("", "clip_gradients: 1", 1 - 0.1 * 1),
+    ("", "clip_gradients: 3", 1 - 0.1 * 2),
+    ("", "clip_gradients: 3 iter_size: 3", 1 - 0.1 * 1),  # the sum, 6, is clipped to 3, then divided by 3
+    ("", "clip_gradients: 3 iter_size: 3 weight_decay: 0.5", 1 - 0.1 * 1.5),  # decay is not clipped
+])
 def test_one_update_by_hand(solver_of: MakeSolver, param: str, options: str, expected: float) -> None:
     """The sum is clipped, divided by iter_size, decayed, and passed to the update rule, in this order."""
     solver = solver_of(ONE_WEIGHT % param, options)
@@ -105,7 +100,6 @@ def test_one_update_by_hand(solver_of: MakeSolver, param: str, options: str, exp
 
 
 def test_a_parameter_with_lr_mult_0_stays_and_is_not_decayed(solver_of: MakeSolver) -> None:
-    """A parameter with lr_mult 0 does not change, even with weight decay and momentum."""
     solver = solver_of(ONE_WEIGHT % "param { lr_mult: 0 }", "weight_decay: 0.5 momentum: 0.9")
     solver.step(3)
     assert weight(solver) == 1
@@ -124,7 +118,6 @@ def test_the_loss_is_the_mean_over_iter_size_and_average_loss(solver_of: MakeSol
 
 
 def test_the_same_seed_gives_the_same_training(solver_of: MakeSolver, rows: None) -> None:
-    """random_seed determines weights, dropout and the order of data."""
     a, b, c = (solver_of(RANDOM, f"random_seed: {seed}") for seed in (4, 4, 5))
     for solver in (a, b, c):
         solver.step(4)
@@ -174,7 +167,6 @@ def test_debug_info_shows_a_blob_before_a_layer_in_place(
 
 
 def test_a_step_of_multistep_is_logged(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture) -> None:
-    """The step is logged in the iteration in which the rate falls."""
     caplog.set_level("INFO", "netlib")
     solver_of(ONE_WEIGHT % "", 'lr_policy: "multistep" gamma: 0.1 stepvalue: 1 stepvalue: 3').step(5)
     assert messages(caplog, "MultiStep") == [
@@ -184,7 +176,6 @@ def test_a_step_of_multistep_is_logged(solver_of: MakeSolver, caplog: pytest.Log
 
 @pytest.mark.parametrize("policy", ['"exp" gamma: 1.5', '"step" stepsize: 1 gamma: 10', '"inv" gamma: 1 power: -400'])
 def test_a_rate_beyond_all_numbers_ends_the_training(solver_of: MakeSolver, policy: str) -> None:
-    """A learning rate that overflows raises a one-line DivergenceError."""
     solver = solver_of(ONE_WEIGHT % "param { lr_mult: 0 }", f"lr_policy: {policy}")
     solver.iter = 10**4
     with pytest.raises(netlib.DivergenceError, match="iteration 10000: learning rate overflow"):
@@ -194,20 +185,17 @@ def test_a_rate_beyond_all_numbers_ends_the_training(solver_of: MakeSolver, poli
 # ---------------------------------------------------------------------------------------------- net states
 
 
-@pytest.mark.parametrize(
-    ("of_net", "of_solver", "layers"),
-    [
-        ("", "", "x t ip loss"),
-        ("", "level: -1", "x t ip loss low"),
-        ("level: 7", "", "x t ip loss high"),
-        ("level: 7", "level: 0", "x t ip loss"),
-        ("level: 7", "level: -3", "x t ip loss low"),
-        ("", "phase: TEST", "x t ip loss test"),
-        ("phase: TEST", "", "x t ip loss test"),
-        ("phase: TEST", "phase: TRAIN", "x t ip loss"),
-        ('stage: "a"', 'stage: "b"', "x t ip loss a b"),
-    ],
-)
+@pytest.mark.parametrize(("of_net", "of_solver", "layers"), [
+    ("", "", "x t ip loss"),
+    ("", "level: -1", "x t ip loss low"),
+    ("level: 7", "", "x t ip loss high"),
+    ("level: 7", "level: 0", "x t ip loss"),
+    ("level: 7", "level: -3", "x t ip loss low"),
+    ("", "phase: TEST", "x t ip loss test"),
+    ("phase: TEST", "", "x t ip loss test"),
+    ("phase: TEST", "phase: TRAIN", "x t ip loss"),
+    ('stage: "a"', 'stage: "b"', "x t ip loss a b"),
+])
 def test_the_state_of_the_training_net(solver_of: MakeSolver, of_net: str, of_solver: str, layers: str) -> None:
     """train_state takes precedence over the net's state, then phase TRAIN and level 0; stages are added up."""
     rules = {
@@ -246,7 +234,6 @@ def test_a_test_iter_of_0_builds_the_test_net_only(solver_of: MakeSolver, caplog
 
 
 def test_an_output_of_changing_size_has_no_mean(solver_of: MakeSolver, rows: None) -> None:
-    """An output whose size changes between test batches raises an error."""
     text = """
         layer { name: "data" type: "HDF5Data" top: "x" top: "t" hdf5_data_param { source: "train.txt" batch_size: 4 } }
         layer { name: "n" type: "Python" bottom: "x" top: "n" include { phase: TEST }
@@ -324,16 +311,13 @@ def test_several_test_nets(solver_of: MakeSolver, work: Path, caplog: pytest.Log
 # ---------------------------------------------------------------------------------------------- snapshots
 
 
-@pytest.mark.parametrize(
-    ("options", "expected"),
-    [
-        ("max_iter: 5 snapshot: 2", [2, 4, 5]),
-        ("max_iter: 4 snapshot: 2", [2, 4]),
-        ("max_iter: 3", [3]),
-        ("max_iter: 5 snapshot: 2 snapshot_after_train: false", [2, 4]),
-        ("max_iter: 3 snapshot_after_train: false", []),
-    ],
-)
+@pytest.mark.parametrize(("options", "expected"), [
+    ("max_iter: 5 snapshot: 2", [2, 4, 5]),
+    ("max_iter: 4 snapshot: 2", [2, 4]),
+    ("max_iter: 3", [3]),
+    ("max_iter: 5 snapshot: 2 snapshot_after_train: false", [2, 4]),
+    ("max_iter: 3 snapshot_after_train: false", []),
+])
 def test_when_snapshots_are_written(solver_of: MakeSolver, work: Path, options: str, expected: list[int]) -> None:
     """Snapshots are written every ``snapshot`` updates and at the end, unless one was just written."""
     assert solver_of(ONE_WEIGHT % "", options).solve()
@@ -355,7 +339,6 @@ def test_where_snapshots_go(solver_of: MakeSolver, work: Path, prefix: str, stem
 
 
 def test_a_finished_training_of_another_prefix_is_written_there(solver_of: MakeSolver, work: Path) -> None:
-    """Resuming a finished training run with another prefix writes the snapshot under that prefix."""
     first = solver_of(ONE_WEIGHT % "", "max_iter: 2")
     first.solve()
     state = first.snapshot_paths(2)[1]
@@ -365,7 +348,6 @@ def test_a_finished_training_of_another_prefix_is_written_there(solver_of: MakeS
 
 
 def test_a_directory_that_cannot_be_written_is_found_before_training(solver_of: MakeSolver, work: Path) -> None:
-    """An unwritable folder is reported before the first iteration."""
     (work / "file").write_text("")
     solver = solver_of(ONE_WEIGHT % "", 'snapshot_prefix: "file/x" max_iter: 2')
     with pytest.raises(netlib.WeightsError, match=r"^file: cannot write snapshots there: "):
@@ -375,7 +357,6 @@ def test_a_directory_that_cannot_be_written_is_found_before_training(solver_of: 
 
 @pytest.mark.parametrize("request_", ["stop", "snapshot"])
 def test_a_request_is_met_after_the_iteration(solver_of: MakeSolver, work: Path, request_: str) -> None:
-    """A stop request writes a snapshot and ends training; a snapshot request writes one and continues."""
     solver = solver_of(ONE_WEIGHT % "", "max_iter: 6 snapshot_after_train: false")
 
     def ask() -> None:
@@ -439,41 +420,22 @@ def test_resume_says_what_it_restored(solver_of: MakeSolver, rows: None, caplog:
     assert not messages(caplog, "Changed")
 
 
-@pytest.mark.parametrize(
-    ("net", "options", "line"),
-    [
-        (RANDOM, "base_lr: 0.05", "Changed: base_lr was 0.1, is now 0.05"),
-        (RANDOM.replace("batch_size: 5", "batch_size: 4"), "", "Changed: batch size was 5, is now 4"),
-        (RANDOM, "weight_decay: 0.1", "Changed: weight_decay was 0, is now 0.1"),
-        (RANDOM, 'lr_policy: "exp" gamma: 0.5', "Changed: lr_policy was fixed, is now exp"),
-        (RANDOM, "rampup_interval: 8", "Changed: rampup_interval was 0, is now 8"),
-        (RANDOM.replace("train.txt", "test.txt"), "", "Changed: the data files; reading starts at the first row"),
-    ],
-)
+@pytest.mark.parametrize(("net", "options", "line"), [
+    (RANDOM, "base_lr: 0.05", "Changed: base_lr was 0.1, is now 0.05"),
+    (RANDOM.replace("batch_size: 5", "batch_size: 4"), "", "Changed: batch size was 5, is now 4"),
+    (RANDOM, "weight_decay: 0.1", "Changed: weight_decay was 0, is now 0.1"),
+    (RANDOM, 'lr_policy: "exp" gamma: 0.5', "Changed: lr_policy was fixed, is now exp"),
+    (RANDOM, "rampup_interval: 8", "Changed: rampup_interval was 0, is now 8"),
+    (RANDOM.replace("train.txt", "test.txt"), "", "Changed: the data files; reading starts at the first row"),
+])
 def test_resume_says_what_changed(
     solver_of: MakeSolver, rows: None, caplog: pytest.LogCaptureFixture, net: str, options: str, line: str
 ) -> None:
-    """Changed options, batch sizes and data files are logged."""
     state = solver_of(RANDOM).snapshot()
     caplog.set_level("INFO", "netlib")
     solver_of(net, options).restore(state)
     assert line in messages(caplog, "Changed")
     assert not messages(caplog, "the resume is exact")
-
-
-def test_a_state_older_than_a_field_was_made_with_its_default(
-    solver_of: MakeSolver, rows: None, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """An option missing in an old state had its default, so another value is logged as a change."""
-    with monkeypatch.context() as before:
-        before.setattr("netlib.training.resume.COURSE", tuple(n for n in COURSE if not n.startswith("rampup")))
-        state = solver_of(RANDOM).snapshot()
-    caplog.set_level("INFO", "netlib")
-    solver_of(RANDOM, "rampup_interval: 8").restore(state)
-    assert messages(caplog, "Changed") == ["Changed: rampup_interval was 0, is now 8"]
-    caplog.clear()
-    solver_of(RANDOM).restore(state)
-    assert messages(caplog, "the resume is exact")
 
 
 def test_a_state_with_four_dimensional_histories(solver_of: MakeSolver, work: Path) -> None:
@@ -490,7 +452,6 @@ def test_a_state_with_four_dimensional_histories(solver_of: MakeSolver, work: Pa
 
 
 def test_resume_of_moved_files(solver_of: MakeSolver, work: Path) -> None:
-    """Weights are found next to a state that was moved together with them."""
     solver = solver_of(ONE_WEIGHT % "")
     solver.step(2)
     state = solver.snapshot()
@@ -516,7 +477,6 @@ BIAS, TWO_INPUTS = ("bias_term: false", ""), ("dim: 1 dim: 1", "dim: 1 dim: 2")
 def test_a_state_of_another_solver_or_net_changes_nothing(
     solver_of: MakeSolver, given: tuple[tuple[str, str], str], rejected: Any
 ) -> None:
-    """The error states the difference, and the solver is unchanged."""
     solver = solver_of(ONE_WEIGHT % "")
     solver.step(1)
     state = solver.snapshot()
@@ -547,17 +507,7 @@ def test_weights_of_another_net_change_nothing(solver_of: MakeSolver, work: Path
 # ---------------------------------------------------------------------------------------------- divergence
 
 
-def test_nan_in_the_data_names_layer_and_blob(solver_of: MakeSolver, work: Path, rows: None) -> None:
-    """Training stops at once; the error names the first blob with a NaN."""
-    with h5py.File(work / "train0.h5", "r+") as file:
-        file["x"][:, 0, 2, 2] = np.nan
-    solver = solver_of(RANDOM)
-    with pytest.raises(netlib.DivergenceError, match=r"iteration 0: the loss is nan; .* top blob 'x' of layer 'data'"):
-        solver.step(5)
-
-
 def test_a_nan_behind_finite_weights_names_the_top(solver_of: MakeSolver) -> None:
-    """If the weights and earlier blobs are finite, the error names the first top with a NaN."""
     log = 'layer { name: "log" type: "Log" bottom: "y" top: "logy" } layer { name: "loss"'
     text = (
         (ONE_WEIGHT % "")
@@ -573,7 +523,6 @@ def test_a_nan_behind_finite_weights_names_the_top(solver_of: MakeSolver) -> Non
 
 
 def test_a_nan_weight_is_named(solver_of: MakeSolver) -> None:
-    """The error names the parameter with the NaN, not the top computed from it."""
     solver = solver_of((ONE_WEIGHT % "").replace("bias_term: false", ""))
     solver.net.params["ip"][1].data[...] = np.nan
     with pytest.raises(netlib.DivergenceError, match=r"the loss is nan; .* in parameter 1 of layer 'ip'"):
@@ -581,7 +530,6 @@ def test_a_nan_weight_is_named(solver_of: MakeSolver) -> None:
 
 
 def test_a_diverging_training_leaves_the_last_good_snapshot(solver_of: MakeSolver, work: Path) -> None:
-    """If the loss becomes infinite, the snapshots written before remain and are finite."""
     solver = solver_of(ONE_WEIGHT % "", "base_lr: 1e9 snapshot: 1 max_iter: 100")
     with (
         pytest.raises(netlib.DivergenceError, match=r"iteration \d+: the loss is inf.*'(ip|loss)'"),
@@ -624,7 +572,6 @@ NO_INTERVAL = "1 test nets, but no test_interval; expected at least 1"
          "21: error: solver_type ADAM contradicts type 'SGD', which Caffe reads; expected one of them"))
 })
 def test_mistakes_in_a_solver_point_at_their_place(solver_of: MakeSolver, given: str, rejected: Any) -> None:
-    """The error has the file, line and column, the invalid value and the known ones."""
     with rejected:
         solver_of(ONE_WEIGHT % "", given)
 
@@ -643,5 +590,4 @@ def test_what_is_no_solver(work: Path, given: str, rejected: Any) -> None:
 
 
 def test_the_older_solver_type_field(solver_of: MakeSolver) -> None:
-    """``solver_type: ADAM`` is read as ``type: "Adam"``."""
     assert solver_of(ONE_WEIGHT % "", "solver_type: ADAM").param.type == "Adam"

@@ -66,6 +66,20 @@ class Unprepared(Square):
 
 class Stranger:
     pass
+
+class Gain(Square):
+    def setup(self, bottom, top):
+        super().setup(bottom, top)
+        self.blobs.add_blob(1)
+        self.blobs[0].data[...] = 1
+
+    def forward(self, bottom, top):
+        super().forward(bottom, top)
+        top[0].data[...] = self.blobs[0].data * top[0].data + (self.phase == netlib.TEST)
+
+    def backward(self, top, propagate_down, bottom):
+        super().backward(top, propagate_down, bottom)
+        self.blobs[0].diff[...] += (self.factor * bottom[0].data ** 2 * top[0].diff).sum()
 """
 
 
@@ -87,6 +101,16 @@ def squares(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "squares", raising=False)
+
+
+def test_a_python_layer(squares: None) -> None:
+    """It has what Caffe's have: four methods, param_str, the phase and ``blobs.add_blob``."""
+    net = net_with(python("Gain", more='param_str: "3"'))
+    assert net.forward(x=np.array([1, 2, 3]))["y"].tolist() == [3, 12, 27]
+    assert net.backward(y=np.ones(3))["x"].tolist() == [6, 12, 18]
+    assert net.params["own"][0].diff.tolist() == [3 + 12 + 27]
+    assert [p.label for p in net.learnable] == ["own/0"]
+    assert netlib.Net(text_with(python("Gain")), netlib.TEST).forward()["y"].tolist() == [1, 1, 1]
 
 
 def test_the_old_name_of_param_str(tmp_path: Path, squares: None) -> None:
@@ -152,6 +176,9 @@ BESIDE = "it must lie in the working directory or on PYTHONPATH"
     "ours": (python("Absent", "layers"),
              "f:1:186: error: layer 'own': layers.Absent was looked for in this project's own package "
              "(...__init__.py); expected a module 'layers' with it in the working directory or on PYTHONPATH"),
+    "no class": (python("").replace('layer: ""', ""), "f:1:...: error: missing required field 'layer' in python_param"),
+    "misspelt": (python("Square").replace("module", "modul"),
+                 "f:1:...: error: unknown field 'modul' (did you mean 'module'?)"),
     "no options": ('layer { name: "ip" type: "InnerProduct" bottom: "x" top: "y" }',
                    "f:1:104: error: missing required field 'num_output' in inner_product_param"),
 })
@@ -165,7 +192,6 @@ def test_a_python_layer_that_is_not_there(
     importlib.invalidate_caches()
     with rejected:
         net_with(text)
-
 
 
 # ---------------------------------------------------------------------------------------------- not allowed
@@ -189,7 +215,6 @@ def test_a_net_without_python_layers(squares: None, make: type[netlib.Net]) -> N
 
 @pytest.mark.parametrize("make", [netlib.get_solver, caffe.get_solver, caffe.SGDSolver])
 def test_a_solver_without_python_layers(squares: None, make: Callable[..., object]) -> None:
-    """``python_layers=False`` also applies to the nets of a solver."""
     Path("f").write_text(str(text_with(python("Square"))).replace("\n", " "))
     Path("solver.prototxt").write_text('net: "f" base_lr: 0.1 lr_policy: "fixed"')
     with pytest.raises(netlib.PrototxtError, match=REFUSED):

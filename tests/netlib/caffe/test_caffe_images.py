@@ -46,7 +46,6 @@ sides = st.integers(1, 60)
     crop=st.booleans(),
 )
 def test_equal_to_opencv(data, channels, dtype, size, scale, swap, crop) -> None:
-    """Every bit equals that of cv2.dnn.blobFromImages, for images of several sizes."""
     rng = np.random.default_rng(data.draw(st.integers(0, 1000)))
     shapes = data.draw(st.lists(st.tuples(sides, sides), min_size=1, max_size=3))
     images = [(rng.random((*shape, *([channels] if channels else []))) * 255).astype(dtype) for shape in shapes]

@@ -58,7 +58,6 @@ def test_fields_are_those_of_the_dataclass(name: str) -> None:
 
 
 def test_old_nets_are_read() -> None:
-    """V1 layers are in the field ``layers`` of the same NetParameter, with their enum of types."""
     net = text_format.Parse('layers { name: "r" type: RELU bottom: "x" top: "y" }', caffe_pb2.NetParameter())
     assert net.layers[0].type == caffe_pb2.V1LayerParameter.RELU == 18
     assert caffe_pb2.V1LayerParameter.LayerType.Name(18) == "RELU"

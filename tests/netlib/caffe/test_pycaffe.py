@@ -91,7 +91,6 @@ def test_the_unnamed_top_of_a_loss_has_a_number(work: Path) -> None:
 
 
 def test_a_layer_in_place_writes_the_blob_that_it_reads(work: Path) -> None:
-    """Bottom and top of a layer in place have the same number."""
     (work / "net.prototxt").write_text(NET.split("    layer { name: \"loss\"")[0] + (
         'layer { name: "r" type: "ReLU" bottom: "a_top" top: "a_top" }'))
     net = pycaffe.Net("net.prototxt", netlib.TEST)
@@ -202,7 +201,6 @@ def test_constructors(net: pycaffe.Net, args: tuple[tuple[object, ...], dict[str
 
 
 def test_a_file_that_is_not_there_is_a_runtime_error() -> None:
-    """A missing file raises a RuntimeError, which pycaffe scripts catch."""
     with pytest.raises(RuntimeError, match=r"nothing\.prototxt: cannot read the prototxt"):
         pycaffe.Net("nothing.prototxt", netlib.TEST)
 
@@ -368,7 +366,6 @@ def test_a_loop_by_hand_is_the_solvers_loop(kind: str) -> None:
 
 
 def test_options_may_change_while_it_trains() -> None:
-    """Options of a solver may change during training."""
     solver = pycaffe.SGDSolver("solver.prototxt")
     assert (solver.lr, solver.param.max_iter) == (0.5, 4)
     solver.param.base_lr = 0.25
@@ -396,7 +393,6 @@ FIXED = "is read once, when the solver is made; change it in the file"
         "solver.prototxt:1:1: error: 'snapshot_format' expects HDF5 or BINARYPROTO, found 'h5'"),
 })
 def test_options_that_cannot_change_so(given: tuple[str, object], rejected) -> None:
-    """Options that are fixed and invalid values raise a one-line error and change nothing."""
     solver = pycaffe.SGDSolver("solver.prototxt")
     before = repr(solver.param)
     with rejected:
@@ -414,7 +410,6 @@ def test_solvers_of_one_file_say_the_same_options() -> None:
 
 
 def test_callbacks() -> None:
-    """One callback runs before each iteration, the other after its gradients are computed."""
     solver = pycaffe.SGDSolver("solver.prototxt")
     seen: list[tuple[str, int, bool]] = []
     w = solver.net.params["a"][0]
@@ -429,7 +424,6 @@ def test_callbacks() -> None:
 
 
 def test_a_solver_lends_its_weights() -> None:
-    """share_weights shares the solver's weights with another net."""
     solver = pycaffe.SGDSolver("solver.prototxt")
     net = pycaffe.Net("net.prototxt", netlib.TEST)
     solver.share_weights(net)
@@ -441,7 +435,6 @@ def test_a_solver_lends_its_weights() -> None:
 
 
 def test_what_a_gpu_could_do_is_one_note(caplog: pytest.LogCaptureFixture) -> None:
-    """Each GPU setting is noted once, however often it is called."""
     warn_once.cache_clear()
     for _ in range(2):
         netlib.set_mode_gpu()
@@ -453,7 +446,6 @@ def test_what_a_gpu_could_do_is_one_note(caplog: pytest.LogCaptureFixture) -> No
 
 
 def test_one_solver_in_one_process() -> None:
-    """Settings for several solvers raise NotImplementedError; settings for one solver are accepted."""
     process.set_solver_count(1)
     process.set_solver_rank(0)
     process.set_multiprocess(True)
@@ -479,7 +471,6 @@ def test_one_solver_of_several_processes(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_the_log(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The log has glog's levels and line format."""
     logger = logging.getLogger("netlib")
     monkeypatch.setattr(logger, "handlers", [])
     level = logger.level
@@ -493,7 +484,6 @@ def test_the_log(
 
 
 def test_a_timer() -> None:
-    """A timer returns the milliseconds between start and stop."""
     timer = process.Timer()
     assert timer.ms == 0
     timer.start()

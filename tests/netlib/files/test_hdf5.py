@@ -14,8 +14,6 @@ from netlib.errors import DataError, WeightsError
 from netlib.files import hdf5
 from tests.support.hdf5_files import write_hdf5
 
-# ---------------------------------------------------------------------------------------------- rejected files
-
 
 def test_what_is_wrong_says_what_was_wanted(tmp_path: Path) -> None:
     """Errors of the file and of the block have the caller's error class."""
@@ -53,21 +51,16 @@ def never_written(file: h5py.File) -> None:
     file.create_dataset("x", (10**12,), "f4", chunks=(1024,))
 
 
-@pytest.mark.parametrize(
-    ("make", "fault"),
-    [
-        (
-            external_link,
-            "'/deep/x' is a link into another file, 'other.h5', which is not followed; expected all in one",
-        ),
-        (external_storage, "data set '/x' is kept in another file, '/etc/hostname', which is not read; expected all"),
-        (virtual, "data set '/x' is virtual"),
-        (never_written, "data set '/x' claims 4000000000000 bytes, but only 0 are stored; expected data"),
-    ],
-    ids=lambda value: getattr(value, "__name__", ""),
-)
+@pytest.mark.parametrize(("make", "fault"), [
+    (
+        external_link,
+        "'/deep/x' is a link into another file, 'other.h5', which is not followed; expected all in one",
+    ),
+    (external_storage, "data set '/x' is kept in another file, '/etc/hostname', which is not read; expected all"),
+    (virtual, "data set '/x' is virtual"),
+    (never_written, "data set '/x' claims 4000000000000 bytes, but only 0 are stored; expected data"),
+], ids=lambda value: getattr(value, "__name__", ""))
 def test_files_that_are_not_opened(tmp_path: Path, make: Any, fault: str) -> None:
-    """The error states the fault and what is expected."""
     with h5py.File(tmp_path / "a.h5", "w") as file:
         make(file)
     with pytest.raises(DataError) as error, hdf5.opened(tmp_path / "a.h5", "the data"):
@@ -90,9 +83,6 @@ def test_content_that_was_read_before(tmp_path: Path) -> None:
     for _ in range(2):
         with hdf5.opened(content, "data") as file:
             np.testing.assert_array_equal(file["a"][...], [0, 1, 2])
-
-
-# ---------------------------------------------------------------------------------------------- sealed files
 
 
 @pytest.fixture
@@ -124,11 +114,6 @@ def test_damage_of_a_sealed_file_is_found_without_hdf5(sealed: Path, as_content:
         source = files.read_content(sealed, "data") if as_content else sealed
         with pytest.raises(DataError, match="damaged: checksum mismatch"), hdf5.opened(source, "data"):
             pass
-
-
-
-
-# ---------------------------------------------------------------------------------------------- rows
 
 
 def test_numbers_that_no_array_has(tmp_path: Path) -> None:

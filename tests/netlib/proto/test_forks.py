@@ -23,9 +23,6 @@ CLASSES: dict[str, Any] = {
 }
 
 
-# ---------------------------------------------------------------------------------------------- options
-
-
 @pytest.mark.parametrize("message", list(forks.OPTIONS))
 def test_no_option_is_declared_twice(message: str) -> None:
     """The table has only options that the message does not declare, of messages that exist."""
@@ -55,7 +52,6 @@ def test_every_option_is_ignored_or_refused(message: str, name: str, harmless: s
 
 
 def test_a_block_of_a_fork_without_effect(net_of: Callable[..., Net]) -> None:
-    """An options block of a layer is treated like an option."""
     block = "mn_activation_param { num_nodes: 1 }"
     net_of(inputs(x=(1,)) + f'layer {{ name: "r" type: "ReLU" bottom: "x" top: "y" {block} }}')
 
@@ -76,9 +72,6 @@ def test_weights_of_a_net_with_options_of_forks(net_of: Callable[..., Net], tmp_
         net.save(str(tmp_path / f"{i}.caffemodel"))
     wanted, found = (wire.decode((tmp_path / f"{i}.caffemodel").read_bytes(), NetParameter) for i in range(2))
     assert str(found) == str(wanted).replace("kernel_size: 1\n", "kernel_size: 1\n    engine: 0\n")
-
-
-# ---------------------------------------------------------------------------------------------- types
 
 
 @pytest.mark.parametrize(("name", "advice"), [
@@ -109,9 +102,6 @@ def test_a_selu_is_an_elu_and_a_power(net_of: Callable[..., Net]) -> None:
 
 def test_the_types_with_hints_are_not_known() -> None:
     assert not forks.HINTS.keys() & LAYER_TYPES.keys()
-
-
-# ---------------------------------------------------------------------------------------------- binary files
 
 CONTENTS = {  # block -> content, as text and encoded
     "interp_param": ("zoom_factor: 8", b"\x18\x08"),
@@ -159,7 +149,6 @@ def test_each_fork_has_its_own_number(type_: str, number: int) -> None:
 
 
 def test_the_type_may_follow_the_options() -> None:
-    """Fields can be in any order."""
     block = varint(143 << 3 | 2) + b"\x02\x18\x08"
     tree = wire.decode(block + b"\x12\x06Interp", LayerParameter)
     assert str(tree) == 'interp_param {\n  zoom_factor: 8\n}\ntype: "Interp"\n'

@@ -28,7 +28,6 @@ def as_lists(message: Message) -> list[Any]:
 
 
 def test_there_are_examples() -> None:
-    """The two folders of examples are not empty."""
     assert len(VALID) >= 13
     assert len(INVALID) >= 20
 
@@ -51,7 +50,6 @@ def test_invalid(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_every_node_keeps_its_place() -> None:
-    """Fields, values and messages keep their line and column, counted from 1."""
     tree = prototxt.parse('a: 1\n  b {\n\tc:   "x"  }', "f")
     a, b = tree.fields
     assert isinstance(b.value, Message)
@@ -62,21 +60,16 @@ def test_every_node_keeps_its_place() -> None:
 
 
 def test_the_elements_of_a_list_have_places_of_their_own() -> None:
-    """Each element of a list has its own position for error messages."""
     tree = prototxt.parse("dim: [1,\n 2]", "f")
     assert [str(f.position) for f in tree.fields] == ["f:1:7", "f:2:2"]
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (None, "cannot read the prototxt: No such file or directory"),
-        (b"# \xe9\nname: '# \xe9'", "cannot read the prototxt: not a text file (byte 2 is not UTF-8)"),
-        (b"\xff\xfe\x00", "cannot read the prototxt: not a text file (byte 0 is not UTF-8)"),
-    ],
-)
+@pytest.mark.parametrize(("content", "message"), [
+    (None, "cannot read the prototxt: No such file or directory"),
+    (b"# \xe9\nname: '# \xe9'", "cannot read the prototxt: not a text file (byte 2 is not UTF-8)"),
+    (b"\xff\xfe\x00", "cannot read the prototxt: not a text file (byte 0 is not UTF-8)"),
+])
 def test_files_that_cannot_be_read(tmp_path: Path, content: bytes | None, message: str) -> None:
-    """A missing file and a file that is not text raise an error."""
     path = tmp_path / "n.prototxt"
     if content is not None:
         path.write_bytes(content)
@@ -99,9 +92,6 @@ def test_weights_in_place_of_a_net(name: str) -> None:
     """Weights where a prototxt is expected, as with exchanged arguments, are named."""
     with pytest.raises(netlib.NetlibError, match=f"^{name}: found weights, expected a .prototxt; a net stands before"):
         netlib.Net(name, "net.prototxt", netlib.TEST)
-
-
-# ---------------------------------------------------------------------------------------------- any tree
 
 NOWHERE = Position("", 1, 1)
 NAMES = st.from_regex(r"[A-Za-z_][A-Za-z_0-9]{0,6}", fullmatch=True)
@@ -126,7 +116,6 @@ TREES = st.recursive(messages(st.nothing()), messages, max_leaves=8)
 
 @given(TREES)
 def test_parse_print_parse_is_stable(tree: Message) -> None:
-    """Any tree, with any characters in its strings, parses back from its printed text."""
     assert prototxt.parse(str(tree)) == tree
 
 

@@ -47,13 +47,11 @@ def by_bytes(text: str) -> prototxt.Message:
 
 @pytest.mark.parametrize(("old", "today"), [(V1, TODAY), (TODAY, TODAY)], ids=["V1", "today"])
 def test_an_old_net_is_the_net_of_today(old: str, today: str) -> None:
-    """Types, rates, decays, sharing, rules and options are upgraded."""
     assert net(old) == plain(today)
     assert wire.encode(by_bytes(old), NetParameter) == wire.encode(prototxt.parse(today), NetParameter)
 
 
 def test_data_options_of_2014_go_to_transform_param() -> None:
-    """Transformation options of the old Data layer move to transform_param."""
     old = 'layers { type: DATA top: "d" data_param { source: "s" batch_size: 1 scale: 2 mirror: true crop_size: 5 } }'
     today = """layer { type: "Data" top: "d" data_param { source: "s" batch_size: 1 }
                transform_param { scale: 2 mirror: true crop_size: 5 } }"""
@@ -86,7 +84,6 @@ AGE = ("this net is in Caffe's format of 2013 (V0); convert it by Caffe 1.0's up
     'layers { layer { name: "a" type: "relu" } bottom: "x" top: "x" }': f"<text>:1:8: error: {AGE}",
 })
 def test_mistakes_point_at_the_old_text(given: str, rejected: Any) -> None:
-    """Errors have the line and column of the original text."""
     with rejected:
         net(given)
 

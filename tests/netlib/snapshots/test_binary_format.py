@@ -52,7 +52,6 @@ def test_a_file_of_weights_is_the_net_with_its_blobs(net: netlib.Net) -> None:
 
 
 def test_gradients_if_asked_for(net: netlib.Net) -> None:
-    """Gradients are written only if requested, as by the solver's ``snapshot_diff``."""
     net.params["a"][1].diff[...] = 7
     without, with_diffs = (layers_of(image(net, "w", diffs)).layer[2].blobs[1] for diffs in (False, True))
     assert without.diff is None
@@ -70,13 +69,9 @@ def test_double_precision_stays(net_of: Callable[..., netlib.Net]) -> None:
 
 
 def test_what_caffe_could_not_read_back_is_refused(net: netlib.Net, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Weights above protobuf's limit of 2 GB are rejected."""
     monkeypatch.setattr(binary_format, "MAX_BYTES", 100)
     with pytest.raises(WeightsError, match=r"Caffe's binary format, 2 GB; .*HDF5.*\.h5"):
         image(net, "w.caffemodel")
-
-
-# ---------------------------------------------------------------------------------------------- damaged files
 
 
 def test_weights_of_a_layer_type_that_only_a_fork_knows(net: netlib.Net, tmp_path: Path) -> None:
@@ -92,7 +87,6 @@ def test_weights_of_a_layer_type_that_only_a_fork_knows(net: netlib.Net, tmp_pat
 
 
 def test_a_damaged_file_leaves_the_net_as_it_was(net: netlib.Net, tmp_path: Path) -> None:
-    """A damaged file changes no weights, even if the damage is behind intact layers."""
     path = tmp_path / "w.caffemodel"
     net.save(path)
     before = net.params["a"][0].data.copy()

@@ -160,7 +160,6 @@ DAMAGE: dict[str, tuple[Callable[[SolverState], dict[str, Any]], str]] = {
 
 @pytest.mark.parametrize("name", DAMAGE)
 def test_a_state_is_taken_whole_or_not_at_all(older: Path, after_3: Path, name: str) -> None:
-    """An invalid field raises a one-line error and leaves the solver unchanged bit for bit."""
     shutil.copytree(after_3, older, dirs_exist_ok=True)
     path = Path("older_iter_3.solverstate.h5")
     change, message = DAMAGE[name]
@@ -175,7 +174,6 @@ def test_a_state_is_taken_whole_or_not_at_all(older: Path, after_3: Path, name: 
 
 
 def test_layers_without_a_state_are_told(older: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """Layers without a state start from their initial state, which the log reports."""
     assert netlib.get_solver("solver.prototxt", seed=1, max_iter=3, snapshot_format="HDF5").solve()
     path = Path("older_iter_3.solverstate.h5")
     layers = copy.deepcopy(snapshot.read_state(path).extra["layers"])
@@ -188,14 +186,12 @@ def test_layers_without_a_state_are_told(older: Path, caplog: pytest.LogCaptureF
 
 
 def test_a_state_without_a_checksum_is_told(older: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """A state of an earlier version, without a checksum, is restored with a note."""
     caplog.set_level("INFO", "netlib")
     netlib.get_solver("solver.prototxt").restore("older_iter_5.solverstate.h5")
     assert "without a checksum" in caplog.text
 
 
 def test_nothing_left_to_train_is_told(older: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """A state at max_iter or beyond logs that nothing is left to train."""
     assert netlib.get_solver("solver.prototxt", max_iter=5).solve("older_iter_5.solverstate.h5")
     assert "Nothing is left to train: max_iter is 5" in caplog.text
 
