@@ -17,12 +17,8 @@ ANY_TEXT = st.text(st.characters(exclude_categories=()))  # including surrogates
 @pytest.mark.parametrize(("error", "reason"), [
     (OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)), "No space left on device"),
     (OSError("unable to open\n  the file"), "unable to open the file"),
-    (
-        OSError(
-            "Unable to synchronously create (file = 'a', errno = 28, error message = 'No space left', buf = 0x5)"
-        ),
-        "No space left",
-    ),
+    (OSError("Unable to synchronously create (file = 'a', errno = 28, error message = 'No space left', buf = 0x5)"),
+     "No space left"),
     (UnicodeDecodeError("utf-8", b"\xff", 0, 1, "invalid start byte"), "not a text file"),
     (ValueError("a number"), "a number"),
     (EOFError(), "EOFError"),

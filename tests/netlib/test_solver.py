@@ -45,13 +45,6 @@ RULES = {
 }
 
 
-@pytest.fixture(autouse=True)
-def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Run every test in its own folder."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 @pytest.fixture
 def rows(write_rows: Callable[..., Path]) -> None:
     """Write train.txt with 7 + 4 rows and test.txt with 4."""
@@ -292,11 +285,11 @@ def test_when_tests_are_made(
     assert messages(caplog, "Testing net") == [f"Iteration {i}, Testing net (#0)" for i in iterations]
 
 
-def test_several_test_nets(solver_of: MakeSolver, work: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_several_test_nets(solver_of: MakeSolver, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """``test_net`` files come first, then ``net`` for the remaining values of test_iter, each with its test_state."""
     caplog.set_level("INFO", "netlib")
     extra = 'layer { name: "p" type: "Power" bottom: "x" top: "p" include { stage: "more" } }'
-    (work / "other.prototxt").write_text(ONE_WEIGHT % "" + extra)
+    (tmp_path / "other.prototxt").write_text(ONE_WEIGHT % "" + extra)
     solver = solver_of(
         ONE_WEIGHT % "" + extra,
         'test_net: "other.prototxt" test_iter: 1 test_iter: 2 test_interval: 5 '
@@ -318,11 +311,11 @@ def test_several_test_nets(solver_of: MakeSolver, work: Path, caplog: pytest.Log
     ("max_iter: 5 snapshot: 2 snapshot_after_train: false", [2, 4]),
     ("max_iter: 3 snapshot_after_train: false", []),
 ])
-def test_when_snapshots_are_written(solver_of: MakeSolver, work: Path, options: str, expected: list[int]) -> None:
+def test_when_snapshots_are_written(solver_of: MakeSolver, tmp_path: Path, options: str, expected: list[int]) -> None:
     """Snapshots are written every ``snapshot`` updates and at the end, unless one was just written."""
     assert solver_of(ONE_WEIGHT % "", options).solve()
     names = sorted(f"snap_iter_{i}.{kind}" for i in expected for kind in ("caffemodel", "solverstate"))
-    assert sorted(path.name for path in work.glob("snap*")) == names
+    assert sorted(path.name for path in tmp_path.glob("snap*")) == names
 
 
 @pytest.mark.parametrize(
@@ -330,15 +323,15 @@ def test_when_snapshots_are_written(solver_of: MakeSolver, work: Path, options: 
     [('snapshot_prefix: "a/b"', "a/b"), ('snapshot_prefix: "new/"', "new/solver"),
      ('snapshot_prefix: "there"', "there/solver"), ('snapshot_prefix: ""', "solver")],
 )
-def test_where_snapshots_go(solver_of: MakeSolver, work: Path, prefix: str, stem: str) -> None:
+def test_where_snapshots_go(solver_of: MakeSolver, tmp_path: Path, prefix: str, stem: str) -> None:
     """Snapshots in a folder, or without a prefix, are named after the solver file."""
-    (work / "there").mkdir()
+    (tmp_path / "there").mkdir()
     state = solver_of(ONE_WEIGHT % "", prefix).snapshot()
     assert state == Path(f"{stem}_iter_0.solverstate")
-    assert (work / f"{stem}_iter_0.caffemodel").exists()
+    assert (tmp_path / f"{stem}_iter_0.caffemodel").exists()
 
 
-def test_a_finished_training_of_another_prefix_is_written_there(solver_of: MakeSolver, work: Path) -> None:
+def test_a_finished_training_of_another_prefix_is_written_there(solver_of: MakeSolver, tmp_path: Path) -> None:
     first = solver_of(ONE_WEIGHT % "", "max_iter: 2")
     first.solve()
     state = first.snapshot_paths(2)[1]
@@ -347,8 +340,8 @@ def test_a_finished_training_of_another_prefix_is_written_there(solver_of: MakeS
     assert Path("other_iter_2.caffemodel").exists()
 
 
-def test_a_directory_that_cannot_be_written_is_found_before_training(solver_of: MakeSolver, work: Path) -> None:
-    (work / "file").write_text("")
+def test_a_directory_that_cannot_be_written_is_found_before_training(solver_of: MakeSolver, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
     solver = solver_of(ONE_WEIGHT % "", 'snapshot_prefix: "file/x" max_iter: 2')
     with pytest.raises(netlib.WeightsError, match=r"^file: cannot write snapshots there: "):
         solver.solve()
@@ -356,7 +349,7 @@ def test_a_directory_that_cannot_be_written_is_found_before_training(solver_of: 
 
 
 @pytest.mark.parametrize("request_", ["stop", "snapshot"])
-def test_a_request_is_met_after_the_iteration(solver_of: MakeSolver, work: Path, request_: str) -> None:
+def test_a_request_is_met_after_the_iteration(solver_of: MakeSolver, tmp_path: Path, request_: str) -> None:
     solver = solver_of(ONE_WEIGHT % "", "max_iter: 6 snapshot_after_train: false")
 
     def ask() -> None:
@@ -366,7 +359,7 @@ def test_a_request_is_met_after_the_iteration(solver_of: MakeSolver, work: Path,
     solver.on_update.append(ask)
     assert solver.solve() == (request_ == "snapshot")
     assert solver.iter == (3 if request_ == "stop" else 6)
-    assert [path.name for path in work.glob("*.solverstate")] == ["snap_iter_3.solverstate"]
+    assert [path.name for path in tmp_path.glob("*.solverstate")] == ["snap_iter_3.solverstate"]
     assert solver.requested is None
 
 
@@ -438,7 +431,7 @@ def test_resume_says_what_changed(
     assert not messages(caplog, "the resume is exact")
 
 
-def test_a_state_with_four_dimensional_histories(solver_of: MakeSolver, work: Path) -> None:
+def test_a_state_with_four_dimensional_histories(solver_of: MakeSolver, tmp_path: Path) -> None:
     """Histories with four axes, as older versions of Caffe stored them, are restored."""
     solver = solver_of(ONE_WEIGHT % "", "momentum: 0.9")
     solver.step(2)
@@ -451,15 +444,15 @@ def test_a_state_with_four_dimensional_histories(solver_of: MakeSolver, work: Pa
     assert again.history[0][0].tolist() == solver.history[0][0].tolist() != [[0]]
 
 
-def test_resume_of_moved_files(solver_of: MakeSolver, work: Path) -> None:
+def test_resume_of_moved_files(solver_of: MakeSolver, tmp_path: Path) -> None:
     solver = solver_of(ONE_WEIGHT % "")
     solver.step(2)
     state = solver.snapshot()
-    (work / "moved").mkdir()
-    for path in work.glob("snap*"):
-        path.rename(work / "moved" / path.name)
+    (tmp_path / "moved").mkdir()
+    for path in tmp_path.glob("snap*"):
+        path.rename(tmp_path / "moved" / path.name)
     again = solver_of(ONE_WEIGHT % "")
-    again.restore(work / "moved" / state.name)
+    again.restore(tmp_path / "moved" / state.name)
     assert weight(again) == weight(solver)
 
 
@@ -488,12 +481,12 @@ def test_a_state_of_another_solver_or_net_changes_nothing(
     assert other.iter == 0
 
 
-def test_weights_of_another_net_change_nothing(solver_of: MakeSolver, work: Path) -> None:
+def test_weights_of_another_net_change_nothing(solver_of: MakeSolver, tmp_path: Path) -> None:
     """If only the weights do not fit, neither the iteration, the weights nor the history changes."""
     solver = solver_of(ONE_WEIGHT % "", "momentum: 0.9")
     solver.step(1)
     state = solver.snapshot()
-    write_hdf5(work / "snap_iter_1.caffemodel", **{"data/ip/0": np.zeros((2, 2), np.float32)})
+    write_hdf5(tmp_path / "snap_iter_1.caffemodel", **{"data/ip/0": np.zeros((2, 2), np.float32)})
     before = weights(solver)
     solver.step(1)
     after = weights(solver)
@@ -529,17 +522,17 @@ def test_a_nan_weight_is_named(solver_of: MakeSolver) -> None:
         solver.step(1)
 
 
-def test_a_diverging_training_leaves_the_last_good_snapshot(solver_of: MakeSolver, work: Path) -> None:
+def test_a_diverging_training_leaves_the_last_good_snapshot(solver_of: MakeSolver, tmp_path: Path) -> None:
     solver = solver_of(ONE_WEIGHT % "", "base_lr: 1e9 snapshot: 1 max_iter: 100")
     with (
         pytest.raises(netlib.DivergenceError, match=r"iteration \d+: the loss is inf.*'(ip|loss)'"),
         np.errstate(all="ignore"),
     ):
         solver.solve()
-    for path in work.glob("*.caffemodel"):
+    for path in tmp_path.glob("*.caffemodel"):
         found = snapshot.read_weights(path)
         assert np.isfinite(found["ip"][0]).all(), path.name
-    assert len(list(work.glob("*.caffemodel"))) == solver.iter
+    assert len(list(tmp_path.glob("*.caffemodel"))) == solver.iter
 
 
 # ---------------------------------------------------------------------------------------------- mistakes
@@ -582,9 +575,12 @@ def test_mistakes_in_a_solver_point_at_their_place(solver_of: MakeSolver, given:
     "no net": ('net: "gone.prototxt" base_lr: 1 lr_policy: "fixed"', netlib.NetlibError, "s.prototxt: the net "
                "'gone.prototxt' does not exist in the working directory or next to the solver"),
 })
-def test_what_is_no_solver(work: Path, given: str, rejected: Any) -> None:
+def test_what_is_no_solver(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any
+) -> None:
     """A net, also one of an older format, is reported as such, and a missing net by its name in the solver file."""
-    (work / "s.prototxt").write_text(given)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "s.prototxt").write_text(given)
     with rejected:
         netlib.get_solver("s.prototxt")
 

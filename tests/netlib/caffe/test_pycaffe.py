@@ -16,7 +16,7 @@ import netlib
 from netlib import caffe
 from netlib.caffe import _caffe, process, pycaffe
 from netlib.distributed import ranks
-from netlib.distributed.ranks import Ranks, facts_of
+from netlib.distributed.ranks import Ranks
 from netlib.errors import NetlibError, PrototxtError, warn_once
 from tests.support.bad_input import bad_inputs
 
@@ -235,17 +235,6 @@ def test_a_diff_set_by_hand_on_a_loss_counts(net: pycaffe.Net) -> None:
         assert np.allclose(net.params["a"][0].diff, 3 * once, rtol=1e-5, atol=1e-6)
 
 
-def test_arrays_with_a_shape_of_their_own(net: pycaffe.Net) -> None:
-    """Scripts set the shape of the arrays that they get; the net, its outputs and its files keep theirs."""
-    net.params["a"][0].data.shape = (-1,)
-    net.blobs["x"].data.shape = (3, 2)
-    for _ in range(2):
-        net.forward(x=X)["y"].shape = (-1,)
-    net.save("a.caffemodel")
-    again = pycaffe.Net("net.prototxt", netlib.TEST, weights="a.caffemodel")
-    np.testing.assert_array_equal(again.forward(x=X)["y"], net.blobs["y"].data)
-
-
 def test_parameters_of_another_net(net: pycaffe.Net) -> None:
     """An assigned parameter, also by ``layers``, is the one that forward uses and that files contain."""
     other = pycaffe.Net("net.prototxt", netlib.TRAIN)
@@ -398,15 +387,6 @@ def test_options_that_cannot_change_so(given: tuple[str, object], rejected) -> N
     with rejected:
         setattr(solver.param, *given)
     assert repr(solver.param) == before
-
-
-def test_solvers_of_one_file_say_the_same_options() -> None:
-    """Solvers of one file have equal traits, which ranks compare; a changed option makes them differ."""
-    one, two = (facts_of(pycaffe.SGDSolver("solver.prototxt")) for _ in range(2))
-    assert one["solver prototxt"] == two["solver prototxt"]
-    one_more = pycaffe.SGDSolver("solver.prototxt")
-    one_more.param.base_lr = 0.25
-    assert facts_of(one_more)["solver prototxt"] != one["solver prototxt"]
 
 
 def test_callbacks() -> None:

@@ -42,10 +42,9 @@ def test_a_blob_with_four_axes_and_a_shape() -> None:
     assert binaryproto.array_of(proto(text)).shape == io.blobproto_to_array(blob).shape == (1, 1, 2, 3)
 
 
-@pytest.mark.parametrize(
-    ("kind", "written", "read"),
-    [("FLOAT16", "<f2", np.float32), ("FLOAT", "<f4", np.float32), ("DOUBLE", "<f8", float)],
-)
+@pytest.mark.parametrize(("kind", "written", "read"), [
+    ("FLOAT16", "<f2", np.float32), ("FLOAT", "<f4", np.float32), ("DOUBLE", "<f8", float),
+])
 def test_raw_values(tmp_path: Path, kind: str, written: str, read: type) -> None:
     """Values in raw_data, as in half-precision files of OpenCV and NVIDIA's Caffe, are read; half becomes single."""
     blob = caffe_pb2.BlobProto(raw_data_type=kind, raw_data=np.array([1.5, -0.1, 3], written).tobytes())

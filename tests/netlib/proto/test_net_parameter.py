@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
 import pytest
 
 import netlib
@@ -91,8 +90,3 @@ def test_an_input_without_a_shape_that_a_layer_has_too(net_of: MakeNet) -> None:
     net = net_of('input: "x" ' + X + 'layer { name: "p" type: "Power" bottom: "x" top: "p" }')
     assert net.inputs == ["x"]
     assert net.blobs["x"].shape == (2, 3)
-
-
-def test_options_of_another_layer_type_are_ignored(net_of: MakeNet) -> None:
-    net = net_of(X + 'layer { name: "p" type: "Power" bottom: "x" top: "p" tanh_param { engine: CAFFE } }')
-    assert np.array_equal(net.forward(x=np.full((2, 3), 5))["p"], np.full((2, 3), 5))
