@@ -37,7 +37,6 @@ def chain(*params: str) -> str:
 
 
 def after(shape: str, layer: str) -> str:
-    """A layer that reads an input of this shape."""
     text = f'layer {{ name: "x" type: "Input" top: "x" input_param {{ shape {{ {shape} }} }} }}'
     return f'{text} layer {{ name: "l" bottom: "x" {layer} }}'
 

@@ -33,7 +33,6 @@ NET = """
 
 
 def test_plain_is_always_there(net_of: MakeNet) -> None:
-    """The plain engine is selected by name, regardless of the default of the process."""
     net = net_of(NET, engine="plain")
     assert net.engine.name == "plain"
     assert type(net.engine) is Engine
@@ -88,7 +87,6 @@ def test_both_engines_give_the_same(net_of: MakeNet, rng: np.random.Generator, d
 
 @needs_fast
 def test_a_solver_takes_an_engine(solver_of: MakeSolver) -> None:
-    """A solver's engine applies to all of its nets."""
     solver_of(ONE_WEIGHT % "", "test_iter: 1 test_interval: 100")
     for name in ("plain", "fast"):
         solver = netlib.get_solver("solver.prototxt", engine=name)

@@ -11,7 +11,6 @@ SHAPE = (50, 20, 10, 10)  # fan-in 2000, fan-out 5000
 
 
 def filled(filler: Filler, shape: tuple[int, ...] = SHAPE) -> np.ndarray:
-    """Return an array with initial values."""
     array = np.full(shape, np.nan)
     fill(array, filler, np.random.default_rng(0))
     return array

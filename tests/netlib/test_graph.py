@@ -34,7 +34,6 @@ def test_a_blob_with_two_readers_sums_their_gradients(net_of: MakeNet) -> None:
 
 
 def test_layers_in_place_run_in_file_order(net_of: MakeNet) -> None:
-    """Layers in place run in file order in both passes: -2 x, ReLU and TanH on one blob."""
     net = net_of(
         "force_backward: true "
         + X
@@ -50,7 +49,6 @@ def test_layers_in_place_run_in_file_order(net_of: MakeNet) -> None:
 
 
 def test_gradients_flow_only_where_something_learns_below_a_loss(net_of: MakeNet) -> None:
-    """Frozen layers at the beginning and layers that lead to no loss do not run backwards."""
     net = net_of(
         X
         + ip("frozen", "x", "f", "param { lr_mult: 0 } param { lr_mult: 0 }")
@@ -115,17 +113,6 @@ def test_loss_weight_on_an_ordinary_top(net_of: MakeNet) -> None:
     assert net.loss() == pytest.approx(0.5 * net.blobs["a"].data.sum(), rel=1e-5)
     assert np.allclose(net.params["a"][1].diff, 2 * 0.5)
     assert not backwards(net_of(X + ip("a", "x", "a") + loss("a", "loss_weight: 0")))
-
-
-def test_loss_weight_on_a_top_in_place(net_of: MakeNet) -> None:
-    """The diff of a top in place is overwritten by backward and is set again in every pass."""
-    power = 'layer { name: "p" type: "Power" bottom: "a" top: "a" loss_weight: 1 power_param { scale: 2 } }'
-    net = net_of(X + ip("a", "x", "a") + power)
-    for _ in range(3):
-        net.forward(x=np.ones((2, 3)))
-        net.clear_param_diffs()
-        net.backward()
-        assert net.params["a"][1].diff.tolist() == [4, 4, 4]
 
 
 def test_a_loss_may_go_without_a_top(net_of: MakeNet) -> None:

@@ -14,7 +14,6 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def run(code: str, folder: Path, *paths: Path) -> str:
-    """Return the output of a program that runs in ``folder``."""
     return run_python("-c", code, cwd=folder, PYTHONPATH=os.pathsep.join(map(str, [ROOT, *paths]))).out.strip()
 
 
@@ -88,7 +87,6 @@ def test_a_python_layer_that_imports_caffe(tmp_path: Path, module: str) -> None:
 
 
 def test_an_installed_caffe_is_left_alone(tmp_path: Path) -> None:
-    """If a package named caffe is installed, a Python layer imports that one."""
     installed = tmp_path / "installed" / "caffe"
     installed.mkdir(parents=True)
     (installed / "__init__.py").write_text("import netlib\nclass Layer(netlib.Layer):\n    theirs = True\n")

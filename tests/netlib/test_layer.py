@@ -10,21 +10,8 @@ import pytest
 import netlib
 from netlib import gradcheck
 from netlib.blob import Blob
-from netlib.proto.options import block_name, layer_types
 
 pytestmark = pytest.mark.both_engines
-
-
-def test_the_names_of_option_blocks() -> None:
-    """The name is the type in snake case, as in caffe.proto."""
-    found = {name: block_name(cls, name) for name, cls in layer_types().items()}
-    assert found["InnerProduct"] == "inner_product_param"
-    assert found["HDF5Data"] == "hdf5_data_param"
-    assert found["ReLU"] == "relu_param"
-    assert found["TanH"] == "tanh_param"
-    assert found["SoftmaxWithLoss"] == "softmax_param"
-    assert found["PhysLimit"] == found["DeepHandModelDofConstraintLoss"] == "phys_limit_param"
-    assert found["Convolution"] == "convolution_param"
 
 
 def test_layer_type_list() -> None:

@@ -108,7 +108,6 @@ def test_backward_from_one_layer_to_another(net_of: MakeNet) -> None:
 
 
 def test_param_diffs_add_up_until_they_are_cleared(net_of: MakeNet) -> None:
-    """Two passes give twice the gradient; clear_param_diffs also removes NaN."""
     net = net_of(X + ip("a", "x", "a") + loss("a"))
     net.forward(x=np.ones((2, 3)))
     net.backward()
@@ -172,7 +171,6 @@ def test_old_four_dimensional_weights(net_of: MakeNet, tmp_path: Path) -> None:
 
 
 def test_nets_share_parameters_and_not_their_gradients(net_of: MakeNet) -> None:
-    """share_params shares the values; each net keeps its own gradients, as in Caffe."""
     text = "force_backward: true " + X + ip("a", "x", "a")
     one, two = net_of(text), net_of(text, seed=2)
     two.share_params(one)

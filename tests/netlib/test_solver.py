@@ -53,19 +53,16 @@ def rows(write_rows: Callable[..., Path]) -> None:
 
 
 def weights(solver: netlib.Solver) -> list[np.ndarray]:
-    """Return copies of all parameters and histories."""
     arrays = [p.blob.data for p in solver.net.learnable] + [h for param in solver.history for h in param]
     return [array.copy() for array in arrays]
 
 
 def assert_same(a: list[np.ndarray], b: list[np.ndarray]) -> None:
-    """Check that all arrays are equal bit for bit."""
     assert len(a) == len(b)
     assert all(np.array_equal(x, y) for x, y in zip(a, b))
 
 
 def weight(solver: netlib.Solver) -> float:
-    """Return the only weight of ONE_WEIGHT."""
     return float(solver.net.params["ip"][0].data.item())
 
 
@@ -122,7 +119,6 @@ def test_the_same_seed_gives_the_same_training(solver_of: MakeSolver, rows: None
 
 
 def messages(caplog: pytest.LogCaptureFixture, part: str) -> list[str]:
-    """Return the log lines that contain ``part``."""
     return [line.strip() for line in caplog.messages if part in line]
 
 
@@ -209,7 +205,6 @@ def test_the_state_of_the_training_net(solver_of: MakeSolver, of_net: str, of_so
 
 
 def test_without_test_iter_nothing_is_tested(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture) -> None:
-    """Without test_iter there are no tests, as in Caffe, and a note is logged."""
     solver = solver_of(ONE_WEIGHT % "", "test_interval: 1 max_iter: 2")
     assert solver.test_nets == []
     assert solver.solve()
@@ -482,7 +477,6 @@ def test_a_state_of_another_solver_or_net_changes_nothing(
 
 
 def test_weights_of_another_net_change_nothing(solver_of: MakeSolver, tmp_path: Path) -> None:
-    """If only the weights do not fit, neither the iteration, the weights nor the history changes."""
     solver = solver_of(ONE_WEIGHT % "", "momentum: 0.9")
     solver.step(1)
     state = solver.snapshot()
@@ -578,7 +572,6 @@ def test_mistakes_in_a_solver_point_at_their_place(solver_of: MakeSolver, given:
 def test_what_is_no_solver(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any
 ) -> None:
-    """A net, also one of an older format, is reported as such, and a missing net by its name in the solver file."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "s.prototxt").write_text(given)
     with rejected:

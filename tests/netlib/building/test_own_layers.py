@@ -224,7 +224,6 @@ def test_a_solver_without_python_layers(squares: None, make: Callable[..., objec
 
 
 def test_a_layer_that_the_net_does_not_have(squares: None) -> None:
-    """A Python layer of another phase is not built, so it is not rejected."""
     other = python("Square").replace('name: "own"', 'name: "own" include { phase: TEST }')
     netlib.Net(text_with(other), netlib.TRAIN, python_layers=False)
     with pytest.raises(netlib.PrototxtError, match="'own' is of type 'Python'"):

@@ -49,7 +49,6 @@ def test_ten_crops(make):
 
 
 def test_the_whole_image(make):
-    """Without image_dims the whole image is scaled to the input size."""
     classifier = make()
     assert tuple(classifier.image_dims) == tuple(classifier.crop_dims) == (2, 2)
     found = classifier.predict([image(4, 4)], oversample=False)

@@ -72,7 +72,6 @@ def test_datum_without_label():
 
 @pytest.fixture
 def transformer() -> io.Transformer:
-    """A Transformer for colour images of 2 x 3 pixels."""
     made = io.Transformer({"data": (4, 3, 2, 3)})
     made.set_transpose("data", (2, 0, 1))
     return made
@@ -145,7 +144,6 @@ def test_a_mean_of_another_size():
 
 
 def test_a_mean_without_transpose():
-    """Without a transpose the channels are last, so a mean with channels first does not fit."""
     transformer = io.Transformer({"data": (1, 3, 2, 4)})
     transformer.set_mean("data", np.zeros((3, 2, 4)))
     with pytest.raises(ValueError, match=r"shape \(3, 2, 4\), the array \(2, 4, 3\); .*transpose"):

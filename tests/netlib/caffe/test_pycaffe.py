@@ -51,7 +51,6 @@ X = np.arange(6, dtype=np.float32).reshape(2, 3) / 3
 
 
 def test_what_a_net_says_about_itself(net: pycaffe.Net) -> None:
-    """Names are in order and include Caffe's Split layers; outputs are sorted by name."""
     split = "a_top_a_0_split"
     assert net._layer_names == ["x", "x_x_0_split", "a", split, "loss", "y"]
     assert net.top_names["a"] == ["a_top"]
@@ -135,9 +134,7 @@ CONVOLUTIONS = """
     layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 4 dim: 2 dim: 8 dim: 8 } } }
     layer { name: "conv" type: "Convolution" bottom: "x" top: "conv"
             convolution_param { num_output: 3 kernel_size: 3 weight_filler { type: "xavier" } } }
-    layer { name: "relu" type: "ReLU" bottom: "conv" top: "conv" }
-    layer { name: "pool" type: "Pooling" bottom: "conv" top: "pool" pooling_param { kernel_size: 2 stride: 2 } }
-    layer { name: "twice" type: "Python" bottom: "pool" top: "twice"
+    layer { name: "twice" type: "Python" bottom: "conv" top: "twice"
             python_param { module: "twice" layer: "Twice" } }
     layer { name: "loss" type: "Reduction" bottom: "twice" top: "loss" loss_weight: 1 }
 """
@@ -251,7 +248,6 @@ def test_parameters_of_another_net(net: pycaffe.Net) -> None:
 
 @pytest.mark.parametrize("count", [2, 5, 6])
 def test_any_number_of_items(net: pycaffe.Net, count: int) -> None:
-    """Items are processed in batches; the padding of the last batch is removed."""
     x = np.random.default_rng(0).normal(size=(count, 3)).astype(np.float32)
     w, b = (blob.data for blob in net.params["a"])
     deploy = pycaffe.Net("net.prototxt", netlib.TEST)
@@ -322,19 +318,6 @@ def test_what_is_accepted_and_ignored_is_said_once(caplog: pytest.LogCaptureFixt
     Path("gpu.prototxt").write_text(SOLVER + " solver_mode: GPU")
     pycaffe.get_solver("gpu.prototxt")
     assert caplog.messages.count("solver_mode: GPU is accepted, but this runs on the CPU") == 1
-
-
-def test_an_update_by_hand() -> None:
-    """apply_update computes w <- w - lr dw and counts the iteration, so that a policy and Adam advance."""
-    solver = pycaffe.SGDSolver("solver.prototxt")
-    w = solver.net.params["a"][0]
-    w.data[...], w.diff[...] = 0, 1
-    solver.apply_update()
-    assert np.allclose(w.data, -0.5)
-    assert (solver.iter, solver.lr) == (1, 0.5)
-    solver.apply_update()
-    assert (solver.iter, solver.lr) == (2, pytest.approx(0.05))
-    assert Path(solver.snapshot()).name == "s_iter_2.solverstate"
 
 
 @pytest.mark.parametrize("kind", ["SGD", "Nesterov", "AdaGrad", "RMSProp", "AdaDelta", "Adam"])

@@ -78,7 +78,6 @@ def pictures(folder, write_rows, shuffle):
 
 
 def net(text, batch, share):
-    """Return a net with that layer only."""
     return Net(prototxt.parse('layer { name: "d" ' + text % batch + " }", "net"), seed=1,
                layer_hook=RankOfLayers(share))
 

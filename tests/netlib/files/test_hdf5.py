@@ -116,18 +116,6 @@ def test_damage_of_a_sealed_file_is_found_without_hdf5(sealed: Path, as_content:
             pass
 
 
-def test_numbers_that_no_array_has(tmp_path: Path) -> None:
-    """Values with 12 significant bits in 16 are converted by HDF5 instead of read as they are stored."""
-    kind = h5py.h5t.STD_I16LE.copy()
-    kind.set_precision(12)
-    kind.set_offset(4)
-    values = np.arange(6000, dtype=np.int16).reshape(2, 3000) % 1000
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        dataset = h5py.h5d.create(file.id, b"x", kind, h5py.h5s.create_simple(values.shape))
-        dataset.write(h5py.h5s.ALL, h5py.h5s.ALL, values)
-    assert np.array_equal(hdf5.File(tmp_path / "a.h5", ("x",)).datasets[0], values)
-
-
 @pytest.mark.parametrize("shape", [(), (3,), (40, 40)], ids=["numbers", "small rows", "large rows"])
 @pytest.mark.parametrize("dtype", ["<f4", ">f4", "<f8", "<i2", "u1"])
 @pytest.mark.parametrize("options", [{}, {"chunks": True}, {"compression": "gzip"}], ids=str)

@@ -83,7 +83,6 @@ def test_weights_of_a_net_with_options_of_forks(net_of: Callable[..., Net], tmp_
     ("MultiBoxLoss", "the training layers of SSD are not supported; its deploy nets are"),
 ])
 def test_advice_on_unknown_types(name: str, advice: str) -> None:
-    """A misspelling leads to the type that is meant, a layer of a fork to what to use instead."""
     assert forks.type_advice(name, LAYER_TYPES).startswith(f" ({advice}")
 
 
@@ -103,6 +102,7 @@ def test_a_selu_is_an_elu_and_a_power(net_of: Callable[..., Net]) -> None:
 def test_the_types_with_hints_are_not_known() -> None:
     assert not forks.HINTS.keys() & LAYER_TYPES.keys()
 
+
 CONTENTS = {  # block -> content, as text and encoded
     "interp_param": ("zoom_factor: 8", b"\x18\x08"),
     "recurrent_param": ("num_output: 4", b"\x08\x04"),
@@ -120,15 +120,8 @@ def varint(number: int) -> bytes:
 
 
 def layer_bytes(type_: str, number: int, content: bytes) -> bytes:
-    """Return a layer with a field of this number."""
-    return (
-        b"\x0a\x01a\x12"
-        + varint(len(type_))
-        + type_.encode()
-        + varint(number << 3 | 2)
-        + varint(len(content))
-        + content
-    )
+    name_and_type = b"\x0a\x01a\x12" + varint(len(type_)) + type_.encode()
+    return name_and_type + varint(number << 3 | 2) + varint(len(content)) + content
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,6 @@ MakeNet = Callable[..., netlib.Net]
 
 
 def names(net: netlib.Net) -> list[str]:
-    """Return the names of the layers without the inserted splits."""
     return [layer.name for layer in net.layers if layer.type != "Split"]
 
 

@@ -34,7 +34,6 @@ def test_there_are_examples() -> None:
 
 @pytest.mark.parametrize("name", VALID)
 def test_valid(name: str) -> None:
-    """valid/NAME.prototxt parses to the tree in valid/NAME.json, and so does its printed text."""
     tree = prototxt.parse_file(HERE / "valid" / f"{name}.prototxt")
     assert as_lists(tree) == json.loads((HERE / "valid" / f"{name}.json").read_text(encoding="utf-8"))
     assert prototxt.parse(str(tree)) == tree
@@ -42,7 +41,6 @@ def test_valid(name: str) -> None:
 
 @pytest.mark.parametrize("name", INVALID)
 def test_invalid(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """invalid/NAME.prototxt raises the error in invalid/NAME.txt: position, expected and actual text."""
     monkeypatch.chdir(HERE / "invalid")
     with pytest.raises(netlib.PrototxtError) as error:
         prototxt.parse_file(f"{name}.prototxt")
@@ -93,6 +91,7 @@ def test_weights_in_place_of_a_net(name: str) -> None:
     with pytest.raises(netlib.NetlibError, match=f"^{name}: found weights, expected a .prototxt; a net stands before"):
         netlib.Net(name, "net.prototxt", netlib.TEST)
 
+
 NOWHERE = Position("", 1, 1)
 NAMES = st.from_regex(r"[A-Za-z_][A-Za-z_0-9]{0,6}", fullmatch=True)
 STRINGS = st.text(st.characters(exclude_categories=["Cs"]), max_size=12).map(lambda t: Scalar("string", t, NOWHERE))
@@ -106,7 +105,6 @@ SCALARS = st.one_of(
 
 
 def messages(children: st.SearchStrategy[Any]) -> st.SearchStrategy[Message]:
-    """Messages whose values are scalars or ``children``."""
     fields = st.builds(Field, NAMES, st.one_of(SCALARS, children), st.just(NOWHERE))
     return st.builds(Message, st.lists(fields, max_size=4), st.just(NOWHERE))
 
@@ -121,7 +119,6 @@ def test_parse_print_parse_is_stable(tree: Message) -> None:
 
 @given(st.text(max_size=40) | st.text(alphabet="ab1.-e:{}<>[]\",;\\'# \n", max_size=30))
 def test_any_text_is_read_or_refused_in_one_line(text: str) -> None:
-    """Any text is parsed and survives printing, or raises an error."""
     try:
         tree = prototxt.parse(text, "f")
     except netlib.PrototxtError as error:

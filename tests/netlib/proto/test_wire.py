@@ -19,7 +19,6 @@ from tests.support.bad_input import bad_inputs
 
 
 def tree_of(data: bytes, cls: Any = LayerParameter) -> str:
-    """Return the decoded message as text."""
     return str(wire.decode(data, cls, "x"))
 
 
@@ -37,7 +36,6 @@ def tree_of(data: bytes, cls: Any = LayerParameter) -> str:
     ("double_data: 0.1", BlobProto, b"\x42\x08" + struct.pack("<d", 0.1)),
 ])
 def test_text_and_bytes(text: str, cls: Any, data: bytes) -> None:
-    """Each kind of field is encoded to and decoded from the expected bytes."""
     assert wire.encode(prototxt.parse(text), cls) == data
     read, parsed = wire.decode(data, cls), prototxt.parse(text)
     assert wire.encode(read, cls) == data
@@ -166,6 +164,7 @@ def test_any_bytes_are_a_message_or_one_line(data: bytes) -> None:
         except NetlibError as error:
             assert "\n" not in str(error)
 
+
 TEXT = """
     name: "c" type: "Convolution" bottom: "x" top: "y" phase: TEST loss_weight: 0.1 loss_weight: 2
     param { name: "w" lr_mult: 3e-7 } propagate_down: true include { stage: "a" stage: "ü" min_level: -5 }
@@ -175,7 +174,6 @@ TEXT = """
 
 
 def test_protobuf_reads_what_we_write() -> None:
-    """protobuf reads the bytes and writes the same ones; tests/caffe compares field numbers with Caffe's files."""
     message = caffe_pb2.LayerParameter()
     data = wire.encode(prototxt.parse(TEXT), LayerParameter)
     message.ParseFromString(data)
@@ -187,7 +185,6 @@ def test_protobuf_reads_what_we_write() -> None:
 
 @pytest.mark.parametrize("name", list(UNKNOWN))
 def test_protobuf_writes_unknown_fields_as_we_do(name: str) -> None:
-    """protobuf keeps unknown fields and writes the same bytes, also when other fields are changed."""
     layer = b"\x12\x04ReLU" + UNKNOWN[name] + b"\xda\x07\x05\x0d" + bytes(4)
     message = caffe_pb2.LayerParameter.FromString(layer)
     tree = wire.decode(layer, LayerParameter)
@@ -207,7 +204,6 @@ def test_protobuf_writes_unknown_fields_as_we_do(name: str) -> None:
     )
 )
 def test_protobuf_and_we_agree_on_any_message(solver: SolverParameter) -> None:
-    """protobuf writes the same bytes for any message, and they decode to the message."""
     data = wire.encode(schema.to_tree(solver), SolverParameter)
     message = caffe_pb2.SolverParameter()
     message.ParseFromString(data)

@@ -34,7 +34,6 @@ NET = """
 
 @pytest.fixture(params=[".h5", ""], ids=["HDF5", "binary"])
 def names(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Path, Path]:
-    """The paths of weights and state, in both formats."""
     return tmp_path / f"w.caffemodel{request.param}", tmp_path / f"s.solverstate{request.param}"
 
 
@@ -45,18 +44,15 @@ def net(net_of: Callable[..., netlib.Net]) -> netlib.Net:
 
 
 def state_of(net: netlib.Net, iteration: int = 5) -> SolverState:
-    """Return a solver state with one history for each parameter."""
     histories = [np.full(p.blob.shape, iteration, np.float32) for p in net.learnable]
     return SolverState(iteration, 2, "dir/w_iter_5.caffemodel.h5", histories, {"smoothed": [3.0]})
 
 
 def write_pair(net: netlib.Net, state: SolverState, weights: Path, states: Path) -> None:
-    """Write weights and state as the solver does."""
     snapshot.write_pair(image(net, weights), state, weights, states)
 
 
 def everything_in(folder: Path) -> dict[str, bytes]:
-    """Return the content of every file of a folder, including hidden ones."""
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
@@ -71,8 +67,9 @@ def test_weights_name_their_net(net_of: Callable[..., netlib.Net], names: tuple[
         assert snapshot.net_name(names[0]) == name
 
 
-def test_what_is_written_is_read(net: netlib.Net, names: tuple[Path, Path]) -> None:
+def test_what_is_written_is_read_whatever_its_name(net: netlib.Net, names: tuple[Path, Path], tmp_path: Path) -> None:
     write_pair(net, state_of(net), *names)
+    names = names[0].rename(tmp_path / "weights"), names[1].rename(tmp_path / "state")
     found = snapshot.read_weights(names[0])
     assert np.array_equal(found["a"][0], net.params["a"][0].data)
     assert np.array_equal(found["a"][1], net.params["a"][1].data)
@@ -82,14 +79,6 @@ def test_what_is_written_is_read(net: netlib.Net, names: tuple[Path, Path]) -> N
         "smoothed": [3.0], "weights_crc": snapshot.checksum(names[0]), "checksum": state.checksum(),
     }
     assert [h.tolist() for h in state.history] == [h.tolist() for h in state_of(net).history]
-
-
-def test_what_a_file_holds_decides_whatever_its_name(net: netlib.Net, names: tuple[Path, Path], tmp_path: Path) -> None:
-    write_pair(net, state_of(net), *names)
-    names[0].rename(tmp_path / "weights")
-    names[1].rename(tmp_path / "state")
-    assert np.array_equal(snapshot.read_weights(tmp_path / "weights")["a"][0], net.params["a"][0].data)
-    assert snapshot.read_state(tmp_path / "state").iter == 5
 
 
 def test_a_slash_in_a_layer_name(net_of: Callable[..., netlib.Net], names: tuple[Path, Path]) -> None:
@@ -107,7 +96,6 @@ def test_a_slash_in_a_layer_name(net_of: Callable[..., netlib.Net], names: tuple
 
 
 def full_disk(*args: Any) -> None:
-    """Raise the operating system's error for a full disk."""
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
@@ -175,7 +163,6 @@ def test_the_probe_leaves_nothing_and_names_the_directory(tmp_path: Path, monkey
 
 @pytest.fixture
 def pair(net: netlib.Net, names: tuple[Path, Path]) -> tuple[Path, Path]:
-    """Write weights and state, and return their paths."""
     write_pair(net, state_of(net), *names)
     return names
 
@@ -191,20 +178,6 @@ def test_a_truncated_file_is_one_line(pair: tuple[Path, Path], which: int, keep:
     assert "\n" not in str(error.value)
 
 
-@bad_inputs(netlib.WeightsError, {
-    "gone.h5": (None, "...gone.h5: cannot read weights: No such file or directory"),
-    "empty.h5": (b"", "...empty.h5: it has no layers; expected weights (.caffemodel); the file is empty"),
-    "text.caffemodel": (b"layer {}", "...: ...; expected weights (.caffemodel); it looks like a text file"),
-})
-def test_other_files_where_weights_are_wanted(tmp_path: Path, request: Any, given: bytes | None, rejected: Any) -> None:
-    """The error states the actual and the expected kind of file."""
-    path = tmp_path / request.node.callspec.id.split("-")[-1]
-    if given is not None:
-        path.write_bytes(given)
-    with rejected:
-        snapshot.read_weights(path)
-
-
 STATE = "this is a solver state, not weights; expected its pair, dir/w_iter_5.caffemodel.h5 (... --snapshot)"
 
 
@@ -213,6 +186,11 @@ STATE = "this is a solver state, not weights; expected its pair, dir/w_iter_5.ca
     "a state as weights": (lambda at, pair: snapshot.read_weights(pair[1]), f"...solverstate...: {STATE}"),
     "weights as a state": (lambda at, pair: snapshot.read_state(pair[0]), "...caffemodel...: this is a weights file; "
                            "pass it as --weights, or its pair *.solverstate... here"),
+    "no weights": (lambda at, pair: snapshot.read_weights(at / "no"), "...no: cannot read weights: No such file ..."),
+    "nothing": (lambda at, pair: snapshot.read_weights(at / "empty"),
+                "...empty: it has no layers; expected weights (.caffemodel); the file is empty"),
+    "text": (lambda at, pair: snapshot.read_weights(at / "text"),
+             "...: ...; expected weights (.caffemodel); it looks like a text file"),
     "data": (lambda at, pair: snapshot.read_weights(at / "data.h5"),
                         "...data.h5: no group /data; expected weights in the layout of Caffe's HDF5 snapshots"),
     "data as a state": (lambda at, pair: snapshot.read_state(at / "data.h5"), "...data.h5: not a solver state"),
@@ -226,6 +204,7 @@ def test_files_of_another_kind(
     """The error names the weights that belong to a state, and the options for resuming and for starting."""
     write_hdf5(tmp_path / "data.h5", depth=np.zeros(3))
     (tmp_path / "text").write_text("type: 'SGD'")
+    (tmp_path / "empty").touch()
     with rejected:
         given(tmp_path, pair)
 

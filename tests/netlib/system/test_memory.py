@@ -75,7 +75,6 @@ def test_a_smaller_batch_can_be_set_before_a_pass(net_of: MakeNet, machine: Call
 
 
 def test_a_gradient(net_of: MakeNet, machine: Callable[[float], None]) -> None:
-    """Arrays that only backward needs are checked in backward."""
     net = net_of("force_backward: true " + INPUT + INNER)
     net.forward()
     machine(79_000)
@@ -89,7 +88,6 @@ def test_a_gradient(net_of: MakeNet, machine: Callable[[float], None]) -> None:
     (ValueError("array is too big; `arr.size`"), "needs more memory than there is: array is too big; "),
 ])
 def test_a_layers_own_arrays(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch, error: Exception, line: str) -> None:
-    """A MemoryError, or NumPy's error for an array that is too big, is reported with the layer."""
     net = net_of(INPUT + INNER)
 
     def forward(*blobs: object) -> None:
@@ -138,7 +136,6 @@ def test_random_numbers_are_those_of_one_draw() -> None:
 
 @given(st.integers(0, 300), st.integers(1, 40))
 def test_blocks_cut_a_range(count: int, size: int) -> None:
-    """The blocks cover the range in order, in pieces of at most ``size``."""
     pieces = [list(range(count))[rows] for rows in blocks(count, size)]
     assert [i for piece in pieces for i in piece] == list(range(count))
     assert all(0 < len(piece) <= size for piece in pieces)

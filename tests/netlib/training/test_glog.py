@@ -36,7 +36,6 @@ def log() -> Iterator[io.StringIO]:
 
 
 def written(log: io.StringIO) -> str:
-    """Return and clear the new text."""
     text = log.getvalue()
     log.seek(0)
     log.truncate()

@@ -52,12 +52,10 @@ def after_3(engine_in_use: str | None, tmp_path_factory: pytest.TempPathFactory)
 
 
 def weights(solver: netlib.Solver) -> dict[str, np.ndarray]:
-    """Return copies of all parameters."""
     return {p.label.replace("/", "_"): p.blob.data.copy() for p in solver.net.learnable}
 
 
 def distance(got: dict[str, np.ndarray], want: dict[str, np.ndarray]) -> float:
-    """Return the largest absolute difference."""
     return max(float(np.abs(got[name] - want[name]).max()) for name in got)
 
 
@@ -111,7 +109,6 @@ def test_a_state_of_the_other_engine_goes_on(older: Path, names: tuple[str, str]
 
 
 def everything(solver: netlib.Solver) -> str:
-    """Return all training state as text."""
     arrays = [*(p.blob.data for p in solver.net.learnable), *(a for h in solver.history for a in h)]
     states = [net.layer_states() for net in [solver.net, *solver.test_nets]]
     return f"{solver.iter} {list(solver.smoothed)} {states} {[array.tobytes() for array in arrays]}"
