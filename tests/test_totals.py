@@ -34,7 +34,7 @@ ROOMS = {
     "layers": Size(7511, 4295, 38.6),
     "netlib": Size(9939, 5749, 32.4),
     "setup.py": Size(40, 16, 40.0),
-    "tests": Size(51568, 28883, 27.7),
+    "tests": Size(49523, 27934, 27.5),
     "tests/support": Size(1490, 817, 28.3),  # a part of the row above
     "tools": Size(5360, 3323, 29.4),
 }
@@ -42,7 +42,7 @@ LINES = {  # of files that are not Python, by their patterns
     ("prototxt/*.prototxt", "models/*.prototxt"): 3766,
     ("*.js", "*.css", "*.html"): 2842,
 }
-WORDS = 84698  # of all documents
+WORDS = 84694  # of all documents
 
 
 def tracked(*patterns: str) -> list[Path]:

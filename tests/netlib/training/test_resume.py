@@ -182,10 +182,12 @@ def test_layers_without_a_state_are_told(older: Path, caplog: pytest.LogCaptureF
     assert "goes on exactly" not in caplog.text
 
 
-def test_a_state_without_a_checksum_is_told(older: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_what_an_earlier_version_did_not_write_is_told(older: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """The state has no checksum; an option that it lacks had its default."""
     caplog.set_level("INFO", "netlib")
-    netlib.get_solver("solver.prototxt").restore("older_iter_5.solverstate.h5")
+    netlib.get_solver("solver.prototxt", rampup_interval=8).restore("older_iter_5.solverstate.h5")
     assert "without a checksum" in caplog.text
+    assert "Changed: rampup_interval was 0, is now 8" in caplog.text
 
 
 def test_nothing_left_to_train_is_told(older: Path, caplog: pytest.LogCaptureFixture) -> None:
