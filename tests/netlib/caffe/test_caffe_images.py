@@ -14,25 +14,6 @@ from tests.support.nets import inputs
 IMAGE = np.arange(2 * 3 * 3, dtype=np.uint8).reshape(2, 3, 3)  # (H, W, 3)
 
 
-def test_by_hand() -> None:
-    """The mean is subtracted, then the factor applied; the result is (N, C, H, W)."""
-    blob = blob_from_image(IMAGE, 0.5, mean=(1, 2, 3))
-    assert blob.shape == (1, 3, 2, 3) and blob.dtype == np.float32 and blob.flags.c_contiguous
-    assert blob[0, :, 1, 2].tolist() == [(15 - 1) / 2, (16 - 2) / 2, (17 - 3) / 2]
-
-
-def test_swapped() -> None:
-    """With swapRB the first channel is red, and so is the first number of the mean."""
-    assert blob_from_image(IMAGE, mean=(1, 2, 3), swapRB=True)[0, :, 0, 0].tolist() == [2 - 1, 1 - 2, 0 - 3]
-
-
-def test_cropped() -> None:
-    """With crop, the centre of the image that covers the size is used; otherwise the image is stretched."""
-    wide = np.tile(np.uint8([10, 20, 30, 40]), (2, 1))
-    assert blob_from_image(wide, size=(2, 2), crop=True).tolist() == [[[[20, 30]] * 2]]
-    assert blob_from_image(wide, size=(2, 2)).tolist() == [[[[15, 35]] * 2]]
-
-
 sides = st.integers(1, 60)
 
 
@@ -46,7 +27,6 @@ sides = st.integers(1, 60)
     crop=st.booleans(),
 )
 def test_equal_to_opencv(data, channels, dtype, size, scale, swap, crop) -> None:
-    """Every bit equals that of cv2.dnn.blobFromImages, for images of several sizes."""
     rng = np.random.default_rng(data.draw(st.integers(0, 1000)))
     shapes = data.draw(st.lists(st.tuples(sides, sides), min_size=1, max_size=3))
     images = [(rng.random((*shape, *([channels] if channels else []))) * 255).astype(dtype) for shape in shapes]
