@@ -48,11 +48,7 @@ from tests.faults.readers import (
     READERS,
     Reader,
     digest,
-    fit_companion,
-    make_labels,
-    make_parts,
     make_states,
-    prepare_data,
     read_state,
 )
 from tests.support.made_tracks import any_track, header_of
@@ -226,17 +222,6 @@ def write_small_files(value: int) -> None:
     write_fit(Path("fit.h5"), AbsoluteFit(ones, ones, ones, ones[:, 0]), np.arange(2))
 
 
-def write_data(value: int) -> None:
-    if value == 1:
-        make_parts()
-        make_labels()
-        for path in [*Path("out").iterdir(), *Path("angles").iterdir()]:
-            path.unlink()
-    else:
-        prepare_data()
-        fit_companion()
-
-
 def write_tracks(value: int) -> None:
     parser = argparse.ArgumentParser()
     add_output_options(parser)
@@ -302,7 +287,7 @@ def limited_size(number: int) -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (SIZES[number - 1], resource.RLIM_INFINITY))
 
 
-@pytest.mark.parametrize("write", [write_nets, write_small_files, write_data, write_tracks, write_recordings])
+@pytest.mark.parametrize("write", [write_nets, write_small_files, write_tracks, write_recordings])
 @pytest.mark.parametrize("fault", [kill_before_rename, full_disk, limited_size])
 def test_old_or_new(write: Callable[[int], None], fault: Callable[[int], object], tmp_path: Path,
                     monkeypatch: pytest.MonkeyPatch) -> None:
