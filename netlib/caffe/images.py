@@ -83,7 +83,8 @@ def _planes(image: Array) -> Array:
                          "channels. cv2.imread returns None for a file that it cannot read")
     if image.dtype not in TYPES:
         raise ShapeError(f"found an image of {image.dtype}; expected uint8, uint16 or float32")
-    return np.ascontiguousarray(image, np.uint8 if image.dtype == np.uint8 else np.float32)
+    # A copy, because OpenCV 4 scales float32 images in place.
+    return image.astype(np.uint8 if image.dtype == np.uint8 else np.float32, order="C")
 
 
 def _size(size: Sequence[int]) -> tuple[int, int]:
