@@ -11,10 +11,7 @@ import numpy as np
 import pytest
 from google.protobuf import json_format, message, text_format
 
-import netlib.caffe as caffe
-from netlib.caffe import layers, params
-from netlib.caffe.proto import caffe_pb2, ssd
-from netlib.errors import NetlibError
+from netlib.caffe.proto import caffe_pb2
 from netlib.proto import messages, prototxt, schema, upgrade, wire
 from netlib.proto.options import option_blocks
 
@@ -41,8 +38,7 @@ def test_fields_are_those_of_the_dataclass(name: str) -> None:
     cls = DATACLASSES[name]
     fields = getattr(caffe_pb2, name).DESCRIPTOR.fields_by_name
     declared = {known.name: known for known in wire.fields_of(cls)}
-    added = ssd.parsed(ssd.ADDITIONS[name])[1] if name in ssd.ADDITIONS else []
-    assert set(fields) == {*declared, *(field.name for field in added)}
+    assert set(fields) == set(declared)
     defaults = {schema.written_name(f.name): f.default for f in dataclasses.fields(cls)}
     made = getattr(caffe_pb2, name)()
     for known in declared.values():
@@ -127,32 +123,3 @@ def test_the_labels_of_ssd() -> None:
     box.xmin, box.ymax, box.difficult = 0.25, 0.5, True
     assert caffe_pb2.AnnotatedDatum.FromString(made.SerializeToString()) == made
     assert box.SerializeToString().hex() == "0d0000803e" + "250000003f" + "3001"  # fields 1, 4 and 6
-
-
-@pytest.mark.parametrize("name", [*ssd.MESSAGES])
-def test_messages_of_ssd(name: str) -> None:
-    """Each field can be set and read back; a default is that of the table."""
-    enums, fields = ssd.parsed(ssd.MESSAGES[name])
-    described = getattr(caffe_pb2, name).DESCRIPTOR
-    assert {enum: [value.name for value in described.enum_types_by_name[enum].values] for enum in enums} == enums
-    assert {(field.name, field.number) for field in described.fields} == {(one.name, one.number) for one in fields}
-    made = getattr(caffe_pb2, name)()
-    for one in fields:
-        if one.default and one.kind in ssd.SCALARS:
-            assert str(getattr(made, one.name)).removesuffix(".0").lower() == one.default
-
-
-def test_the_training_net_of_ssd_is_written() -> None:
-    """As ssd_pascal.py writes it with NetSpec; it cannot be built here."""
-    net = caffe.NetSpec()
-    net.data, net.label = layers.AnnotatedData(
-        ntop=2, annotated_data_param={"label_map_file": "map", "batch_sampler": [{"sampler": {"min_scale": 0.3}}]},
-        transform_param={"emit_constraint": {"emit_type": caffe_pb2.EmitConstraint.MIN_OVERLAP},
-                         "resize_param": {"resize_mode": params.Resize.WARP, "height": 300, "width": 300}},
-    )
-    net.loss = layers.MultiBoxLoss(net.data, net.label, multibox_loss_param={
-        "num_classes": 2, "mining_type": params.MultiBoxLoss.HARD_EXAMPLE, "code_type": params.PriorBox.CENTER_SIZE})
-    text = str(net.to_proto())
-    assert all(line in text for line in ("emit_type: MIN_OVERLAP", "min_scale: 0.3", "mining_type: HARD_EXAMPLE"))
-    with pytest.raises(NetlibError, match="the training layers of SSD are not supported"):
-        caffe.Net(prototxt.parse(text), caffe.TRAIN)
