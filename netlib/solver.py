@@ -319,10 +319,6 @@ class Solver:
 
     # ------------------------------------------------------------------------------------------ snapshots
 
-    def snapshot_paths(self, iteration: int) -> tuple[Path, Path]:
-        """Paths of the weights and the solver state after ``iteration`` updates."""
-        return self.snapshots.paths(iteration)
-
     def snapshot(self) -> Path:
         """Write weights and solver state; returns the path of the state. Raises WeightsError, DivergenceError."""
         return self.snapshots.write()

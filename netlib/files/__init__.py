@@ -6,7 +6,6 @@ from netlib.files.reading import (
     Content,
     Identity,
     Source,
-    decoded,
     identity,
     is_in_use,
     make_folder,
@@ -19,6 +18,6 @@ from netlib.files.reading import (
 )
 
 __all__ = [
-    "MAX_BYTES", "MAX_TEXT_BYTES", "Content", "Identity", "Source", "decoded", "identity", "is_in_use", "make_folder",
-    "noted", "opened", "read_bytes", "read_content", "read_pieces", "read_text",
+    "MAX_BYTES", "MAX_TEXT_BYTES", "Content", "Identity", "Source", "identity", "is_in_use", "make_folder", "noted",
+    "opened", "read_bytes", "read_content", "read_pieces", "read_text",
 ]

@@ -106,13 +106,7 @@ def read_text(
     limit: int = MAX_TEXT_BYTES,
 ) -> str:
     """Text of a UTF-8 file without byte order mark, with line breaks converted to ``\\n``. Raises ``kind``."""
-    return decoded(read_bytes(path, what, kind, limit), path, what, kind, errors)
-
-
-def decoded(
-    content: bytes, path: str | Path, what: str, kind: type[NetlibError] = DataError, errors: str = "strict"
-) -> str:
-    """Text of the content of such a file. Raises ``kind``."""
+    content = read_bytes(path, what, kind, limit)
     try:
         text = content.decode("utf-8-sig", errors)
     except UnicodeDecodeError as error:

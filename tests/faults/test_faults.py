@@ -156,7 +156,7 @@ def _failure(reader: Reader, path: Path, expected: set[str]) -> str:
         names = [path.name, *path.parts[:-1], "layer '"]
         of_another = re.search(r": cannot (read|open|use)|\.(h5|txt|png|jpg):", line)
         is_clear = of_another or any(name in line for name in names)
-        return "" if line.isprintable() and len(line) < 2000 and is_clear else f"unclear: {line[:200]!r}"
+        return "" if line.isprintable() and is_clear else f"unclear: {line[:200]!r}"
     except BaseException as error:
         place = error.__traceback__
         while place and place.tb_next:

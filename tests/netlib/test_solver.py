@@ -408,7 +408,7 @@ def test_a_finished_training_of_another_prefix_is_written_there(solver_of: MakeS
     """Resuming a finished training run with another prefix writes the snapshot under that prefix."""
     first = solver_of(ONE_WEIGHT % "", "max_iter: 2")
     first.solve()
-    state = first.snapshot_paths(2)[1]
+    state = first.snapshots.paths(2)[1]
     again = solver_of(ONE_WEIGHT % "", 'max_iter: 2 snapshot_prefix: "other"')
     assert again.solve(resume=state)
     assert Path("other_iter_2.caffemodel").exists()
