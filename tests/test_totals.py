@@ -31,18 +31,18 @@ ROOMS = {
     "export": Size(1340, 823, 29.3),
     "fast": Size(5241, 3188, 35.5),
     "handpose": Size(20165, 11619, 34.3),
-    "layers": Size(7511, 4295, 38.6),
-    "netlib": Size(9939, 5749, 32.4),
+    "layers": Size(7481, 4276, 38.6),
+    "netlib": Size(9736, 5662, 32.9),
     "setup.py": Size(40, 16, 40.0),
-    "tests": Size(51568, 28883, 27.7),
+    "tests": Size(51239, 28695, 27.7),
     "tests/support": Size(1490, 817, 28.3),  # a part of the row above
-    "tools": Size(5360, 3323, 29.4),
+    "tools": Size(5344, 3317, 29.4),
 }
 LINES = {  # of files that are not Python, by their patterns
     ("prototxt/*.prototxt", "models/*.prototxt"): 3766,
     ("*.js", "*.css", "*.html"): 2842,
 }
-WORDS = 84698  # of all documents
+WORDS = 84714  # of all documents
 
 
 def tracked(*patterns: str) -> list[Path]:
