@@ -35,14 +35,13 @@ from netlib.caffe._caffe import (
     solver_rank,
 )
 from netlib.caffe.classifier import Classifier
-from netlib.caffe.images import blob_from_image, blob_from_images
 from netlib.caffe.net_spec import NetSpec, layers, params, to_proto
 
 __version__ = _caffe.__version__
 __all__ = [
     "NCCL", "TEST", "TRAIN", "AdaDeltaSolver", "AdaGradSolver", "AdamSolver", "Classifier", "Layer", "NesterovSolver",
-    "Net", "NetSpec", "RMSPropSolver", "SGDSolver", "Solver", "Timer", "_caffe", "blob_from_image",
-    "blob_from_images", "get_solver", "has_nccl", "init_log", "io", "layer_type_list", "layers", "log", "params",
+    "Net", "NetSpec", "RMSPropSolver", "SGDSolver", "Solver", "Timer", "_caffe",
+    "get_solver", "has_nccl", "init_log", "io", "layer_type_list", "layers", "log", "params",
     "proto", "set_device", "set_mode_cpu", "set_mode_gpu", "set_multiprocess", "set_random_seed", "set_solver_count",
     "set_solver_rank", "solver_count", "solver_rank", "to_proto",
 ]
