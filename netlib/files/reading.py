@@ -107,7 +107,7 @@ def read_text(
 def _identity(descriptor: int) -> tuple[int, ...]:
     """Values that identify the content of an open file and change if it is modified."""
     status = os.fstat(descriptor)
-    return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns
+    return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns
 
 
 class Content(NamedTuple):
@@ -143,18 +143,14 @@ class Source:
         _sources.add(self)
         weakref.finalize(self, self._stream.close)
 
-    def is_file(self, descriptor: int) -> bool:
-        """Whether this open file is the same one, unchanged."""
-        return _identity(descriptor) == self._identity
-
     def check(self) -> None:
         """Raise DataError if the file was changed."""
         try:
-            device, inode, size, modified, _ = _identity(self._stream.fileno())
+            now = _identity(self._stream.fileno())
         except OSError as error:  # removed on a network file system
             raise DataError(f"{self.path}: cannot read {self._what}: {reason_of(error)}") from error
-        if (device, inode, size, modified) != self._identity[:4]:
-            was = f"cut to {size} of {self.size} bytes" if size < self.size else "changed"
+        if now != self._identity:
+            was = f"cut to {now[2]} of {self.size} bytes" if now[2] < self.size else "changed"
             raise DataError(f"{self.path}: was {was} while in use; restore the file and run again")
 
     def read(self, offset: int, count: int) -> bytes:
