@@ -20,7 +20,6 @@ import numpy as np
 import netlib
 from handpose.frames.inspection import inspect
 from handpose.frames.opening import open_recording
-from handpose.output.tracks.json_file import JsonLinesWriter, JsonWriter, read_track
 from handpose.synthetic import prior_file
 from layers.data.images import decode_datum
 from layers.hand import skeleton
@@ -33,10 +32,9 @@ from netlib.snapshots import snapshot
 from tests.support import bags
 from tests.support.caffe_messages import datum, write_blob, write_database
 from tests.support.layer_cases import CASES
-from tests.support.made_tracks import any_track, header_of
 from tests.support.nets import inputs
 from tests.support.running import ROOT
-from tools import compute_image_mean, upgrade_net
+from tools import compute_image_mean
 
 RECORDED = ROOT / "tests" / "caffe"
 OLD_NET = """name: "old" input: "x" input_dim: 2 input_dim: 3 input_dim: 4 input_dim: 4
@@ -284,15 +282,6 @@ def read_recording(path: Path) -> None:
             pass
 
 
-def make_tracks() -> list[str]:
-    header = header_of(skeleton.load())
-    for path, kind in (("a.json", JsonWriter), ("b.jsonl", JsonLinesWriter)):
-        with kind(Path(path), header) as writer:
-            for frame in any_track(header, 1, 2):
-                writer.write(frame)
-    return ["a.json", "b.jsonl"]
-
-
 def digest(value: Any) -> str:
     """Digest of a value made of arrays, numbers and texts; equal values have equal digests."""
     if isinstance(value, np.ndarray):
@@ -308,8 +297,6 @@ READERS = (
     Reader("net", make_nets, run_once),
     Reader("solver", make_training, read_solver),
     Reader("skeleton", make_skeleton, read_skeleton),
-    Reader("net to upgrade", lambda: [put("new.prototxt", OLD_NET.replace("BLOBS", "")), make_weights()[0]],
-           lambda path: run_tool(upgrade_net.main, str(path), "upgraded.prototxt")),
     Reader("weights", make_weights, read_weights),
     Reader("state", make_states, read_state, exact=True),
     Reader("state of an earlier version",
@@ -318,5 +305,4 @@ READERS = (
     Reader("pictures", make_pictures, read_pictures),
     Reader("LMDB", make_database, read_database),
     Reader("recording", make_recordings, read_recording),
-    Reader("track", make_tracks, read_track),
 )

@@ -31,13 +31,11 @@ import pytest
 
 import netlib
 from handpose.estimate.packaged import write_model
-from handpose.fit.joints.absolute_joints import AbsoluteFit, write_fit
 from handpose.frames.cameras import Camera
 from handpose.frames.recording import DepthFrame
 from handpose.frames.writing import RecordingWriter
 from layers.hand import skeleton
 from netlib.errors import NetlibError
-from netlib.files import atomic
 from netlib.files.hdf5 import SEAL, SEAL_BYTES
 from netlib.proto import prototxt
 from netlib.proto.binaryproto import write_blob
@@ -52,7 +50,6 @@ from tests.faults.readers import (
     read_state,
 )
 from tests.support.made_tracks import any_track, header_of
-from tools.common import outputs
 from tools.common.track_outputs import Outputs, add_output_options
 
 CASES = 40
@@ -215,13 +212,6 @@ def write_nets(value: int) -> None:
     write_blob(np.full((1, 3, 4, 5), value, np.float32), "mean.binaryproto")
 
 
-def write_small_files(value: int) -> None:
-    ones = np.full((2, 3), float(value))
-    atomic.replace_text(Path("text.txt"), f"{value}" * 1000)
-    outputs.write_image("picture.png", np.full((8, 8, 3), value, np.uint8))
-    write_fit(Path("fit.h5"), AbsoluteFit(ones, ones, ones, ones[:, 0]), np.arange(2))
-
-
 def write_tracks(value: int) -> None:
     parser = argparse.ArgumentParser()
     add_output_options(parser)
@@ -287,7 +277,7 @@ def limited_size(number: int) -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (SIZES[number - 1], resource.RLIM_INFINITY))
 
 
-@pytest.mark.parametrize("write", [write_nets, write_small_files, write_tracks, write_recordings])
+@pytest.mark.parametrize("write", [write_nets, write_tracks, write_recordings])
 @pytest.mark.parametrize("fault", [kill_before_rename, full_disk, limited_size])
 def test_old_or_new(write: Callable[[int], None], fault: Callable[[int], object], tmp_path: Path,
                     monkeypatch: pytest.MonkeyPatch) -> None:
