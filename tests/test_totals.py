@@ -28,13 +28,13 @@ ROOMS = {
     "docs": Size(1894, 1210, 29.4),
     "exercises": Size(2127, 889, 25.1),
     "experiments": Size(1950, 1179, 31.6),
-    "export": Size(1340, 823, 29.3),
+    "export": Size(1335, 823, 29.6),
     "fast": Size(5207, 3169, 35.6),
     "handpose": Size(20165, 11619, 34.3),
     "layers": Size(7477, 4272, 38.7),
-    "netlib": Size(9628, 5613, 32.9),
+    "netlib": Size(9619, 5606, 32.9),
     "setup.py": Size(40, 16, 40.0),
-    "tests": Size(51117, 28631, 27.7),
+    "tests": Size(51054, 28590, 27.7),
     "tests/support": Size(1490, 817, 28.3),  # a part of the row above
     "tools": Size(5341, 3314, 29.4),
 }
@@ -42,7 +42,7 @@ LINES = {  # of files that are not Python, by their patterns
     ("prototxt/*.prototxt", "models/*.prototxt"): 3766,
     ("*.js", "*.css", "*.html"): 2842,
 }
-WORDS = 84667  # of all documents
+WORDS = 84669  # of all documents
 
 
 def tracked(*patterns: str) -> list[Path]:

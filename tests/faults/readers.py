@@ -1,6 +1,6 @@
-"""All readers: functions that write small good files to the working directory, and functions that read them.
+"""Readers: functions that write small good files to the working directory, and functions that read them.
 
-A reader of a file format has a row in ``READERS``; what it makes of right values is tested elsewhere.
+Databases, recordings, tracks, models and data sets of hands are damaged in their own tests.
 """
 
 from __future__ import annotations
@@ -18,19 +18,14 @@ import h5py
 import numpy as np
 
 import netlib
-from handpose.frames.inspection import inspect
-from handpose.frames.opening import open_recording
 from handpose.synthetic import prior_file
-from layers.data.images import decode_datum
 from layers.hand import skeleton
-from netlib import files
 from netlib.caffe.io import load_image
 from netlib.errors import NetlibError
 from netlib.proto import prototxt, wire
 from netlib.proto.upgrade import AnyNetParameter
 from netlib.snapshots import snapshot
-from tests.support import bags
-from tests.support.caffe_messages import datum, write_blob, write_database
+from tests.support.caffe_messages import write_blob
 from tests.support.layer_cases import CASES
 from tests.support.nets import inputs
 from tests.support.running import ROOT
@@ -43,15 +38,11 @@ layers { name: "c" type: CONVOLUTION bottom: "x" top: "c" blobs_lr: 1 blobs_lr: 
 layers { name: "i" type: INNER_PRODUCT bottom: "c" top: "i" inner_product_param { num_output: 2 } BLOBS }
 """
 DATA_LAYER = """layer { name: "d" type: "%s" top: "data" top: "label" %s
-    hdf5_data_param { source: "list.txt" batch_size: 6 } image_data_param { source: "list.txt" batch_size: 5 }
-    data_param { source: "db" backend: LMDB batch_size: 4 } }"""
+    hdf5_data_param { source: "list.txt" batch_size: 6 } image_data_param { source: "list.txt" batch_size: 5 } }"""
 PRODUCT = inputs(data=(1, 3, 4, 5)) + """layer { name: "p" type: "InnerProduct" bottom: "data" top: "y"
     inner_product_param { num_output: 3 weight_filler { type: "xavier" } } }"""
 HAND = inputs(x=(2, 47)) + """layer { name: "h" type: "HandModel" bottom: "x" top: "y"
     hand_model_param { skeleton: "hand.prototxt" } }"""
-CAMERA_JSON = """{"name": "own", "fx": 60.0, "fy": 60, "u0": 32, "v0": 24.5, "width": 64, "height": 48,
- "unit_mm": 0.125, "rate": 30, "distortion": {"model": "brown_conrady", "coefficients": [0.1, -0.02, 0.001, 0, 0]}}
-"""
 
 
 class Reader(NamedTuple):
@@ -237,51 +228,6 @@ def read_pictures(path: Path) -> None:
     run_tool(compute_image_mean.main, "list.txt", "-resize_width=4", "-resize_height=4")
 
 
-def make_database() -> list[str]:
-    """Write a database of pixels, floats and a picture, and its last entries as files."""
-    rng = np.random.default_rng(0)
-    entries = [datum(rng.integers(0, 256, (3, 8, 8)).astype(np.uint8), i) for i in range(6)]
-    entries.append(datum(rng.normal(size=(3, 8, 8)).astype(np.float32), 6))
-    entries.append(datum(cv2.imencode(".png", np.zeros((8, 8, 3), np.uint8))[1].tobytes(), 7))
-    write_database(Path("db"), entries)
-    for i, entry in enumerate(entries):
-        Path(f"{i}.datum").write_bytes(entry)
-    put("net.prototxt", DATA_LAYER % ("Data", ""))
-    return ["db/data.mdb", "5.datum", "6.datum", "7.datum"]
-
-
-def read_database(path: Path) -> None:
-    if path.suffix == ".datum":
-        decode_datum(files.read_bytes(path, "an entry"), True, str(path))
-    else:
-        read_batches(path)
-
-
-def make_recordings() -> list[str]:
-    """Write a folder of frames, stacks with all optional entries, and bags of ROS 1 and 2."""
-    depth = np.random.default_rng(0).integers(0, 4000, (4, 48, 64)).astype(np.uint16)
-    Path("frames").mkdir()
-    put("camera.json", CAMERA_JSON)
-    np.save("whole.npy", depth)
-    np.savez("plain.npz", depth=depth, time=np.arange(4) / 30, fx=60.0, fy=60.0, u0=32.0, v0=24.0, unit_mm=0.125)
-    np.savez_compressed("packed.npz", depth=depth, camera=np.array(CAMERA_JSON))
-    bags.write_realsense(Path("realsense.bag"), depth)
-    bags.write_ros1(Path("packed.bag"), depth, compression="LZ4")
-    bags.write_ros2(Path("ros2"), depth)
-    bags.write_ros2(Path("mcap"), depth, storage="MCAP")
-    return [*[put_picture(f"frames/{i:03}.png", (48, 64), np.uint16, i) for i in range(3)],
-            put("frames/camera.json", CAMERA_JSON), "whole.npy", "plain.npz", "packed.npz", "realsense.bag",
-            "packed.bag", "ros2/metadata.yaml", "ros2/ros2.db3", "mcap/mcap.mcap"]
-
-
-def read_recording(path: Path) -> None:
-    """Inspect a recording, then read all its frames; for a file of a folder, those of the folder."""
-    with open_recording(path.parent if path.suffix in (".png", ".json", ".yaml") else path) as recording:
-        inspect(recording)
-        for _ in recording:
-            pass
-
-
 def digest(value: Any) -> str:
     """Digest of a value made of arrays, numbers and texts; equal values have equal digests."""
     if isinstance(value, np.ndarray):
@@ -303,6 +249,4 @@ READERS = (
            lambda: [*make_training()[3:], "older_iter_5.solverstate.h5", "older_iter_5.caffemodel.h5"], read_state),
     Reader("HDF5 data", make_hdf5, read_batches),
     Reader("pictures", make_pictures, read_pictures),
-    Reader("LMDB", make_database, read_database),
-    Reader("recording", make_recordings, read_recording),
 )

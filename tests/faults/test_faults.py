@@ -54,7 +54,7 @@ from tools.common.track_outputs import Outputs, add_output_options
 
 CASES = 40
 LIMIT_S, MEMORY = 60, 3 << 30  # of a case; bytes in addition to those of the process that is forked
-TEXT_SUFFIXES = (".prototxt", ".txt", ".log", ".md", ".json", ".jsonl", ".yaml")
+TEXT_SUFFIXES = (".prototxt", ".txt")
 THINGS: tuple[Callable[[Path], object], ...] = (  # in the place of a file
     lambda path: None,
     Path.mkdir,
