@@ -192,13 +192,35 @@ class Net:
 
     def _backward_steps(self, first: int, last: int | None) -> None:
         with self.one_thread, np.errstate(all="ignore"):
-            for at in self.connections[first:last]:
-                if at.needs_backward and not at.layer.is_input and not at.has_run():
-                    raise at.layer.fail("backward needs a forward pass with the current shapes: run forward first")
+            if not all(at.has_run() for at in self.connections[first:last]):
+                self._run_missing(first, last)
             if (first, last) != (0, None):
                 self._run_by_layer()
             for step in reversed(self.steps[first:last]):
                 step.backward()
+
+    def _run_missing(self, first: int, last: int | None) -> None:
+        """Run forwards, once, the layers whose backward will run and that have not run with the current shapes. Blobs
+        that another layer has read keep their data.
+
+        Raises NetlibError if such a layer reads data or draws random numbers: this would change the next pass.
+        """
+        self.reshape()
+        self._run_by_layer()
+        missing = [step for step in self.steps[first:last] if not step.connections[0].has_run()]
+        layers = [step.connections[0].layer for step in missing]
+        before = snapshot.as_plain({layer.name: layer.state() for layer in layers})
+        read = {blob for at in self.connections if at.has_run() for blob in at.bottom}
+        kept = [(blob, blob.data.copy()) for step in missing for blob in step.connections[0].top if blob in read]
+        for layer, step in zip(layers, missing):
+            if not layer.spec.bottom and not layer.is_input:
+                raise layer.fail("backward was called before forward, which reads data: run forward first")
+            step.forward()
+            if snapshot.as_plain(layer.state()) != before[layer.name]:
+                self.restore_layer_states(before)
+                raise layer.fail("backward was called before forward, which draws random numbers: run forward first")
+        for blob, data in kept:
+            blob.data[...] = data
 
     def _seed_losses(self) -> None:
         """Set the diff of each loss to its weight: the loss is the sum of loss_weight x top, so dL/dtop = loss_weight.
