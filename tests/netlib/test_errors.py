@@ -62,12 +62,3 @@ def test_an_error_can_be_shown_whatever_it_names(name: str) -> None:
 ], ids=ascii)
 def test_what_is_escaped(text: str, shown: str) -> None:
     assert printable(text) == shown
-
-
-def test_a_message_of_any_length_is_a_line_that_can_be_read() -> None:
-    found = str(NetlibError(f"net.prototxt:1:7: unknown layer type '{'x' * 150_000}'; known types: ..."))
-    assert len(found) < 2000
-    assert found.startswith("net.prototxt:1:7: unknown layer type 'xxx")
-    assert " ... (150057 characters) ... xxx" in found
-    assert len(str(NetlibError("\0" * 1900))) <= 2000  # each character is shown as four
-    assert found.endswith("x'; known types: ...")

@@ -329,7 +329,7 @@ def test_where_snapshots_go(solver_of: MakeSolver, tmp_path: Path, prefix: str, 
 def test_a_finished_training_of_another_prefix_is_written_there(solver_of: MakeSolver, tmp_path: Path) -> None:
     first = solver_of(ONE_WEIGHT % "", "max_iter: 2")
     first.solve()
-    state = first.snapshot_paths(2)[1]
+    state = first.snapshots.paths(2)[1]
     again = solver_of(ONE_WEIGHT % "", 'max_iter: 2 snapshot_prefix: "other"')
     assert again.solve(resume=state)
     assert Path("other_iter_2.caffemodel").exists()

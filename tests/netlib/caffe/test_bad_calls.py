@@ -14,7 +14,6 @@ from netlib.caffe import coord_map, draw, io
 from netlib.caffe import layers as L
 from netlib.caffe import params as P
 from netlib.caffe.coord_map import AxisMismatchException, CropError, UnconnectedError, UndefinedMapException
-from netlib.caffe.images import blob_from_images
 from netlib.caffe.io import ShapeError
 from netlib.caffe.net_spec import NotATopError, SpecError, UnknownNameError
 from netlib.caffe.proto import caffe_pb2
@@ -22,15 +21,11 @@ from netlib.errors import DataError, NetlibError
 from tests.support.bad_input import bad_inputs
 
 DATA = L.Input(shape={"dim": [1, 1, 64, 64]})
-IMAGE = np.arange(2 * 3 * 3, dtype=np.uint8).reshape(2, 3, 3)  # (H, W, 3)
 SPEC = caffe.NetSpec()
 SPEC.data, SPEC.pair = DATA, L.DummyData(ntop=2)
 THREE_PARAMS = 'name: "c" type: "Convolution" param {} param {} param {}'
-IMAGES = "found an image of {}; expected (H, W), or (H, W, C) with 1, 3 or 4 channels. cv2.imread returns None for ..."
 RESIZE = "resize_image takes an image (H, W, K), a (height, width) and an order from 0 to 5, found an array of shape {}"
 UNCONNECTED = "Could not compute map between tops; are they connected by spatial layers?"
-CHANNELS = "expected one number for each of 3 channels"
-SIZE = "expected a width and a height of at least 1 px"
 RULES = 'layer { name: "relu" type: "ReLU" include { phase: TEST } exclude { phase: TEST } }'
 
 
@@ -49,10 +44,6 @@ def transformer(name: str, *values: object, shape: tuple[int, ...] = (4, 3, 2, 3
     if len(shape) == 4:
         made.set_transpose("data", (2, 0, 1))
     return lambda: getattr(made, name)(*values)
-
-
-def images(*given: object, **options: object):
-    return lambda: blob_from_images(list(given), **options)
 
 
 @bad_inputs(ShapeError, {
@@ -76,18 +67,6 @@ def images(*given: object, **options: object):
                      "ReLU layers do not have a learning rate multiplier"),
     "three params": (lambda: draw.get_layer_lr_mult(of(THREE_PARAMS, caffe_pb2.LayerParameter)), draw.RuleError,
                      "layer 'c': expected at most two params, weights and biases, found 3"),
-    "images: none": (images(), "blob_from_images takes at least one image, found none"),
-    "images: one": (lambda: blob_from_images(IMAGE), "blob_from_images takes a list of images, found an array of shape "
-                    "(2, 3, 3); blob_from_image takes one image"),
-    "images: None": (images(None), IMAGES.format("shape ()")),
-    "images: two channels": (images(np.zeros((2, 2, 2), np.uint8)), IMAGES.format("shape (2, 2, 2)")),
-    "images: float64": (images(np.zeros((2, 2))), "found an image of float64; expected uint8, uint16 or float32"),
-    "images: grey and colour": (images(IMAGE, IMAGE[:, :, 0]),
-        "blob_from_images takes images with the same number of channels, found [3, 1]"),
-    "images: one mean": (images(IMAGE, mean=104), f"the mean has shape (1,); {CHANNELS}"),
-    "images: a mean image": (images(IMAGE, mean=IMAGE), f"the mean has shape (2, 3, 3); {CHANNELS}"),
-    "images: no width": (images(IMAGE, size=(0, 4)), f"size is (0, 4); {SIZE}"),
-    "images: half a pixel": (images(IMAGE, size=(2.5, 4)), f"size is (2.5, 4); {SIZE}"),
     "BlobProto without shape": (lambda: io.blobproto_to_array(caffe_pb2.BlobProto(data=[7, 8])),
                                 "a BlobProto has shape (), but 2 values"),
     "Datum of two axes": (lambda: io.array_to_datum(np.zeros((2, 2))),

@@ -153,10 +153,10 @@ def test_a_source_that_is_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     (tmp_path / "a").write_bytes(bytes(100))
     source = files.Source(tmp_path / "a", "the data")
 
-    def stale(descriptor: int) -> files.Identity:
+    def stale(descriptor: int) -> tuple[int, ...]:
         raise OSError(errno.ESTALE, os.strerror(errno.ESTALE))
 
-    monkeypatch.setattr(reading, "identity", stale)
+    monkeypatch.setattr(reading, "_identity", stale)
     with pytest.raises(DataError, match=f"^{tmp_path}/a: cannot read the data: Stale file handle$"):
         source.check()
 

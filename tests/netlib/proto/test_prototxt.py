@@ -62,18 +62,29 @@ def test_the_elements_of_a_list_have_places_of_their_own() -> None:
     assert [str(f.position) for f in tree.fields] == ["f:1:7", "f:2:2"]
 
 
-def test_text_that_is_not_utf_8(tmp_path: Path) -> None:
-    (tmp_path / "n.prototxt").write_bytes(b"# \xe9\nname: '# \xe9'")
-    with pytest.raises(netlib.NetlibError, match=r"cannot read the prototxt: not a text file \(byte 2 is not UTF-8"):
-        prototxt.parse_file(tmp_path / "n.prototxt")
-
-
-def test_comments_in_any_encoding(tmp_path: Path) -> None:
-    """Comments need not be UTF-8, also behind strings; positions are right after them."""
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, " cannot read the prototxt: No such file or directory"),
+        (b"\xff\xfe\x00", "1:1: error: not a text file (byte 0xff is not UTF-8)"),
+    ],
+)
+def test_files_that_cannot_be_read(tmp_path: Path, content: bytes | None, message: str) -> None:
+    """A missing file and a file that is not text raise an error."""
     path = tmp_path / "n.prototxt"
-    path.write_bytes(b"# don't: \xbe\xed\xbb\xfd\nname: '#\"' # \xe9\n" + "other: 'é'".encode())
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(netlib.NetlibError) as error:
+        prototxt.parse_file(path)
+    assert str(error.value).startswith(f"{path}:{message}")
+
+
+def test_comments_and_strings_in_any_encoding(tmp_path: Path) -> None:
+    """Comments and strings need not be UTF-8, as in Caffe; positions are right after them."""
+    path = tmp_path / "n.prototxt"
+    path.write_bytes(b"# don't: \xbe\xed\xbb\xfd\nname: '#\"' # \xe9\n" + "other: 'é".encode() + b"\xe9'")
     assert [(f.name, f.value.text, f.position.line) for f in prototxt.parse_file(path).fields] == [
-        ("name", '#"', 2), ("other", "é", 3)
+        ("name", '#"', 2), ("other", "é\udce9", 3)
     ]
 
 
