@@ -36,21 +36,10 @@ from netlib.blob import Array, Blob, Blobs
 
 ROW_WINOGRAD, WINOGRAD, ROWS = ByGroup(Contained(RowWinograd())), ByGroup(Contained(Winograd())), ByGroup(Rows())
 FILTER, PHASES = Contained(Filter()), Contained(Phases((ROW_WINOGRAD, WINOGRAD)))
-ALGORITHMS: tuple[Algorithm, ...] = (
-    FILTER,
-    Turned(FILTER),
-    Depthwise(),
-    Turned(Depthwise()),
-    ROW_WINOGRAD,
-    Turned(ROW_WINOGRAD),
-    WINOGRAD,
-    Turned(WINOGRAD),
-    PHASES,
-    Turned(PHASES),
-    ROWS,
-    Turned(ROWS),
-    Columns(),
-    Turned(Columns()),
+ALGORITHMS: tuple[Algorithm, ...] = tuple(
+    each
+    for algorithm in (FILTER, Depthwise(), ROW_WINOGRAD, WINOGRAD, PHASES, ROWS, Columns())
+    for each in (algorithm, Turned(algorithm))
 )
 
 

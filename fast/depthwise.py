@@ -47,7 +47,7 @@ class Filter(Algorithm):
         """Maps of which filter2D computes all windows, with the padding as its border, in less time, and not by a
         Fourier transform, which mixes all values of a map."""
         g = s.geometry
-        if sum_ != "correlate" or not is_depthwise(s) or not s.is_undilated or math.prod(g.kernel) >= FOURIER:
+        if sum_ != "correlate" or not is_depthwise(s) or set(g.dilation) != {1} or math.prod(g.kernel) >= FOURIER:
             return False
         inside = all(
             (o - 1) * step < n and p < k for o, n, step, k, p in zip(s.windows, s.sizes, g.stride, g.kernel, g.pad)

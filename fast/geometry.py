@@ -103,11 +103,6 @@ class Sizes:
         return cls(g, x[0], x[1] // g.group, x[2:], y[1] // g.group, y[2:])
 
     @property
-    def is_undilated(self) -> bool:
-        """Whether this is a sum over images without dilation."""
-        return len(self.sizes) == 2 and set(self.geometry.dilation) == {1}
-
-    @property
     def one_group(self) -> Sizes:
         """The sizes of one of the groups."""
         return replace(self, geometry=self.geometry.one_group)

@@ -9,29 +9,11 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 from fast.fast_layer import FastLayer
 from netlib.building.layer_table import PACKAGE, class_at, place_of
 from netlib.layer import Layer
-
-if TYPE_CHECKING:
-    from layers.activation.bias import Bias
-    from layers.activation.power import Power
-    from layers.activation.relu import ReLU
-    from layers.activation.relu6 import ReLU6
-    from layers.activation.scale import Scale
-    from layers.common.concat import Concat
-    from layers.common.dropout import Dropout
-    from layers.common.eltwise import Eltwise
-    from layers.common.permute import Permute
-    from layers.common.softmax import Softmax
-    from layers.normalization.batch_norm import BatchNorm
-    from layers.normalization.bn import BN
-    from layers.vision.convolution import Convolution
-    from layers.vision.im2col import Im2col
-    from layers.vision.interp import Interp
-    from layers.vision.pooling import Pooling
 
 
 @dataclass(frozen=True)
@@ -55,28 +37,28 @@ class LayerTraits:
     reads_top: bool = True
 
 
-def _relu(layer: ReLU | ReLU6) -> LayerTraits:
+def _relu(layer: Any) -> LayerTraits:
     return LayerTraits(batchwise=True, elementwise=True, monotone=layer.param.negative_slope == 0, reads_top=False)
 
 
-def _power(layer: Power) -> LayerTraits:
+def _power(layer: Any) -> LayerTraits:
     return LayerTraits(batchwise=True, reads_bottom=layer.param.power != 1, reads_top=False)
 
 
-def _convolution(layer: Convolution) -> LayerTraits:
+def _convolution(layer: Any) -> LayerTraits:
     return LayerTraits(batchwise=layer.axis > 0, reads_top=False)
 
 
-def _im2col(layer: Im2col) -> LayerTraits:
+def _im2col(layer: Any) -> LayerTraits:
     return LayerTraits(batchwise=layer.axis > 0, reads_bottom=False, reads_top=False)
 
 
-def _interp(layer: Interp) -> LayerTraits:
+def _interp(layer: Any) -> LayerTraits:
     alone = len(layer.spec.bottom) == 1  # a second bottom may have another number of items
     return LayerTraits(batchwise=alone, reads_bottom=False, reads_top=False)
 
 
-def _pooling(layer: Pooling) -> LayerTraits:
+def _pooling(layer: Any) -> LayerTraits:
     full = all(stride <= kernel for stride, kernel in zip(layer.stride, layer.kernel))  # no empty windows
     alone = len(layer.spec.top) == 1  # a mask depends on a layer in place that would be moved
     return LayerTraits(
@@ -89,43 +71,43 @@ def _axis(layer: Layer) -> int:
     return int(getattr(layer, "axis", 0))
 
 
-def _scale(layer: Scale) -> LayerTraits:
+def _scale(layer: Any) -> LayerTraits:
     own = layer.learned and (_axis(layer) > 0 or layer.gain.shape == ())  # a second bottom may have no items
     return LayerTraits(batchwise=own, reads_top=False)
 
 
-def _bias(layer: Bias) -> LayerTraits:
+def _bias(layer: Any) -> LayerTraits:
     own = layer.learned and (layer.bias.shape == () or 0 in getattr(layer, "others", ()))
     return LayerTraits(batchwise=own, reads_bottom=False, reads_top=False)
 
 
-def _bn(layer: BN) -> LayerTraits:
+def _bn(layer: Any) -> LayerTraits:
     return LayerTraits(batchwise=not layer.of_batch, reads_bottom=False, reads_top=False)
 
 
-def _batch_norm(layer: BatchNorm) -> LayerTraits:
+def _batch_norm(layer: Any) -> LayerTraits:
     return LayerTraits(batchwise=layer.uses_sums, reads_bottom=False, reads_top=False)
 
 
-def _eltwise(layer: Eltwise) -> LayerTraits:
+def _eltwise(layer: Any) -> LayerTraits:
     product = layer.param.operation == "PROD"
     return LayerTraits(batchwise=True, reads_bottom=product, reads_top=layer.reads_top)
 
 
-def _concat(layer: Concat) -> LayerTraits:
+def _concat(layer: Any) -> LayerTraits:
     return LayerTraits(batchwise=_axis(layer) > 0, reads_bottom=False, reads_top=False)
 
 
-def _softmax(layer: Softmax) -> LayerTraits:
+def _softmax(layer: Any) -> LayerTraits:
     return LayerTraits(batchwise=_axis(layer) > 0, reads_bottom=False)
 
 
-def _permute(layer: Permute) -> LayerTraits:
+def _permute(layer: Any) -> LayerTraits:
     items_first = getattr(layer, "axes", (1,))[0] == 0  # unknown before the first reshape
     return LayerTraits(batchwise=items_first, reads_bottom=False, reads_top=False)
 
 
-def _dropout(layer: Dropout) -> LayerTraits:
+def _dropout(layer: Any) -> LayerTraits:
     return LayerTraits(batchwise=not layer.active, reads_bottom=False, reads_top=False)
 
 

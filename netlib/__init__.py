@@ -20,7 +20,6 @@ os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(1 << 28))  # OpenCV read
 
 from netlib import engine  # noqa: E402
 from netlib.blob import Blob, Blobs  # noqa: E402
-from netlib.building import python_layer  # noqa: E402
 from netlib.errors import (  # noqa: E402
     DataError,
     DivergenceError,
@@ -77,13 +76,10 @@ def install_as_caffe() -> None:
     own_modules.yield_names()
 
 
-def _install_if_missing() -> None:
+def install_if_missing() -> None:
     """Like ``install_as_caffe``, but does nothing if Caffe is installed."""
     if not aliases.is_installed("caffe", "Net"):
         install_as_caffe()
-
-
-python_layer.before_import = _install_if_missing
 
 
 def threads() -> int:

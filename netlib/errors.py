@@ -13,7 +13,6 @@ import logging
 import re
 from collections.abc import Iterable
 
-MAX_LENGTH = 2000  # characters of a message
 FORK_NAMES = ("BN",)  # layer types of forks of Caffe that the older formats do not have
 
 
@@ -21,9 +20,7 @@ class NetlibError(RuntimeError):  # pycaffe raises RuntimeError
     """Base class of all errors that a user's input can cause."""
 
     def __init__(self, message: str = "") -> None:
-        if len(message := printable(message)) > MAX_LENGTH:  # names in a file can have any length
-            message = f"{message[: MAX_LENGTH - 300]} ... ({len(message)} characters) ... {message[-200:]}"
-        super().__init__(message)
+        super().__init__(printable(message))
 
 
 class PrototxtError(NetlibError):

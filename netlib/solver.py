@@ -27,7 +27,7 @@ from netlib.files.paths import find
 from netlib.net import Net, next_seed
 from netlib.proto import schema
 from netlib.proto.messages import NetParameter, NetState, SolverParameter
-from netlib.training import report, solver_parameter, testing
+from netlib.training import report, solver_parameter
 from netlib.training.resume import restore_state, undone_without_data
 from netlib.training.snapshots import Snapshots
 from netlib.updates import Update, learning_rate, steps_taken
@@ -306,7 +306,7 @@ class Solver:
         net, batches = self.test_nets[number], self.param.test_iter[number]
         begun = time.perf_counter()
         log.info("Iteration %d, Testing net (#%d)", self.iter, number)
-        found = testing.means_of(net, f"test net (#{number})", batches, lambda: self.requested == "stop")
+        found = report.means_of(net, f"test net (#{number})", batches, lambda: self.requested == "stop")
         if found is None:
             log.info("Test interrupted.")
             return {}
@@ -318,10 +318,6 @@ class Solver:
         return means
 
     # ------------------------------------------------------------------------------------------ snapshots
-
-    def snapshot_paths(self, iteration: int) -> tuple[Path, Path]:
-        """Paths of the weights and the solver state after ``iteration`` updates."""
-        return self.snapshots.paths(iteration)
 
     def snapshot(self) -> Path:
         """Write weights and solver state; returns the path of the state. Raises WeightsError, DivergenceError."""

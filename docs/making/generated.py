@@ -14,7 +14,7 @@ import textwrap
 from exercises.check import steps
 from exercises.table import EXERCISES
 from handpose.body.joint_formats.formats import FORMATS, FormatName
-from handpose.body.joint_formats.frames import POINTS
+from handpose.body.joint_formats.frames import FINGERS, POINTS
 from netlib.files.paths import ROOT
 
 FORMAT_TITLES: dict[FormatName, str] = {"mediapipe": "MediaPipe", "mano": "MANO"}
@@ -72,13 +72,13 @@ def failed_exercise() -> None:
 
 
 def joint_formats() -> None:
-    """A table of the points of a hand: how each is computed, and the joints that other formats have there."""
+    """A table of the points of wrist, thumb and index finger: how each is computed, and the joints of other formats."""
     rows = [["computed as", *FORMAT_TITLES.values(), "against the anatomical point"]]
     rows.append(["---"] * len(rows[0]))
-    for point in POINTS.values():
+    for part, point in POINTS.items():
         joints = [", ".join(f"`{number} {name}`" for number, (name, at) in enumerate(FORMATS[key].joints.items())
                             if at is point) for key in FORMAT_TITLES]
-        if any(joints):
+        if any(joints) and not part.startswith(FINGERS[1:]):
             terms = [f"`{j}`" if weight == 1 else f"{weight:.3g} `{j}`" for j, weight in point.weights.items()]
             rows.append([" + ".join(terms).replace("+ -", "− "), *joints, point.bias])
     for row in rows:

@@ -53,9 +53,8 @@ class Place:
         """Return a shape as constants. Raises LayerError if it depends on the batch size."""
         known = [n for n in shape if isinstance(n, int)]
         if len(known) < len(shape):
-            raise self.layer.fail(
-                f"{self.layer.type} along the batch axis cannot be exported to ONNX; shape ({_text(shape)})"
-            )
+            raise self.layer.fail(f"{self.layer.type} along the batch axis cannot be exported to ONNX; "
+                                  f"shape ({', '.join(map(str, shape))})")
         return known
 
 
@@ -106,6 +105,11 @@ class Graph:
         if not behind:
             return value
         return self.op("Unsqueeze", value, self.constant(list(range(axes, axes + behind)), "axes"))
+
+    def sliced(self, value: str, starts: Sequence[int], ends: Sequence[int], axes: Sequence[int]) -> str:
+        """Cut a value along some axes."""
+        bounds = {"starts": starts, "ends": ends, "axes": axes}
+        return self.op("Slice", value, *(self.constant(list(numbers), what) for what, numbers in bounds.items()))
 
     def floats(self, value: str) -> str:
         """Cast a value to float32."""
@@ -186,7 +190,3 @@ def symbolic(two: Sequence[int], three: Sequence[int]) -> Shape | None:
             return None
         shape.append(a if a == b else "N" if a == 2 else f"{a // 2}*N")
     return tuple(shape) if sum(isinstance(n, str) for n in shape) < 2 else None
-
-
-def _text(shape: Shape) -> str:
-    return ", ".join(map(str, shape))

@@ -66,24 +66,21 @@ def hand_model(graph: Graph, at: Place) -> list[str]:
     else:
         moved = graph.op("Mul", moved, graph.constant(np.where(sk.fixed, 0.0, 1.0)[dofs], "is_free"))
         initial, bones = _size(graph, at, sk, dofs)
-        units = [
-            steps_of(body, unit) for unit in np.diag((sk.bone_axes >= 0).astype(float))
-        ]  # one bone of length 1, the others 0
+        # One bone of length 1, the others 0.
+        units = [steps_of(body, unit) for unit in np.diag((sk.bone_axes >= 0).astype(float))]
         by_step = np.array([[long.parts[0] - short.parts[0] for long, short in zip(own, steps)] for own, _, _ in units])
         by_joint = np.array([own - offsets for _, _, own in units])
         one = graph.op("Add", one, _times(graph, bones, by_step, ("N", len(steps), 4, 4)))
         ends_at = graph.op("Add", ends_at, _times(graph, bones, by_joint, ("N", len(last), 1, 4)))
     theta = graph.reshaped(graph.op("Add", moved, initial), ("N", len(steps), 1, 1))
-    turned = graph.op(
-        "Add", graph.op("Mul", graph.op("Cos", theta), cosine), graph.op("Mul", graph.op("Sin", theta), sine)
-    )
+    cosines, sines = (graph.op("Mul", graph.op(op, theta), part) for op, part in (("Cos", cosine), ("Sin", sine)))
+    turned = graph.op("Add", cosines, sines)
     slid = graph.op("Add", one, graph.op("Mul", theta, angle))
     transforms = graph.op("Add", turned, slid)  # (N, steps, 4, 4)
     frames = graph.op("Gather", _worlds(graph, steps, transforms), graph.constant(last, "steps"), axis=1)
     terms = graph.op("Mul", frames, ends_at)  # not MatMul, which is wrong in OpenCV 5.0
     ends = graph.op("ReduceSum", terms, graph.constant([3], "axes"), keepdims=0)  # (N, K, 4)
-    xyz = graph.op("Slice", ends, *(graph.constant([n], what) for n, what in ((0, "start"), (3, "end"), (2, "axis"))))
-    return [graph.reshaped(xyz, at.top[0])]
+    return [graph.reshaped(graph.sliced(ends, [0], [3], [2]), at.top[0])]
 
 
 def _size(graph: Graph, at: Place, sk: Skeleton, dofs: list[int]) -> tuple[str, str]:

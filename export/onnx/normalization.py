@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from export.onnx.graph import Graph, Place
+from netlib.blob import Array
 
 
 def batch_norm(graph: Graph, at: Place) -> list[str]:
@@ -16,14 +18,9 @@ def batch_norm(graph: Graph, at: Place) -> list[str]:
                          "use_global_stats")
     mean, variance, weight = (blob.data for blob in layer.blobs)
     factor = 1 / weight[0] if weight[0] else 0.0
-    parts = {
-        "gain": np.ones_like(mean),
-        "bias": np.zeros_like(mean),
-        "mean": factor * mean,
-        "variance": factor * variance,
-    }
-    constants = [graph.constant(values, what) for what, values in parts.items()]
-    return [graph.op("BatchNormalization", at.values[0], *constants, epsilon=layer.param.eps)]
+    parts = {"gain": np.ones_like(mean), "bias": np.zeros_like(mean), "mean": factor * mean,
+             "variance": factor * variance}
+    return _normalized(graph, at, parts, layer.param.eps)
 
 
 def bn(graph: Graph, at: Place) -> list[str]:
@@ -33,8 +30,12 @@ def bn(graph: Graph, at: Place) -> list[str]:
     scale, bias, *averages = (blob.data.reshape(-1) for blob in layer.blobs)
     mean, variance = averages or (np.zeros_like(scale), np.ones_like(scale))
     parts = {"scale": scale, "bias": bias, "mean": mean, "variance": variance}
+    return _normalized(graph, at, parts, layer.eps if layer.averages else 0.0)
+
+
+def _normalized(graph: Graph, at: Place, parts: Mapping[str, Array], epsilon: float) -> list[str]:
+    """Normalize x by constants for each channel, in the operator's order."""
     constants = [graph.constant(values, what) for what, values in parts.items()]
-    epsilon = layer.eps if layer.averages else 0.0
     return [graph.op("BatchNormalization", at.values[0], *constants, epsilon=epsilon)]
 
 

@@ -105,8 +105,7 @@ def crop(graph: Graph, at: Place) -> list[str]:
     ends = [start + size for start, size in zip(starts, sizes)]
     if not axes:
         return at.values[:1]
-    bounds = (graph.constant(numbers, what) for what, numbers in (("starts", starts), ("ends", ends), ("axes", axes)))
-    return [graph.op("Slice", at.values[0], *bounds)]
+    return [graph.sliced(at.values[0], starts, ends, axes)]
 
 
 def interp(graph: Graph, at: Place) -> list[str]:
@@ -114,9 +113,7 @@ def interp(graph: Graph, at: Place) -> list[str]:
     x, y = at.bottom[0], at.top[0]
     value, cut = at.values[0], layer.inside[1:]
     if (layer.param.pad_beg, layer.param.pad_end) != (0, 0):
-        bounds = [[part.start for part in cut], [part.stop for part in cut], [2, 3]]
-        names = ("starts", "ends", "axes")
-        value = graph.op("Slice", value, *(graph.constant(numbers, name) for numbers, name in zip(bounds, names)))
+        value = graph.sliced(value, [part.start for part in cut], [part.stop for part in cut], [2, 3])
     if [part.stop - part.start for part in cut] == at.sizes(y[2:]):
         return [value]
     size = graph.constant([*at.sizes(x[1:2]), *at.sizes(y[2:])], "size")

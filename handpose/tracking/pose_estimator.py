@@ -31,7 +31,7 @@ from netlib.errors import DataError
 # The minimum share of an expected surface without a reading, and the minimum share of the crop's readings that it
 # explains: otherwise the hand itself has moved. In the ordinary frames of CVAR's P1, P3, P4, P7 and of hpx the first is
 # below 0.06 in 99% and at most 0.15, though 75% of a crop are background without readings. The second was chosen on
-# frames of P1, P4 and P6 of which a part was not read (docs/fit.md).
+# frames of P1, P4 and P6 of which a part was not read.
 UNREAD, EXPLAINED = 0.15, 0.5
 AROUND_MM = 15.0  # pixels without a reading this close to it may be of it
 HIDING = 0.08  # minimum share of the expected surface behind nearer readings: fewer are reflections, mostly next to it

@@ -57,9 +57,7 @@ class Data(Reader):
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         p = self.param
-        if p.batch_size == 0:
-            raise self.fail("batch_size must be at least 1", "batch_size")
-        self.batch_size = self.batch_of(p.batch_size)
+        self.batch_size = self.batch_of()
         if p.backend == "LEVELDB":
             raise self.fail("backend LEVELDB, Caffe's default, is not supported; convert the database to LMDB (with "
                             "Caffe's convert_imageset, from its images) and set backend: LMDB, or read the images with "

@@ -55,9 +55,7 @@ class HDF5Data(Reader):
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         source = self.param.source
-        if self.param.batch_size == 0:
-            raise self.fail("batch_size must be at least 1", "batch_size")
-        self.batch_size = self.batch_of(self.param.batch_size)
+        self.batch_size = self.batch_of()
         self.seed = int(self.rng.integers(2**62))
         self.cursor: Cursor = (0, 0, 0)
         self.files = [File(path, self.spec.top) for path in read_list(source, self.source)]

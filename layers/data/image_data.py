@@ -68,9 +68,7 @@ class ImageData(Reader):
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         p = self.param
-        if p.batch_size == 0:
-            raise self.fail("batch_size must be at least 1", "batch_size")
-        self.batch_size = self.batch_of(p.batch_size)
+        self.batch_size = self.batch_of()
         if (p.new_height == 0) != (p.new_width == 0):
             raise self.fail(f"new_height {p.new_height} and new_width {p.new_width} must be given together",
                             "new_height" if p.new_height else "new_width")

@@ -15,9 +15,9 @@ The file is a sequence of pages of one size. Numbers are little endian, as on 64
               With flag 1, instead of the value: number of the page where it starts 8
     overflow  page number 8 | - 2 | kind 2 | number of consecutive pages 4 | value
 
-Offsets are sorted by key, and even. All leaves are at the depth of the tree. A page must contain its own number, be of
-the kind that its depth requires, and hold only keys between those that lead to it. Therefore no page can be visited
-twice, and every walk through the database ends.
+Offsets are sorted by key. All leaves are at the depth of the tree. A page must contain its own number, be of the kind
+that its depth requires, and hold only keys between those that lead to it. Therefore no page can be visited twice, and
+every walk through the database ends.
 
 The file is read, not memory-mapped, so a file truncated while in use causes an error instead of a crash.
 Reference: LMDB 0.9, mdb.c.
@@ -27,112 +27,94 @@ from __future__ import annotations
 
 import struct
 from bisect import bisect_right
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from netlib.errors import DataError
 from netlib.files import Source
+from netlib.files.paths import exists
 
 HEADER, OVERFLOW_HEADER = struct.Struct("<QHHHH"), struct.Struct("<QHHI")
 META, TREE = struct.Struct("<4sI16x48s48sQQ"), struct.Struct("<IHHQQQQQ")
 NODE, NUMBER = struct.Struct("<IHH"), struct.Struct("<Q")
 BRANCH, LEAF, OVERFLOW, META_PAGE, KIND = 1, 2, 4, 8, 0x6F  # KIND masks bits without a meaning in files
 ELSEWHERE = 1  # flag of a node in a leaf: the value is on separate pages
-MAGIC, VERSION, NO_PAGE = b"\xde\xc0\xef\xbe", 1, (1 << 64) - 1
+MAGIC, VERSION = b"\xde\xc0\xef\xbe", 1
 PAGE_SIZES = [1 << n for n in range(9, 16)]  # up to LMDB's maximum, 32768 bytes
 MAX_DEPTH = 32  # limit of LMDB
 
 
-@dataclass(frozen=True)
-class Meta:
+class Meta(NamedTuple):
     """Content of a meta page about the tree of entries."""
 
+    transaction: int
     page_size: int
     flags: int
     depth: int
     pages: int  # number of pages in use
     entries: int
     root: int
-    last: int  # number of the last page
-    transaction: int
 
 
-@dataclass(frozen=True)
-class Page:
+class Page(NamedTuple):
     """A branch or a leaf.
 
     keys    keys of its nodes, in order; the first of a branch is the start of the page's range
     end     end of the page's range, exclusive; None if unbounded
-    below   for a branch: page numbers
-    values  for a leaf: the bytes, or the page where they start and their number
+    values  of a branch: page numbers; of a leaf: the bytes, or the page where they start and their number
     """
 
     keys: list[bytes]
     end: bytes | None
-    below: list[int]
-    values: list[bytes | tuple[int, int]]
+    values: list[Any]
 
 
 class Database:
     """An open database for any number of cursors. Reading can raise DataError.
 
-    path  path of the file
-    meta  the current meta page
+    path     path of the file
+    meta     the current meta page
+    entries  number of entries
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path / "data.mdb" if _is_folder(path) else path
-        self._source = Source(self.path, "the database")
+        self.path = path / "data.mdb" if exists(path) and path.is_dir() else path
+        self.source = Source(self.path, "the database")
         self.meta = self._newest()
+        self.entries = self.meta.entries
         needed = self.meta.pages * self.meta.page_size  # pages that were never used may be missing
-        if self._source.size < needed:
-            raise DataError(f"{self.path}: truncated: it has {self._source.size} bytes, expected at least {needed}")
-
-    @property
-    def entries(self) -> int:
-        """Number of entries."""
-        return self.meta.entries
-
-    def check(self) -> None:
-        """Raise DataError if the file was changed since it was opened."""
-        self._source.check()
+        if self.source.size < needed:
+            raise DataError(f"{self.path}: truncated: it has {self.source.size} bytes, expected at least {needed}")
 
     def damaged(self, number: int, what: str) -> DataError:
         """Return the error for a damaged page. Raises DataError if the file was changed while in use."""
-        self.check()
+        self.source.check()
         return DataError(f"{self.path}: page {number}: {what}; the database is damaged")
 
     def _newest(self) -> Meta:
-        begin = self._source.read(0, min(self._source.size, 20))
+        begin = self.source.read(0, min(self.source.size, 20))
         if begin[16:] != MAGIC:
             if MAGIC in begin or MAGIC[::-1] in begin:
                 raise DataError(f"{self.path}: written on a machine of 32 bits or of another byte order, expected "
                                 "64 bits, little endian; copy it with mdb_dump there and mdb_load here")
             raise DataError(f"{self.path}: not an LMDB database")
         first = self._meta_page(0, 0)
-        second = self._meta_page(1, first.page_size)
-        older, newest = sorted((first, second), key=lambda meta: meta.transaction)
-        step, own = newest.transaction - older.transaction, (first, second)[newest.transaction % 2]
-        follows = newest.transaction == 0 or (step == 1 and newest is own)  # both 0: nothing was written yet
-        if not follows or newest.page_size != older.page_size or newest.last < older.last:
-            raise self.damaged(1, f"transaction {second.transaction} does not match {first.transaction} in page 0")
+        newest = max(first, self._meta_page(1, first.page_size))
         if newest.flags:
             raise DataError(f"{self.path}: a database with flags {newest.flags:#x}, expected none, as Caffe writes it: "
                             "one value per key, keys in byte order")
-        empty = {newest.depth == 0, newest.entries == 0, newest.root == NO_PAGE}
-        if len(empty) > 1 or newest.depth > MAX_DEPTH:
-            found = f"{newest.entries} entries at depth {newest.depth}, from page {newest.root} on"
-            raise self.damaged(newest.transaction % 2, found)
+        if newest.depth > MAX_DEPTH:
+            raise self.damaged(newest.transaction % 2, f"a depth of {newest.depth}, expected at most {MAX_DEPTH}")
         return newest
 
     def _meta_page(self, number: int, offset: int) -> Meta:
         size = HEADER.size + META.size
-        if offset + size > self._source.size:
-            raise self.damaged(number, f"the file ends at byte {self._source.size}")
-        raw = self._source.read(offset, size)
+        if offset + size > self.source.size:
+            raise self.damaged(number, f"the file ends at byte {self.source.size}")
+        raw = self.source.read(offset, size)
         own, _, kind, _, _ = HEADER.unpack_from(raw)
-        magic, version, free, entries, last, transaction = META.unpack_from(raw, HEADER.size)
+        magic, version, free, entries, _, transaction = META.unpack_from(raw, HEADER.size)
         if own != number or kind & KIND != META_PAGE or magic != MAGIC:
             raise self.damaged(number, f"expected a meta page, found page {own} of kind {kind:#x}")
         if version != VERSION:
@@ -141,7 +123,7 @@ class Database:
         if page_size not in PAGE_SIZES:
             raise self.damaged(number, f"pages of {page_size} bytes, expected a power of two from 512 to 32768")
         _, flags, depth, *pages, count, root = TREE.unpack(entries)
-        return Meta(page_size, flags, depth, 2 + sum(pages), count, root, last, transaction)
+        return Meta(transaction, page_size, flags, depth, 2 + sum(pages), count, root)
 
     def page(self, number: int, level: int, begin: bytes, end: bytes | None) -> Page:
         """Read a page at a level above the leaves, with keys from ``begin`` up to ``end``."""
@@ -158,26 +140,22 @@ class Database:
         nodes = [NODE.unpack_from(raw, at) for at in offsets]
         rests = [0 if level else NUMBER.size if flags & ELSEWHERE else size for size, flags, _ in nodes]
         stops = [at + NODE.size + length + rest for at, (_, _, length), rest in zip(offsets, nodes, rests)]
-        # From upper to the end of the page there are only nodes, each padded to an even length, in any order.
-        spans = sorted((at, stop + stop % 2) for at, stop in zip(offsets, stops))
-        borders = [upper, *(border for span in spans for border in span), len(raw)]
-        gaps = [after - before for before, after in zip(borders[::2], borders[1::2])]
-        if min(gaps) < 0 or (any(gaps) and not level):  # early versions of LMDB left gaps in branches
-            raise self.damaged(number, "its nodes overlap, or leave gaps")
+        if min(offsets) < lower or max(stops) > len(raw):
+            raise self.damaged(number, "its nodes are outside the page")
         keys = [raw[at + NODE.size : stop - rest] for at, stop, rest in zip(offsets, stops, rests)]
         if level:
             keys[0] = begin
         if keys[0] < begin or any(a >= b for a, b in pairwise(keys)) or (end is not None and keys[-1] >= end):
             raise self.damaged(number, "its keys are out of order, or belong to another page")
         if level:
-            return Page(keys, end, [low | high << 32 for low, high, _ in nodes], [])
+            return Page(keys, end, [low | high << 32 for low, high, _ in nodes])
         for key, (_, flags, _) in zip(keys, nodes):
             if flags & ~ELSEWHERE:
                 what = f"{key!r} is not an entry but a database within this one (flags {flags:#x})"
                 raise DataError(f"{self.path}: page {number}: {what}, which Caffe never writes, or the file is damaged")
         values = [(*NUMBER.unpack(raw[stop - rest : stop]), size) if flags else raw[stop - rest : stop]
                   for stop, rest, (size, flags, _) in zip(stops, rests, nodes)]
-        return Page(keys, end, [], values)
+        return Page(keys, end, values)
 
     def value(self, number: int, size: int) -> bytes:
         """Read a value stored in overflow pages from this one on."""
@@ -189,12 +167,10 @@ class Database:
 
     def _read(self, number: int, pages: int, begin: int, size: int) -> bytes:
         """Read ``size`` bytes from ``begin`` on in a number of consecutive pages."""
-        meta = self.meta
-        if not 2 <= number <= meta.last + 1 - pages:
-            raise self.damaged(number, f"expected {pages} of pages 2 to {meta.last}")
-        if (number + pages) * meta.page_size > self._source.size:
-            raise self.damaged(number, f"the file ends at byte {self._source.size}")
-        return self._source.read(number * meta.page_size + begin, size)
+        first = number * self.meta.page_size
+        if first + pages * self.meta.page_size > self.source.size:
+            raise self.damaged(number, f"the file ends at byte {self.source.size}")
+        return self.source.read(first + begin, size)
 
 
 class Cursor:
@@ -214,9 +190,10 @@ class Cursor:
     def value(self) -> bytes:
         """Value of the current entry. Raises DataError, also if the file was changed since it was opened."""
         page, index = self._path[-1]
-        value = page.values[index]
-        value = value if isinstance(value, bytes) else self._database.value(*value)
-        self._database.check()
+        value: bytes = page.values[index]
+        if isinstance(value, tuple):
+            value = self._database.value(*value)
+        self._database.source.check()
         return value
 
     def first(self) -> bool:
@@ -253,15 +230,8 @@ class Cursor:
         while len(path) < meta.depth:
             if path:
                 above, index = path[-1]
-                number, begin = above.below[index], above.keys[index]
+                number, begin = above.values[index], above.keys[index]
                 end = above.keys[index + 1] if index + 1 < len(above.keys) else above.end
             page = self._database.page(number, meta.depth - len(path) - 1, begin, end)
             path.append((page, max(bisect_right(page.keys, key) - 1, 0)))
         return path
-
-
-def _is_folder(path: Path) -> bool:
-    try:
-        return path.is_dir()
-    except OSError:  # the error is reported when the path is opened
-        return False

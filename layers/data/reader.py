@@ -16,10 +16,12 @@ class Reader(Layer):
 
     shard: Shard = EVERY_ROW
 
-    def batch_of(self, size: int) -> int:
-        """Number of rows to read for a ``batch_size``: this rank's part if ranks divide it. Raises LayerError."""
+    def batch_of(self) -> int:
+        """Number of rows to read for the ``batch_size``: this rank's part if ranks divide it. Raises LayerError."""
+        if self.param.batch_size == 0:
+            raise self.fail("batch_size must be at least 1", "batch_size")
         try:
-            return self.shard.batch(size)
+            return self.shard.batch(self.param.batch_size)
         except ValueError as error:
             raise self.fail(str(error), "batch_size") from None
 

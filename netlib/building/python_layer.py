@@ -12,7 +12,7 @@ import contextlib
 import importlib
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Protocol
@@ -45,13 +45,6 @@ PYTHON_2_SYNTAX = re.compile(
 CONVERT = "docs/caffe.md, old scripts"
 
 _are_allowed = True
-
-
-def _nothing() -> None:
-    """Default of ``before_import``."""
-
-
-before_import: Callable[[], None] = _nothing  # called before a user's module is imported; netlib sets it
 
 
 @contextlib.contextmanager
@@ -154,7 +147,9 @@ def _import(name: str, wanted: str) -> tuple[ModuleType, str]:
     """Import the module ``name`` and return it with its file. If a package here has the same name, the user's own
     module is preferred if it defines ``wanted``.
     """
-    before_import()
+    from netlib import install_if_missing  # netlib imports this module
+
+    install_if_missing()
     top = name.partition(".")[0]
     if top not in own_modules.NAMES:
         return _import_any(name, wanted)

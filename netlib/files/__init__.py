@@ -4,10 +4,7 @@ from netlib.files.reading import (
     MAX_BYTES,
     MAX_TEXT_BYTES,
     Content,
-    Identity,
     Source,
-    decoded,
-    identity,
     is_in_use,
     make_folder,
     noted,
@@ -19,6 +16,6 @@ from netlib.files.reading import (
 )
 
 __all__ = [
-    "MAX_BYTES", "MAX_TEXT_BYTES", "Content", "Identity", "Source", "decoded", "identity", "is_in_use", "make_folder",
-    "noted", "opened", "read_bytes", "read_content", "read_pieces", "read_text",
+    "MAX_BYTES", "MAX_TEXT_BYTES", "Content", "Source", "is_in_use", "make_folder", "noted",
+    "opened", "read_bytes", "read_content", "read_pieces", "read_text",
 ]

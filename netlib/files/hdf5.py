@@ -171,14 +171,14 @@ class File:
         with contextlib.ExitStack() as stack:
             opens = [stack.enter_context(opened(path, "the HDF5 file"))]
             self.made_from = str(opens[0].attrs.get("made_from", "an unknown source"))
-            self.sources = [self._source(path, opens[0])]
+            self.sources = [Source(path, "the HDF5 file")]
             if rest := opens[0].attrs.get("rest_in"):
                 other = Path(os.path.normpath(path.parent / str(rest)))
                 if Path(str(rest)).is_absolute() or not is_near(other, path):
                     raise DataError(f"{path}: rest_in is {str(rest)!r}; expected a relative name of a file in the same "
                                     "folder or in one next to it, and no link to elsewhere")
                 opens.append(stack.enter_context(opened(other, f"the rest of {path}")))
-                self.sources.append(self._source(other, opens[1]))
+                self.sources.append(Source(other, "the HDF5 file"))
             self.names = tuple(dict.fromkeys(name for file in opens for name in file))
             for name in names:
                 for source, file in zip(self.sources, opens):
@@ -196,14 +196,6 @@ class File:
         self.rows = counts[names[0]]
         if self.rows == 0:
             raise DataError(f"{path}: data set {names[0]!r} has no rows")
-
-    @staticmethod
-    def _source(path: Path, file: h5py.File) -> Source:
-        """Open the same file for plain reads. Raises DataError."""
-        source = Source(path, "the HDF5 file")
-        if not source.is_file(file.id.get_vfd_handle()):
-            raise DataError(f"{path}: was changed while it was opened; run again")
-        return source
 
     def check(self) -> None:
         """Raise DataError if a file was changed since it was opened. Replacing it by renaming is harmless."""

@@ -59,28 +59,17 @@ def opened(path: str | Path, what: str, kind: type[NetlibError] = DataError) -> 
 
 
 def read_bytes(
-    path: str | Path, what: str, kind: type[NetlibError] = DataError, limit: int = MAX_BYTES, first: int | None = None
+    path: str | Path, what: str, kind: type[NetlibError] = DataError, limit: float = MAX_BYTES, first: int | None = None
 ) -> bytes:
     """Content of a file, or its ``first`` bytes. Raises ``kind``, also if it is larger than ``limit``."""
     with opened(path, what, kind) as raw, BufferedReader(raw) as stream:
-        return _read(stream, path, what, kind, limit, first)
-
-
-def _read(
-    stream: BufferedReader[FileIO],
-    path: str | Path,
-    what: str,
-    kind: type[NetlibError],
-    limit: float,
-    first: int | None = None,
-) -> bytes:
-    try:
-        size = os.fstat(stream.fileno()).st_size  # files in /proc have size 0 and may be endless
-        if first is None:
-            _check_size(size, limit, path, what, kind)
-        return stream.read(size if first is None else min(size, first))
-    except (OSError, MemoryError) as error:
-        raise kind(f"{path}: cannot read {what}: {reason_of(error)}") from error
+        try:
+            size = os.fstat(stream.fileno()).st_size  # files in /proc have size 0 and may be endless
+            if first is None:
+                _check_size(size, limit, path, what, kind)
+            return stream.read(size if first is None else min(size, first))
+        except (OSError, MemoryError) as error:
+            raise kind(f"{path}: cannot read {what}: {reason_of(error)}") from error
 
 
 def read_pieces(
@@ -106,13 +95,7 @@ def read_text(
     limit: int = MAX_TEXT_BYTES,
 ) -> str:
     """Text of a UTF-8 file without byte order mark, with line breaks converted to ``\\n``. Raises ``kind``."""
-    return decoded(read_bytes(path, what, kind, limit), path, what, kind, errors)
-
-
-def decoded(
-    content: bytes, path: str | Path, what: str, kind: type[NetlibError] = DataError, errors: str = "strict"
-) -> str:
-    """Text of the content of such a file. Raises ``kind``."""
+    content = read_bytes(path, what, kind, limit)
     try:
         text = content.decode("utf-8-sig", errors)
     except UnicodeDecodeError as error:
@@ -121,24 +104,17 @@ def decoded(
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
-Identity = tuple[int, ...]
-
-
-def identity(descriptor: int) -> Identity:
+def _identity(descriptor: int) -> tuple[int, ...]:
     """Values that identify the content of an open file and change if it is modified."""
     status = os.fstat(descriptor)
-    return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns
+    return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns
 
 
 class Content(NamedTuple):
-    """The content of a file that is read once and used several times.
-
-    identity  identity of the file, for which the result of the HDF5 check is cached
-    """
+    """The content of a file that is read once and used several times."""
 
     path: Path
     data: bytes
-    identity: Identity
 
     def __str__(self) -> str:
         """The path, for messages."""
@@ -147,9 +123,7 @@ class Content(NamedTuple):
 
 def read_content(path: str | Path, what: str, kind: type[NetlibError] = DataError, limit: float = MAX_BYTES) -> Content:
     """Read a file once. Raises ``kind``, also if it is larger than ``limit``."""
-    with opened(path, what, kind) as raw, BufferedReader(raw) as stream:
-        before = identity(raw.fileno())
-        return Content(Path(path), _read(stream, path, what, kind, limit), before)
+    return Content(Path(path), read_bytes(path, what, kind, limit))
 
 
 class Source:
@@ -163,24 +137,20 @@ class Source:
     def __init__(self, path: Path, what: str) -> None:
         self.path, self._what = path, what
         self._stream = opened(path, what)
-        self._identity = identity(self._stream.fileno())
+        self._identity = _identity(self._stream.fileno())
         self.place, self.size = self._identity[:2], self._identity[2]
         self._lock = threading.Lock()
         _sources.add(self)
         weakref.finalize(self, self._stream.close)
 
-    def is_file(self, descriptor: int) -> bool:
-        """Whether this open file is the same one, unchanged."""
-        return identity(descriptor) == self._identity
-
     def check(self) -> None:
         """Raise DataError if the file was changed."""
         try:
-            device, inode, size, modified, _ = identity(self._stream.fileno())
+            now = _identity(self._stream.fileno())
         except OSError as error:  # removed on a network file system
             raise DataError(f"{self.path}: cannot read {self._what}: {reason_of(error)}") from error
-        if (device, inode, size, modified) != self._identity[:4]:
-            was = f"cut to {size} of {self.size} bytes" if size < self.size else "changed"
+        if now != self._identity:
+            was = f"cut to {now[2]} of {self.size} bytes" if now[2] < self.size else "changed"
             raise DataError(f"{self.path}: was {was} while in use; restore the file and run again")
 
     def read(self, offset: int, count: int) -> bytes:

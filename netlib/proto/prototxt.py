@@ -148,12 +148,8 @@ def parse_file(path: str | Path) -> Message:
     path = find(str(path), None)
     if str(path).endswith((".caffemodel", ".caffemodel.h5")):
         raise NetlibError(f"{path}: found weights, expected a .prototxt; a net stands before its weights")
-    content = files.read_bytes(path, "the prototxt", NetlibError, files.MAX_TEXT_BYTES)
-    text = files.decoded(content, path, "the prototxt", NetlibError, "surrogateescape")
-    # Caffe reads any bytes in comments.
-    if _NO_UTF_8.search(text) and _NO_UTF_8.search(_COMMENT.sub(lambda found: found[1] or "", text)):
-        text = files.decoded(content, path, "the prototxt", NetlibError)
-    return parse(text, str(path))
+    # As in Caffe, comments and strings can have any bytes.
+    return parse(files.read_text(path, "the prototxt", NetlibError, "surrogateescape"), str(path))
 
 
 def parse(text: str, source: str = "<text>") -> Message:
@@ -163,8 +159,6 @@ def parse(text: str, source: str = "<text>") -> Message:
 
 # ---------------------------------------------------------------------------------------------- tokens
 
-_NO_UTF_8 = re.compile("[\udc80-\udcff]")  # bytes that are not UTF-8, as surrogateescape decodes them
-_COMMENT = re.compile(r"""("(?:[^"\\\n]|\\.)*"|'(?:[^'\\\n]|\\.)*')|\#[^\n]*""")
 _TOKEN = re.compile(
     r"""(?P<skip>[ \t\r\n\f\v]+|\#[^\n]*)
       | (?P<number>-?[ \t]*(?:0[xX][0-9a-fA-F]+|(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?[fF]?)(?![\w.]))
@@ -207,6 +201,8 @@ def _lexical_fault(rest: str) -> str:
         return "string without a closing quote on this line"
     if rest[0].isdigit() or rest[0] in "-.":
         return f"malformed number {rest.split()[0]!r}"
+    if "\udc80" <= rest[0] <= "\udcff":  # a byte that is not UTF-8, as surrogateescape decodes it
+        return f"not a text file (byte {ord(rest[0]) - 0xDC00:#x} is not UTF-8)"
     return f"unexpected character {rest[0]!r}"
 
 
@@ -225,7 +221,7 @@ def _unquote(token: _Token) -> bytes:
         return chr(_SIMPLE_ESCAPES[simple])
 
     # Escapes denote bytes, other characters denote themselves; in latin-1 both are one unit.
-    return _ESCAPE.sub(replace, token.text[1:-1].encode("utf-8").decode("latin-1")).encode("latin-1")
+    return _ESCAPE.sub(replace, token.text[1:-1].encode("utf-8", "surrogateescape").decode("latin-1")).encode("latin-1")
 
 
 def _quote(text: str) -> str:

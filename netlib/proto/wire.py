@@ -5,7 +5,7 @@ A message is a sequence of fields. A field is a key, its number * 8 + its wire t
     0   a varint: seven bits per byte, lowest first; the high bit marks that another byte follows
     1   8 bytes                                      5   4 bytes
     2   a length (varint) and that many bytes: a string, a nested message, or many numbers in one block ("packed")
-    3,4 start and end of a group, which Caffe does not use
+    3,4 start and end of a group, which Caffe does not use; they are rejected
 
 Names are not in the file; the dataclasses that also read prototxt (schema.py) define number and type of each field.
 Unknown fields, and enums with unknown values, are kept as they are and written back after the known fields, as in
@@ -37,9 +37,8 @@ from netlib.proto.prototxt import Bytes, Field, Message, Numbers, Place, Scalar,
 from netlib.proto.schema import ARRAYS, Double
 from netlib.proto.upgrade import AnyNetParameter
 
-VARINT, EIGHT_BYTES, LENGTH, BEGIN_GROUP, END_GROUP, FOUR_BYTES = range(6)
+VARINT, EIGHT_BYTES, LENGTH, FOUR_BYTES = 0, 1, 2, 5
 MAX_FIELDS = 100_000  # per file; the largest nets have about ten thousand
-MAX_GROUPS = 100  # nesting depth
 Piece = bytes | memoryview  # a memoryview avoids a copy of large arrays
 
 
@@ -197,8 +196,6 @@ class _Decoder:
             raise self.fail(at, "malformed: a field with number 0")
         if wire_type == VARINT:
             return self.varint(start, end)[1]
-        if wire_type == BEGIN_GROUP:
-            return self.end_of_group(start, end)
         if wire_type == LENGTH:
             size, start = self.varint(start, end)
         elif wire_type in (EIGHT_BYTES, FOUR_BYTES):
@@ -208,23 +205,6 @@ class _Decoder:
         if start + size > end:
             raise self.fail(at, f"truncated: field {number} has {size} bytes, but {end - start} are left")
         return start + size
-
-    def end_of_group(self, at: int, end: int) -> int:
-        """Offset of the end of the group whose first field starts at ``at``."""
-        depth = 1
-        while depth:
-            begin = at
-            key, at = self.varint(at, end)
-            wire_type = key & 7
-            if wire_type == BEGIN_GROUP:
-                depth += 1
-            elif wire_type == END_GROUP:
-                depth -= 1
-            else:
-                at = self.end_of(wire_type, key >> 3, at, end, begin)
-            if depth > MAX_GROUPS:
-                raise self.fail(begin, f"groups are nested more than {MAX_GROUPS} deep")
-        return at
 
     def row(self, dtype: np.dtype[Any], at: int, start: int, end: int) -> tuple[int, NDArray[Any]]:
         """Decode consecutive numbers that each have the same key; returns the end offset and an array.

@@ -16,7 +16,6 @@ import numpy as np
 import netlib
 from netlib.proto import prototxt
 from netlib.snapshots import snapshot
-from tests.caffe.reduce import slices
 
 FOLDER = Path(__file__).resolve().parent
 
@@ -134,6 +133,15 @@ def layer_cases() -> list[Case]:
     assert not single.size, "numbers left over: layers.json and layers.h5 do not belong together"
     assert not difference.size
     return cases
+
+
+def slices(text: str) -> Any:
+    """Convert a text such as ``[:, ::2]`` to an index."""
+    if text == "[...]":
+        return ...
+    return tuple(
+        slice(*(int(n) if n.strip() else None for n in axis.split(":"))) for axis in text.strip("[]").split(",")
+    )
 
 
 # ---------------------------------------------------------------------------------------------- solvers

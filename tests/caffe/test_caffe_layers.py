@@ -25,27 +25,15 @@ RUNNING = [
 
 @pytest.mark.parametrize(("case", "dtype"), RUNNING)
 def test_layer(case: Case, dtype: Any) -> None:
-    """Tops, input gradients, parameter gradients and changed parameters of a layer agree with Caffe."""
     found = differences(case, dtype)
     assert len(found) >= case.results(dtype)
     assert {what: far for what, far in found.items() if not far <= TOLERANCE[dtype]} == {}
 
 
 def test_no_case_is_lost() -> None:
-    """All 122 cases run forward and, if recorded, backward."""
     cases = layer_cases()
     assert len({case.name for case in cases}) == 122
     assert [case.name for case in cases if not case.types <= KNOWN] == []
     assert sum(case.backward for case in cases) == 116
     for dtype in TOLERANCE:
         assert sum(case.results(dtype) for case in cases) >= 355
-
-
-def test_a_wrong_number_is_found() -> None:
-    """A result that differs, is infinite or has another shape is detected."""
-    (case,) = [case for case in layer_cases() if case.name == "conv_k5"]
-    array = case.arrays["top/y"]
-    assert array.differs(array.single) == 0
-    assert array.double is not None and array.differs(array.double) == 0
-    for wrong in (array.single * np.float32(1.0001), array.single * np.float32(np.inf), array.single[:1]):
-        assert array.differs(wrong) > 1e-5

@@ -1,7 +1,7 @@
-"""Compare netlib's logs of training, resuming, signals, tests and timing with those of real Caffe; test plot_log.
+"""Compare netlib's logs of training and signals with those of real Caffe; test plot_log. See tests/tools/test_caffe.py.
 
-Only the text after ``] `` is compared. Three things are not: durations; the losses of sigint.log and time.log,
-whose trainings started with Caffe's own random weights; and the lines on how a net is built, which netlib lacks.
+Only the text after ``] `` is compared. Three things are not: durations; the losses of sigint.log, whose training
+started with Caffe's own random weights; and the lines on how a net is built, which netlib lacks.
 """
 
 from __future__ import annotations
@@ -14,15 +14,11 @@ import pytest
 
 import netlib
 from netlib.errors import DataError
-from netlib.snapshots import binary_format, snapshot
 from netlib.updates import learning_rate
-from tests.caffe.recorded import FOLDER, check_same_log, log_lines, said, same_print, solver_text, texts, words
-from tests.support.running import run_tool
+from tests.caffe.recorded import FOLDER, check_same_log, log_lines, said, same_print, solver_text, words
 from tools import plot_log
 
 pytestmark = pytest.mark.both_engines
-
-ROOT = FOLDER.parents[1]
 
 
 def solver_of(log: str, tmp_path: Path, **changes: str) -> netlib.Solver:
@@ -32,45 +28,16 @@ def solver_of(log: str, tmp_path: Path, **changes: str) -> netlib.Solver:
     return netlib.get_solver(tmp_path / "solver.prototxt")
 
 
-def trained(solvers: Path, tmp_path: Path) -> None:
-    """Train as Caffe did in a_avgloss.log."""
-    assert solver_of("a_avgloss.log", tmp_path, weights='"init.caffemodel.h5"').solve()
-
-
 def test_the_log_of_a_training(solvers: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """The log has Caffe's losses with average_loss, tests, learning rates, snapshots, last test and last line."""
     caplog.set_level("INFO", "netlib")
-    trained(solvers, tmp_path)
+    assert solver_of("a_avgloss.log", tmp_path, weights='"init.caffemodel.h5"').solve()
     theirs = said(log_lines("a_avgloss.log"))[:-1]  # the last line is the command line's, not the solver's
     assert len(theirs) > 30
     check_same_log(said(caplog.messages), theirs)
     for line in ("Creating training net from net file: net.prototxt", "Finetuning from init.caffemodel"):
         assert line in log_lines("a_avgloss.log")
         assert line in [message.removesuffix(".h5") for message in caplog.messages]
-
-
-def test_the_log_file_of_a_training(solvers: Path, tmp_path: Path) -> None:
-    """The log file that tools/train.py writes has Caffe's text after its time stamps."""
-    solver_of("a_avgloss.log", tmp_path, weights='"init.caffemodel.h5"')
-    run_tool("train", tmp_path / "solver.prototxt", "--log", tmp_path / "train.log")
-    lines = (tmp_path / "train.log").read_text(encoding="utf-8").splitlines()
-    check_same_log(said(texts(lines)), said(log_lines("a_avgloss.log"))[:-1])
-
-
-def test_the_log_of_a_resumed_training(solvers: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """A run resumed from a state without data position and losses, as Caffe's are, writes the same log as Caffe."""
-    trained(solvers, tmp_path)
-    state = snapshot.read_state(tmp_path / "a_iter_8.solverstate")
-    state.extra = {}  # fields that Caffe does not write
-    (tmp_path / "a_iter_8.solverstate").write_bytes(binary_format.state_image(state))
-    caplog.clear()
-    caplog.set_level("INFO", "netlib")
-    assert solver_of("a_resume_from8.log", tmp_path).solve(tmp_path / "a_iter_8.solverstate")
-    theirs = said(log_lines("a_resume_from8.log"))[:-1]
-    assert len(theirs) > 20
-    check_same_log(said(caplog.messages), theirs)
-    assert "SGDSolver: restoring history" in caplog.messages
-    assert "SGDSolver: restoring history" in log_lines("a_resume_from8.log")
 
 
 def test_the_log_of_signals(solvers: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -93,30 +60,6 @@ def test_the_log_of_signals(solvers: Path, tmp_path: Path, caplog: pytest.LogCap
         assert same_print(float(np.float32(learning_rate(solver.param, int(iteration)))), rate)
 
 
-def test_the_log_of_a_test(solvers: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """Every loss of ``caffe test`` over three batches agrees, and so does the mean, as printed in a solver's test."""
-    theirs = log_lines("test.log")
-    net = netlib.Net("net.prototxt", "init.caffemodel.h5", netlib.TEST)
-    losses = [float(net.forward()["loss"]) for _ in range(3)]
-    batches = [line for line in theirs if line.startswith("Batch ")]
-    check_same_log([f"Batch {i}, loss = {loss:.6g}" for i, loss in enumerate(losses)], batches)
-    assert same_print(f"{np.mean(losses):.6g}", theirs[-2].removeprefix("Loss: "))
-    solver = solver_of("a_avgloss.log", tmp_path, weights='"init.caffemodel.h5"')
-    caplog.set_level("INFO", "netlib")
-    solver.test(0)
-    check_same_log([caplog.messages[-1].strip()], [f"Test net output #0: {theirs[-1]}"])
-
-
-def test_the_log_of_timing(solvers: Path) -> None:
-    """tools/time.py prints the lines of ``caffe time`` in the same order, and one for an item of the batch."""
-    mine, theirs = run_tool("time", "net.prototxt", "--iterations", "3").out.splitlines(), log_lines("time.log")
-    (of_item,) = [line for line in mine if line.startswith("Per item of the batch of 8: ")]
-    mine.remove(of_item)
-    cut = [lines[lines.index("*** Benchmark begins ***") :] for lines in (mine, theirs)]
-    numberless = [[re.sub(r": \S+ ms", ": # ms", line) for line in lines] for lines in cut]
-    assert numberless[0] == numberless[1] and len(cut[0]) == 27
-
-
 # Log -> number of losses, the first and the last; number of tests, the first and the last
 CURVES = {
     "a_avgloss.log": (7, (0, 2.5937), (18, 1.55806), 5, (0, 2.68399), (20, 2.04981)),
@@ -128,7 +71,6 @@ CURVES = {
 
 @pytest.mark.parametrize("name", CURVES)
 def test_plot_log_reads_caffes_trainings(name: str) -> None:
-    """plot_log reads all losses and tests of Caffe's logs, with their iterations."""
     log = plot_log.read_log(FOLDER / "logs" / name)
     ((_, test),) = log.test.items()
     assert (len(log.loss), log.loss[0], log.loss[-1], len(test), test[0], test[-1]) == CURVES[name]
@@ -139,6 +81,5 @@ def test_plot_log_reads_caffes_trainings(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["test.log", "time.log"])
 def test_plot_log_says_that_others_are_no_trainings(name: str) -> None:
-    """plot_log rejects the logs of ``caffe test`` and ``caffe time``, which have no curve."""
     with pytest.raises(DataError, match="expected a training log"):
         plot_log.read_log(FOLDER / "logs" / name)

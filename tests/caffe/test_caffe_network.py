@@ -13,17 +13,9 @@ import numpy as np
 import pytest
 
 import netlib
-from tests.caffe.recorded import check_same_log, layer_cases, log_lines, said, solver_text
+from tests.caffe.recorded import check_same_log, log_lines, said, solver_text
 
 pytestmark = pytest.mark.both_engines
-
-
-def test_a_clone_has_the_small_network() -> None:
-    """A clone has a case with the convolutions, poolings, fully connected layer and loss of the paper's network."""
-    (case,) = [case for case in layer_cases() if case.name == "chain_deepmodel_small"]
-    assert case.types == {"Input", "Convolution", "ReLU", "Pooling", "InnerProduct", "EuclideanLoss"}
-    assert case.backward
-    assert case.types <= set(netlib.layer_type_list())
 
 
 def test_the_papers_network_follows_caffe_for_50_iterations(

@@ -6,12 +6,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import pytest
 
 import netlib
-from tests.caffe import reduce
 from tests.caffe.recorded import (
     FOLDER,
     Array,
@@ -25,23 +23,18 @@ from tests.caffe.recorded import (
 )
 
 
-def test_the_recordings_are_small() -> None:
-    """All files that are not written by hand have less than 3 MB together."""
-    files = [path for path in FOLDER.rglob("*") if path.is_file() and path.suffix not in (".py", ".pyc", ".md")]
-    assert sum(path.stat().st_size for path in files) <= reduce.LIMIT
-
-
-def test_every_number_is_one_that_caffe_recorded(whole: Path, tmp_path: Path) -> None:
-    """reduce.py reproduces the files of this folder; their arrays equal those of the whole recordings, bit for bit."""
-    reduce.main(whole, tmp_path)
-    made = sorted(path.relative_to(tmp_path) for path in tmp_path.rglob("*") if path.is_file())
-    assert len(made) > 60
-    for path in made:
-        mine, again = contents(FOLDER / path), contents(tmp_path / path)
-        assert mine.keys() == again.keys(), path
-        assert all(mine[key] == again[key] for key in mine), path
+def test_every_number_is_one_that_caffe_recorded(whole: Path) -> None:
+    """The layer cases and the trajectories equal the whole recordings, bit for bit; other files are copies."""
+    made = ("layers.json", "layers.h5", "hdf5data.npz", "trajectories.h5")  # from these recordings
+    for path in sorted(FOLDER.rglob("*")):
+        if path.is_file() and path.suffix not in (".py", ".pyc", ".md") and path.name not in made:
+            assert path.read_bytes() == (whole / path.relative_to(FOLDER)).read_bytes(), path
+    stacked, batches = (np.load(folder / "hdf5data/hdf5data.npz") for folder in (FOLDER, whole))
+    for key, array in stacked.items():
+        assert all(np.array_equal(batch, batches[f"{key}/{i}"]) for i, batch in enumerate(array)), key
     recorded = dict(np.load(whole / "layers.npz"))
     for case in layer_cases():
+        assert case.prototxt == (whole / f"layers/{case.name}.prototxt").read_text()
         for part, array in case.arrays.items():
             key = f"{case.name}/{part}"
             assert recorded[key][array.kept].tobytes() == array.single.tobytes()
@@ -51,28 +44,12 @@ def test_every_number_is_one_that_caffe_recorded(whole: Path, tmp_path: Path) ->
     assert sum(len(case.arrays) for case in layer_cases()) == sum("_f64" not in key for key in recorded) - 2
     for name in solver_cases():
         steps = np.load(whole / f"solvers/traj_{name}.npz")
-        for (layer, index), after in trajectory(name).weights.items():
+        ours = trajectory(name)
+        assert np.array_equal(ours.losses, steps["loss_last_subbatch"])
+        assert np.array_equal(ours.printed_losses, steps["loss_printed"])
+        assert np.array_equal(ours.printed_rates, steps["lr_printed"])
+        for (layer, index), after in ours.weights.items():
             assert all(np.array_equal(array, steps[f"w/{layer}/{index}"][i]) for i, array in after.items())
-
-
-def contents(path: Path) -> dict[str, Any]:
-    """Return the contents of a file; compressed arrays as numbers, since their bytes depend on the compressor."""
-    if path.suffix == ".npz":
-        return {key: array.tobytes() for key, array in np.load(path).items()}
-    if path.name not in ("layers.h5", "trajectories.h5"):
-        return {"": path.read_bytes()}
-    with h5py.File(path) as file:
-        found = {"cases": file["cases"][()].tolist()} if "cases" in file else {}
-        for key in (key for key in keys_of(file) if key != "cases"):
-            found[key] = (file[key][...].tobytes(), list(file[key].attrs.get("iterations", [])))
-        return found
-
-
-def keys_of(file: h5py.File) -> list[str]:
-    """Return the names of all arrays."""
-    keys: list[str] = []
-    file.visititems(lambda name, item: keys.append(name) if isinstance(item, h5py.Dataset) else None)
-    return keys
 
 
 @pytest.mark.both_engines
@@ -80,7 +57,7 @@ def keys_of(file: h5py.File) -> list[str]:
 def test_the_large_layer_cases_agree_in_whole(whole: Path, dtype: Any, tolerance: float) -> None:
     """The large layer cases agree in full, including the parts that a clone does not have."""
     recorded = dict(np.load(whole / "layers.npz"))
-    names = {key.split("/")[0] for key in reduce.KEPT}
+    names = {case.name for case in layer_cases() if any(array.kept is not ... for array in case.arrays.values())}
     assert len(names) == 4
     for entry in json.loads((whole / "layers_index.json").read_text()):
         name = entry["case"]

@@ -21,7 +21,6 @@ from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
-from netlib.caffe import blob_from_images
 from tools import make_synthetic
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -154,7 +153,7 @@ def classifier(folder: Path) -> None:
     softmax = 'layer { name: "prob" type: "Softmax" bottom: "fc" top: "prob" }\n'
     (folder / "deploy.prototxt").write_text(CLASSIFIER + fully_connected("fc", "pool", 3) + softmax, encoding="utf-8")
     net = netlib.Net(folder / "deploy.prototxt", netlib.TEST, seed=1)
-    pool = net.forward(["pool"], data=blob_from_images(images, 1.0, (32, 32), (104, 117, 123)))["pool"]
+    pool = net.forward(["pool"], data=cv2.dnn.blobFromImages(images, 1.0, (32, 32), (104, 117, 123)))["pool"]
     net.params["fc"][0].data[...] = 2 * np.linalg.pinv(pool.reshape(len(CLASSES), -1)).T
     net.save(folder / "net.caffemodel")
 
@@ -164,7 +163,6 @@ BY_DOCUMENT: dict[str, tuple[Callable[[Path], Names], ...]] = {
     "docs/caffe.md": (nets,),
     "docs/caffe_nets.md": (classifier,),
     "docs/caffe_tools.md": (pictures,),
-    "docs/camera.md": (frames,),
     "docs/data.md": (frame,),
     "docs/fit.md": (frames, frame),
     "docs/onnx.md": (frame,),

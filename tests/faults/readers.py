@@ -1,6 +1,6 @@
-"""All readers: functions that write small good files to the working directory, and functions that read them.
+"""Readers: functions that write small good files to the working directory, and functions that read them.
 
-A module that opens files of others has a row in ``READERS``.
+Databases, recordings, tracks, models and data sets of hands are damaged in their own tests.
 """
 
 from __future__ import annotations
@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import io
-import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -19,35 +18,18 @@ import h5py
 import numpy as np
 
 import netlib
-from handpose.datasets import examples, icvl_files, labels, nyu_files, published_frames
-from handpose.datasets.preparation import PreparedSplit, refuse_foreign
-from handpose.estimate import packaged
-from handpose.fit.joints import companions
-from handpose.frames import camera_file, images
-from handpose.frames.cameras import NYU, Camera
-from handpose.frames.inspection import inspect
-from handpose.frames.opening import open_recording
-from handpose.frames.raw import calibration_of
-from handpose.frames.recording import CameraInfo
-from handpose.output.tracks.json_file import JsonLinesWriter, JsonWriter, read_track
-from handpose.scoring import published_predictions
 from handpose.synthetic import prior_file
-from layers.data.images import decode_datum
 from layers.hand import skeleton
-from netlib import files
 from netlib.caffe.io import load_image
 from netlib.errors import NetlibError
-from netlib.files.hdf5 import File, read_list
 from netlib.proto import prototxt, wire
 from netlib.proto.upgrade import AnyNetParameter
 from netlib.snapshots import snapshot
-from tests.support import bags
-from tests.support.caffe_messages import datum, write_blob, write_database
+from tests.support.caffe_messages import write_blob
 from tests.support.layer_cases import CASES
-from tests.support.made_tracks import any_track, header_of
 from tests.support.nets import inputs
 from tests.support.running import ROOT
-from tools import compute_image_mean, plot_log, upgrade_net
+from tools import compute_image_mean
 
 RECORDED = ROOT / "tests" / "caffe"
 OLD_NET = """name: "old" input: "x" input_dim: 2 input_dim: 3 input_dim: 4 input_dim: 4
@@ -56,27 +38,11 @@ layers { name: "c" type: CONVOLUTION bottom: "x" top: "c" blobs_lr: 1 blobs_lr: 
 layers { name: "i" type: INNER_PRODUCT bottom: "c" top: "i" inner_product_param { num_output: 2 } BLOBS }
 """
 DATA_LAYER = """layer { name: "d" type: "%s" top: "data" top: "label" %s
-    hdf5_data_param { source: "list.txt" batch_size: 6 } image_data_param { source: "list.txt" batch_size: 5 }
-    data_param { source: "db" backend: LMDB batch_size: 4 } }"""
+    hdf5_data_param { source: "list.txt" batch_size: 6 } image_data_param { source: "list.txt" batch_size: 5 } }"""
 PRODUCT = inputs(data=(1, 3, 4, 5)) + """layer { name: "p" type: "InnerProduct" bottom: "data" top: "y"
     inner_product_param { num_output: 3 weight_filler { type: "xavier" } } }"""
 HAND = inputs(x=(2, 47)) + """layer { name: "h" type: "HandModel" bottom: "x" top: "y"
     hand_model_param { skeleton: "hand.prototxt" } }"""
-CAMERA_JSON = """{"name": "own", "fx": 60.0, "fy": 60, "u0": 32, "v0": 24.5, "width": 64, "height": 48,
- "unit_mm": 0.125, "rate": 30, "distortion": {"model": "brown_conrady", "coefficients": [0.1, -0.02, 0.001, 0, 0]}}
-"""
-REALSENSE_JSON = """{"width": 64, "height": 48, "ppx": 31.5, "ppy": 23.5, "fx": 60, "fy": 60, "model": "Brown Conrady",
- "coeffs": [0, 0.01, 0, 0, 0], "depth_scale": 0.001, "fps": 30}
-"""
-CAMERA_YAML = """image_width: 64
-camera_matrix: {rows: 3, cols: 3, data: [60, 0, 31.5, 0, 60, 23.5, 0, 0, 1]}
-distortion_coefficients:
-  data: [0, 0.01, 0,
-         0, 0]
-image_height: 48
-"""
-CAMERA_XML = """<?xml version="1.0"?><opencv_storage><mtx type_id="opencv-matrix"><rows>3</rows>
-<data>60. 0. 31.5 0. 60. 23.5 0. 0. 1.</data></mtx></opencv_storage>"""
 
 
 class Reader(NamedTuple):
@@ -226,21 +192,6 @@ def unchanged_if_refused(content: Callable[[], Any]) -> Any:
         raise
 
 
-def make_model() -> list[str]:
-    """Write the folder of a model, whose card has checksums of its weights and its net."""
-    Path("model").mkdir()
-    put("model/deploy.prototxt", PRODUCT)
-    put("model/w.h5", "weights" * 100)
-    weights, net = (hashlib.sha256(Path("model", x).read_bytes()).hexdigest() for x in ("w.h5", "deploy.prototxt"))
-    front = f"name: m\ncaffemodel: w.h5\nlicense: MIT\nsha256: {weights}\nnet_sha256: {net}\n"
-    return [put("model/readme.md", f"---\n{front}---\n\n# A model\n"), "model/w.h5", "model/deploy.prototxt"]
-
-
-def read_model(path: Path) -> Any:
-    card = packaged.read_card(Path("model"))
-    return packaged.checked_weights(card).read_bytes(), packaged.net_content(packaged.checked_net(card))
-
-
 def read_batches(path: Path) -> None:
     net = netlib.Net("net.prototxt", netlib.TRAIN, seed=1)
     for _ in range(3):
@@ -277,172 +228,6 @@ def read_pictures(path: Path) -> None:
     run_tool(compute_image_mean.main, "list.txt", "-resize_width=4", "-resize_height=4")
 
 
-def make_database() -> list[str]:
-    """Write a database of pixels, floats and a picture, and its last entries as files."""
-    rng = np.random.default_rng(0)
-    entries = [datum(rng.integers(0, 256, (3, 8, 8)).astype(np.uint8), i) for i in range(6)]
-    entries.append(datum(rng.normal(size=(3, 8, 8)).astype(np.float32), 6))
-    entries.append(datum(cv2.imencode(".png", np.zeros((8, 8, 3), np.uint8))[1].tobytes(), 7))
-    write_database(Path("db"), entries)
-    for i, entry in enumerate(entries):
-        Path(f"{i}.datum").write_bytes(entry)
-    put("net.prototxt", DATA_LAYER % ("Data", ""))
-    return ["db/data.mdb", "5.datum", "6.datum", "7.datum"]
-
-
-def read_database(path: Path) -> None:
-    if path.suffix == ".datum":
-        decode_datum(files.read_bytes(path, "an entry"), True, str(path))
-    else:
-        read_batches(path)
-
-
-def make_depth() -> list[str]:
-    """Write a 16-bit frame, a frame in NYU's colours and a crop, as PNG, whose chunks have checksums."""
-    return [put_picture("own.png", (48, 64), np.uint16), put_picture("nyu.png", (48, 64, 3)),
-            put_picture("crop.png", (32, 32))]
-
-
-def read_depth(path: Path) -> Any:
-    if path.name == "crop.png":
-        return images.read_crop(path)
-    return images.read_frame(path, CameraInfo(Camera(path.stem, 60, 60, 32, 24, 0, 0)))
-
-
-def make_nyu() -> list[str]:
-    """Write the annotation of a small split in MATLAB's format 7.3."""
-    xyz = np.random.default_rng(0).normal(0, 50, (6, 36, 3)) + (0, 0, 700)
-    with h5py.File("seven.mat", "w", userblock_size=512) as file:
-        file["joint_uvd"] = np.ascontiguousarray(NYU.project(xyz)[None].T)
-        file["joint_xyz"] = np.ascontiguousarray(xyz[None].T)
-    return ["seven.mat"]
-
-
-def make_annotations() -> list[str]:
-    """Write labels of ICVL, crop centres as text and as NumPy files, and published predictions."""
-    rng = np.random.default_rng(0)
-    uvd, centers = rng.normal(0, 8, (4, 48)) + [160, 120, 400] * 16, rng.normal(0, 8, (5, 3)) + (160, 120, 400)
-    lines = [f"seq/image_{i:04d}.png " + " ".join(f"{n:.3f}" for n in row) for i, row in enumerate(uvd)]
-    np.savetxt("centers.txt", centers)
-    np.save("centers.npy", centers)
-    np.savez_compressed("centers.npz", center_uvd=centers, other=centers)
-    return [put("labels.txt", "\n".join(lines) + "\n"), "centers.txt", "centers.npy", "centers.npz",
-            put("joints.txt", "320 240 700  330.5 230 512\n" * 4)]
-
-
-def read_annotations(path: Path) -> None:
-    if path.name == "labels.txt":
-        icvl_files.read_annotation([path])
-    elif path.stem == "centers":
-        published_frames.read_centers(path, 5)
-    elif published_predictions.is_list(path):
-        read_list(str(path), None)
-    else:
-        published_predictions.read_joints(path, 2, "uvd", NYU)
-
-
-def make_logs() -> list[str]:
-    shutil.copy(RECORDED / "logs" / "a_avgloss.log", "caffe.log")
-    return ["caffe.log", put("short.log", "Iteration 20 (5 iter/s, 1s/20 iters), loss = 0.5\nIteration 40, loss = 1\n")]
-
-
-def make_examples() -> list[str]:
-    put_rows("a.h5", depth=(5, 1, 16, 16), joint=(5, 93))
-    put_rows("b.h5", depth=(3, 16, 16))
-    return ["a.h5", "b.h5", put("list.txt", "a.h5\nb.h5\n")]
-
-
-def make_labels() -> list[str]:
-    """Write a file of frames with all of its data sets, and its companion."""
-    put_rows("part.h5", joint=(6, 93))
-    uvd = np.random.default_rng(0).normal(0, 20, (6, 3)) + (320, 240, 700)
-    with h5py.File("part.h5", "a") as file:
-        file["half_cube"], file["center_uvd"], file["center"] = np.full(6, 150.0), uvd, NYU.unproject(uvd)
-    fit_companion()
-    return ["part.h5", "angles/part.h5"]
-
-
-def fit_companion() -> None:
-    """Fit the angles for a file of frames, unless the companion is complete."""
-    with contextlib.suppress(OSError):
-        os.utime("part.h5", ns=(10**18, 10**18))  # a companion stores the modification time of its file
-    companions.fit_list([Path("part.h5")], Path("angles"), "list.txt", skeleton.load(), starts=1)
-
-
-def read_labels(path: Path) -> None:
-    labels.read(Path("part.h5"), [31])
-    labels.read_crop_centers([File(Path("part.h5"), ("joint",))])
-    fit_companion()
-
-
-def make_parts() -> list[str]:
-    """Write a prepared data set of three frames, one of which is missing."""
-    Path("out").mkdir()
-    for i in range(2):
-        put_picture(f"{i}.png", (48, 64, 3), seed=i)
-    prepare_data()
-    return ["out/test_000.h5", "out/test.txt", "out/bad_test.txt", "1.png"]
-
-
-def prepare_data() -> None:
-    frames = published_frames.PublishedFrames(
-        split="test", files=[Path(f"{i}.png") for i in range(3)], center_uvd=np.full((3, 3), (32, 24, 700.0)),
-        joints=np.zeros((3, 31, 3)) + (0, 0, 700), cube_mm=np.full(3, 3e5), camera=Camera("a", 60, 60, 32, 24, 64, 48),
-        read=lambda path: images.unpack_depth(images.read_png(path)), made_from="a test", centre="nothing",
-    )
-    split = PreparedSplit(frames, Path("out"))
-    refuse_foreign([split], ["a test"])
-    split.write_list(split.write(1, lambda count: None, lambda i, error: None))
-
-
-def read_parts(path: Path) -> None:
-    """Continue the preparation of a data set from the existing files."""
-    try:
-        prepare_data()
-    except OSError as error:  # of writing in the place of what is no file, as the tools print it
-        raise NetlibError(f"{error.filename}: {error.strerror}") from error
-
-
-def read_camera_json(path: Path) -> None:
-    given = camera_file.read(path)
-    raw = np.full((48, 64), 4000, np.uint16)
-    calibration_of(given, given, given, raw.shape, raw.dtype, str(path)).decoder(str(path))(raw)
-
-
-def make_recordings() -> list[str]:
-    """Write a folder of frames, stacks with all optional entries, and bags of ROS 1 and 2."""
-    depth = np.random.default_rng(0).integers(0, 4000, (4, 48, 64)).astype(np.uint16)
-    Path("frames").mkdir()
-    put("camera.json", CAMERA_JSON)
-    np.save("whole.npy", depth)
-    np.savez("plain.npz", depth=depth, time=np.arange(4) / 30, fx=60.0, fy=60.0, u0=32.0, v0=24.0, unit_mm=0.125)
-    np.savez_compressed("packed.npz", depth=depth, camera=np.array(CAMERA_JSON))
-    bags.write_realsense(Path("realsense.bag"), depth)
-    bags.write_ros1(Path("packed.bag"), depth, compression="LZ4")
-    bags.write_ros2(Path("ros2"), depth)
-    bags.write_ros2(Path("mcap"), depth, storage="MCAP")
-    return [*[put_picture(f"frames/{i:03}.png", (48, 64), np.uint16, i) for i in range(3)],
-            put("frames/camera.json", CAMERA_JSON), "whole.npy", "plain.npz", "packed.npz", "realsense.bag",
-            "packed.bag", "ros2/metadata.yaml", "ros2/ros2.db3", "mcap/mcap.mcap"]
-
-
-def read_recording(path: Path) -> None:
-    """Inspect a recording, then read all its frames; for a file of a folder, those of the folder."""
-    with open_recording(path.parent if path.suffix in (".png", ".json", ".yaml") else path) as recording:
-        inspect(recording)
-        for _ in recording:
-            pass
-
-
-def make_tracks() -> list[str]:
-    header = header_of(skeleton.load())
-    for path, kind in (("a.json", JsonWriter), ("b.jsonl", JsonLinesWriter)):
-        with kind(Path(path), header) as writer:
-            for frame in any_track(header, 1, 2):
-                writer.write(frame)
-    return ["a.json", "b.jsonl"]
-
-
 def digest(value: Any) -> str:
     """Digest of a value made of arrays, numbers and texts; equal values have equal digests."""
     if isinstance(value, np.ndarray):
@@ -458,25 +243,10 @@ READERS = (
     Reader("net", make_nets, run_once),
     Reader("solver", make_training, read_solver),
     Reader("skeleton", make_skeleton, read_skeleton),
-    Reader("net to upgrade", lambda: [put("new.prototxt", OLD_NET.replace("BLOBS", "")), make_weights()[0]],
-           lambda path: run_tool(upgrade_net.main, str(path), "upgraded.prototxt")),
     Reader("weights", make_weights, read_weights),
     Reader("state", make_states, read_state, exact=True),
     Reader("state of an earlier version",
            lambda: [*make_training()[3:], "older_iter_5.solverstate.h5", "older_iter_5.caffemodel.h5"], read_state),
-    Reader("model", make_model, read_model, exact=True),
     Reader("HDF5 data", make_hdf5, read_batches),
     Reader("pictures", make_pictures, read_pictures),
-    Reader("LMDB", make_database, read_database),
-    Reader("depth picture", make_depth, read_depth, exact=True),
-    Reader("NYU's annotation", make_nyu, nyu_files.read_annotation),
-    Reader("annotations", make_annotations, read_annotations),
-    Reader("log", make_logs, plot_log.read_log),
-    Reader("examples", make_examples, lambda path: examples.examples_of(path, 4)),
-    Reader("labels", make_labels, read_labels),
-    Reader("prepared data", make_parts, read_parts),
-    Reader("camera.json", lambda: [put("own.json", CAMERA_JSON), put("realsense.json", REALSENSE_JSON),
-                                   put("ros.yaml", CAMERA_YAML), put("opencv.xml", CAMERA_XML)], read_camera_json),
-    Reader("recording", make_recordings, read_recording),
-    Reader("track", make_tracks, read_track),
 )

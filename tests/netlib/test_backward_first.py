@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import netlib
 from netlib.proto import prototxt
-from tests.layers.test_conformance import CASES, LAYER_TYPES
 
 pytestmark = pytest.mark.both_engines
 
@@ -90,22 +88,6 @@ def test_a_middle_blob_that_was_written_and_read_keeps_its_values() -> None:
     np.testing.assert_allclose(net.blobs["y"].data, [[1, -1], [0, 2]])
 
 
-def test_a_pass_layer_by_layer_is_complete() -> None:
-    """Layers that run one by one with new shapes have all run: the mask of a Dropout is not drawn again."""
-    text = (
-        X + LINEAR % ("a", "x", "y", 1) + layer("Dropout", bottom='bottom: "y"', top="r") + LINEAR % ("b", "r", "z", 1)
-    )
-    net = net_of(text)
-    net.forward()
-    net.blobs["x"].reshape(6, 3)
-    net.blobs["x"].data[...] = 1
-    for name in net.layer_dict:
-        net.forward(start=name, end=name)
-    assert net.backward(z=np.ones((6, 2)))["x"].shape == (6, 3)
-    np.testing.assert_array_equal(net.blobs["y"].diff != 0, net.blobs["r"].data != 0)
-    assert net.blobs["y"].diff.any()
-
-
 def test_a_part_that_has_run_is_not_run_again() -> None:
     """After a part with a new batch size, a full backward runs the rest and keeps the mask of the part."""
     net = net_of(X + layer("Dropout", top="r") + LINEAR % ("b", "r", "z", 1))
@@ -117,31 +99,6 @@ def test_a_part_that_has_run_is_not_run_again() -> None:
     mask = net.blobs["r"].data.copy()
     np.testing.assert_allclose(net.backward(z=np.ones((6, 2)))["x"], 2 * mask)
     np.testing.assert_allclose(net.blobs["r"].data, mask)
-
-
-@pytest.mark.parametrize("kind", ["BNLL", "ELU", "EuclideanLoss", "Exp", "LRN", "Normalize", "PReLU", "Pooling"])
-def test_the_gradient_is_that_after_a_forward_pass(kind: str) -> None:
-    options, make_bottoms, more = CASES[kind]
-    assert kind in LAYER_TYPES
-    bottoms = [np.asarray(x) for x in make_bottoms(2)]
-    names = [f"x{i}" for i in range(len(bottoms))]
-    text = "".join(
-        f'layer {{ name: "{name}" type: "Input" top: "{name}" input_param {{ shape {{ '
-        f'{" ".join(f"dim: {n}" for n in x.shape)} }} }} }}' for name, x in zip(names, bottoms)
-    )
-    text += layer(kind, options, " ".join(f'bottom: "{name}"' for name in names))
-    assert more.get("tops", 1) == 1
-    found = []
-    for is_first in (True, False):
-        net = net_of(text)
-        for name, x in zip(names, bottoms):
-            net.blobs[name].data[...] = x
-        if not is_first:
-            net.forward()
-        net.blobs["y"].diff[...] = np.random.default_rng(0).normal(size=net.blobs["y"].shape)
-        found.append(net.backward())
-    for name in names:
-        np.testing.assert_array_equal(found[0][name], found[1][name])
 
 
 RANDOM = {
@@ -158,20 +115,3 @@ def test_a_net_whose_forward_pass_changes_the_next_one_needs_forward_first(what:
         net.backward()
     np.testing.assert_array_equal(net.forward()["y"], other.forward()["y"])
     net.backward()
-
-
-def test_a_python_layer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "squared.py").write_text(
-        "import caffe\n"
-        "class Squared(caffe.Layer):\n"
-        "    def setup(self, bottom, top): pass\n"
-        "    def reshape(self, bottom, top): top[0].reshape(*bottom[0].data.shape)\n"
-        "    def forward(self, bottom, top): self.x = bottom[0].data.copy()\n"
-        "    def backward(self, top, propagate_down, bottom): bottom[0].diff[...] = 2 * self.x * top[0].diff\n"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
-    net = net_of(X + layer("Python", 'python_param { module: "squared" layer: "Squared" }'))
-    net.blobs["x"].data[...] = 5
-    net.blobs["y"].diff[...] = 7
-    net.backward()
-    assert (net.blobs["x"].diff == 70).all()

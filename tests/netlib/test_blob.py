@@ -9,7 +9,6 @@ from netlib.blob import Blob, Blobs, BlobVec
 
 
 def test_a_new_blob_is_zero() -> None:
-    """Data and diff are zero and have the given type."""
     blob = Blob((2, 3), np.float64)
     assert blob.data.tolist() == blob.diff.tolist() == [[0, 0, 0], [0, 0, 0]]
     assert blob.data.dtype == np.float64
@@ -45,7 +44,6 @@ def test_an_assigned_parameter_shares_its_memory() -> None:
 
 
 def test_reshape_takes_numbers_or_a_shape_and_forgets_values_only_with_another_count() -> None:
-    """reshape accepts sizes or a shape and clears the values only if the count changes, as in pycaffe."""
     blob = Blob((2, 3))
     blob.data[...] = 5
     blob.reshape(2, 3)
@@ -88,7 +86,6 @@ def test_add_blob_makes_a_parameter() -> None:
 
 
 def test_a_shared_blob_uses_its_owners_memory() -> None:
-    """Data and diff are shared, each blob has its own shape, and sharing is transitive."""
     owner, one, two = Blob((2, 3)), Blob((6,)), Blob((3, 2))
     one.share(owner)
     two.share(one)

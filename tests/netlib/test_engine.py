@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 
 import netlib
-from layers.hand.kinematics import Kinematics
-from layers.hand.skeleton import load
 from netlib import engine
 from netlib.engine import Engine, Step
+from tests.netlib.conftest import ONE_WEIGHT, MakeSolver
 from tests.support.running import run_python
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -35,7 +33,6 @@ NET = """
 
 
 def test_plain_is_always_there(net_of: MakeNet) -> None:
-    """The plain engine is selected by name, regardless of the default of the process."""
     net = net_of(NET, engine="plain")
     assert net.engine.name == "plain"
     assert type(net.engine) is Engine
@@ -44,7 +41,6 @@ def test_plain_is_always_there(net_of: MakeNet) -> None:
 
 @needs_fast
 def test_one_net_or_the_whole_process(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> None:
-    """``engine=`` applies to one net and NETLIB_ENGINE to all others; the default is fast."""
     monkeypatch.delenv("NETLIB_ENGINE", raising=False)
     assert net_of(NET).engine.name == "fast"
     monkeypatch.setenv("NETLIB_ENGINE", "plain")
@@ -53,7 +49,6 @@ def test_one_net_or_the_whole_process(net_of: MakeNet, monkeypatch: pytest.Monke
 
 
 def test_an_unknown_engine(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An unknown name raises an error that lists the known engines, whether it is an argument or NETLIB_ENGINE."""
     message = r"unknown engine 'plane' \(did you mean 'plain'\?\); known: fast, plain"
     with pytest.raises(netlib.NetlibError, match=message):
         net_of(NET, engine="plane")
@@ -63,7 +58,6 @@ def test_an_unknown_engine(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_without_its_folder_fast_is_refused_by_name_only(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without the folder fast/ the default is the plain engine; asking for ``fast`` raises an error."""
     monkeypatch.setattr("netlib.engine.has_fast", lambda: False)
     monkeypatch.delenv("NETLIB_ENGINE", raising=False)
     engine._engine.cache_clear()
@@ -78,7 +72,6 @@ def test_without_its_folder_fast_is_refused_by_name_only(net_of: MakeNet, monkey
 @needs_fast
 @pytest.mark.parametrize(("dtype", "tolerance"), [(np.float32, 2e-5), (np.float64, 1e-11)])
 def test_both_engines_give_the_same(net_of: MakeNet, rng: np.random.Generator, dtype: type, tolerance: float) -> None:
-    """Both engines draw the same random numbers; all blobs and gradients agree to rounding."""
     x, dy = rng.normal(size=(3, 1, 20, 18)), rng.normal(size=(3, 93))
     plain, fast = (net_of(NET, engine=name, dtype=dtype, seed=7) for name in ("plain", "fast"))
     for net in (plain, fast):
@@ -93,64 +86,11 @@ def test_both_engines_give_the_same(net_of: MakeNet, rng: np.random.Generator, d
 
 
 @needs_fast
-def test_a_solver_takes_an_engine(tmp_path: Path, write_rows: Callable[..., Path]) -> None:
-    """A solver's engine applies to all of its nets, and the losses of both engines agree."""
-    rows = write_rows("rows.txt", [12], x=(1, 8, 8), t=(3,))
-    (tmp_path / "net.prototxt").write_text(f"""
-        layer {{ name: "d" type: "HDF5Data" top: "x" top: "t" hdf5_data_param {{ source: "{rows}" batch_size: 4 }} }}
-        layer {{ name: "f" type: "InnerProduct" bottom: "x" top: "f"
-                 inner_product_param {{ num_output: 3 weight_filler {{ type: "xavier" }} }} }}
-        layer {{ name: "l" type: "EuclideanLoss" bottom: "f" bottom: "t" top: "loss" }}
-    """)
-    (tmp_path / "solver.prototxt").write_text(
-        f'net: "{tmp_path}/net.prototxt" base_lr: 0.01 momentum: 0.9 lr_policy: "fixed" random_seed: 3 test_iter: 1 '
-        "test_interval: 100 test_initialization: false"
-    )
-    solvers = [netlib.get_solver(tmp_path / "solver.prototxt", engine=name) for name in ("plain", "fast")]
-    for solver, name in zip(solvers, ("plain", "fast")):
+def test_a_solver_takes_an_engine(solver_of: MakeSolver) -> None:
+    solver_of(ONE_WEIGHT % "", "test_iter: 1 test_interval: 100")
+    for name in ("plain", "fast"):
+        solver = netlib.get_solver("solver.prototxt", engine=name)
         assert {net.engine.name for net in [solver.net, *solver.test_nets]} == {name}
-    for _ in range(10):
-        for solver in solvers:
-            solver.step(1)
-        assert solvers[0].loss == pytest.approx(solvers[1].loss, rel=1e-5)
-
-
-@needs_fast
-def test_both_engines_learn_the_size_of_a_hand(tmp_path: Path, write_rows: Callable[..., Path]) -> None:
-    """The hand's size, HandModel's second bottom, starts at 1 and converges to the true 1.3 on both engines."""
-    rows = write_rows("rows.txt", [70], x=(1, 8, 8), joint=(93,))
-    with h5py.File(tmp_path / "rows0.h5", "r+") as file:
-        poses = 0.02 * np.random.default_rng(2).normal(size=(70, 47))
-        file["joint"][...] = Kinematics(load().scaled(1.3)).joints(poses).reshape(70, 93)
-    (tmp_path / "net.prototxt").write_text(f"""
-        layer {{ name: "d" type: "HDF5Data" top: "x" top: "joint"
-                 hdf5_data_param {{ source: "{rows}" batch_size: 70 }} }}
-        layer {{ name: "c" type: "Convolution" bottom: "x" top: "c"
-                 convolution_param {{ num_output: 4 kernel_size: 3 weight_filler {{ type: "xavier" }} }} }}
-        layer {{ name: "r" type: "ReLU" bottom: "c" top: "c" }}
-        layer {{ name: "p" type: "Pooling" bottom: "c" top: "FC2" pooling_param {{ kernel_size: 2 stride: 2 }} }}
-        layer {{ name: "DoF" type: "InnerProduct" bottom: "FC2" top: "DoF"
-                 inner_product_param {{ num_output: 47 weight_filler {{ type: "gaussian" std: 0.01 }} }} }}
-        layer {{ name: "size" type: "InnerProduct" bottom: "FC2" top: "size"
-                 inner_product_param {{ num_output: 1 weight_filler {{ type: "gaussian" std: 0.001 }}
-                                        bias_filler {{ type: "constant" value: 1 }} }} }}
-        layer {{ name: "hand" type: "HandModel" bottom: "DoF" bottom: "size" top: "pred" }}
-        layer {{ name: "loss" type: "EuclideanLoss" bottom: "pred" bottom: "joint" top: "loss" }}
-    """)
-    (tmp_path / "solver.prototxt").write_text(
-        f'net: "{tmp_path}/net.prototxt" base_lr: 0.0005 momentum: 0.9 lr_policy: "fixed" random_seed: 3'
-    )
-    solvers = [netlib.get_solver(tmp_path / "solver.prototxt", engine=name) for name in ("plain", "fast")]
-    losses: list[list[float]] = []
-    for _ in range(40):
-        for solver in solvers:
-            solver.step(1)
-        losses.append([solver.loss for solver in solvers])
-    plain, fast = np.array(losses).T
-    assert np.allclose(plain, fast, rtol=1e-4)
-    assert plain[-1] < plain[0] / 5
-    for solver in solvers:
-        assert 1.2 < solver.net.blobs["size"].data.mean() < 1.4
 
 
 @pytest.mark.parametrize("value", ["", "fast"])
@@ -162,31 +102,7 @@ def test_an_empty_choice_is_no_choice(value: str) -> None:
     assert out.startswith("fast BLAS: ") and "as NumPy sets it up" not in out
 
 
-@pytest.mark.parametrize(
-    ("file", "before"),
-    [
-        ("fast.py", ""),
-        ("fast/__init__.py", ""),
-        ("layers.py", ""),
-        ("fast.py", "import fast"),
-        ("layers.py", "import layers"),
-    ],
-)
-@needs_fast
-def test_a_module_of_the_users_that_comes_first(tmp_path: Path, file: str, before: str) -> None:
-    """The project's packages are found despite user modules of the same name, also if imported before netlib."""
-    (tmp_path / file).parent.mkdir(exist_ok=True)
-    (tmp_path / file).write_text("")
-    (tmp_path / "run.py").write_text(
-        f"{before}\nimport sys; sys.path.append({str(ROOT)!r}); import netlib\n"
-        f"try: print(netlib.Net({str(ROOT / 'prototxt' / 'nyu_deploy.prototxt')!r}, netlib.TEST).engine.name)\n"
-        "except netlib.NetlibError as error: print(error)\n"
-    )
-    assert "fast" in run_python("run.py", cwd=tmp_path, NETLIB_ENGINE=None, PYTHONPATH=None).out
-
-
 def test_plain_has_one_thread() -> None:
-    """The plain engine always has one thread; set_threads(0) raises an error."""
     plain = engine.get("plain")
     plain.set_threads(3)
     assert plain.threads() == 1
@@ -196,7 +112,6 @@ def test_plain_has_one_thread() -> None:
 
 @pytest.mark.parametrize("name", ["plain", pytest.param("fast", marks=needs_fast)])
 def test_for_each(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    """for_each calls the function once for each item on either engine and raises its errors."""
     monkeypatch.setenv("NETLIB_ENGINE", name)
     done: list[int] = []
     engine.for_each(range(100), done.append)

@@ -14,7 +14,6 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def run(code: str, folder: Path, *paths: Path) -> str:
-    """Return the output of a program that runs in ``folder``."""
     return run_python("-c", code, cwd=folder, PYTHONPATH=os.pathsep.join(map(str, [ROOT, *paths]))).out.strip()
 
 
@@ -31,7 +30,6 @@ def test_once_asked_for_every_import_finds_it(tmp_path: Path) -> None:
 
 
 def test_it_wins_over_what_else_is_called_caffe(tmp_path: Path) -> None:
-    """install_as_caffe takes precedence over other modules named caffe, even one already imported."""
     (tmp_path / "caffe").mkdir()
     (tmp_path / "caffe" / "__init__.py").write_text("mine = 1")
     code = "import caffe; assert caffe.mine; import netlib; netlib.install_as_caffe(); import caffe; print(caffe.Net)"
@@ -52,7 +50,6 @@ def test_modules_that_a_fork_adds_to_the_package(tmp_path: Path) -> None:
 
 
 def test_what_is_not_there_is_missing_as_ever(tmp_path: Path) -> None:
-    """A missing module raises an ImportError with the name as written."""
     code = "import netlib; netlib.install_as_caffe()\ntry:\n    import caffe.nothing\nexcept ImportError as e: print(e)"
     assert run(code, tmp_path) == "No module named 'caffe.nothing'"
 
@@ -90,7 +87,6 @@ def test_a_python_layer_that_imports_caffe(tmp_path: Path, module: str) -> None:
 
 
 def test_an_installed_caffe_is_left_alone(tmp_path: Path) -> None:
-    """If a package named caffe is installed, a Python layer imports that one."""
     installed = tmp_path / "installed" / "caffe"
     installed.mkdir(parents=True)
     (installed / "__init__.py").write_text("import netlib\nclass Layer(netlib.Layer):\n    theirs = True\n")

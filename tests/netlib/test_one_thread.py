@@ -52,9 +52,6 @@ def in_a_thread(work: Callable[[], object]) -> BaseException | None:
     return raised[0] if raised else None
 
 
-# ---------------------------------------------------------------------------------------------- one net
-
-
 @pytest.mark.parametrize("use", ["forward", "backward", "reshape", "run_forward", "run_backward"])
 def test_a_second_thread_is_told(net_of: MakeNet, use: str) -> None:
     """A second thread gets an error while the first is inside a layer, but not afterwards."""
@@ -75,27 +72,19 @@ def test_a_second_thread_is_told(net_of: MakeNet, use: str) -> None:
     assert in_a_thread(getattr(net, use)) is None
 
 
-def test_inputs_of_a_thread_that_is_told_change_nothing(net_of: MakeNet, rng: np.random.Generator) -> None:
-    """The rejected call of another thread does not change the inputs."""
-    net, (mine, other) = net_of(NET), rng.normal(size=(2, 40, 1, 30, 30))
-    want = net.forward(x=mine)["f"].copy()
-    compute = net.layers[0].forward
-
-    def forward(bottom: netlib.Blobs, top: netlib.Blobs) -> None:
-        assert isinstance(in_a_thread(lambda: net.forward(x=other)), netlib.NetlibError)
-        compute(bottom, top)
-
-    net.layers[0].forward = forward  # type: ignore[method-assign]
-    assert np.array_equal(net.forward(x=mine)["f"], want)
-
-
-def test_slopes_of_a_thread_that_is_told_change_nothing(net_of: MakeNet) -> None:
-    """A refused backward pass does not write the given slopes into the diffs of the outputs."""
+@pytest.mark.parametrize("use", [
+    lambda net: net.forward(x=np.ones((40, 1, 30, 30))), lambda net: net.backward(f=np.ones((40, 7))),
+    lambda net: net.run_forward(0, 2), lambda net: net.run_backward(0, 2),
+], ids=["inputs", "slopes", "a part forwards", "a part backwards"])
+def test_a_thread_that_is_told_changes_nothing(net_of: MakeNet, use: Callable[[netlib.Net], object]) -> None:
+    """Neither inputs nor diffs change, nor the steps of the net, which the first thread may be running."""
     net = net_of(NET)
-    slopes = np.ones_like(net.forward()["f"])
+    net.forward()
+    steps = net.steps
     with net.one_thread:
-        assert isinstance(in_a_thread(lambda: net.backward(f=slopes)), netlib.NetlibError)
-    assert not net.blobs["f"].diff.any()
+        assert "in use by another thread" in str(in_a_thread(lambda: use(net)))
+    assert not net.blobs["x"].data.any() and not net.blobs["f"].diff.any()
+    assert net.steps is steps
 
 
 def test_reading_a_blob_that_is_not_stored_is_use(net_of: MakeNet) -> None:
@@ -110,17 +99,6 @@ def test_reading_a_blob_that_is_not_stored_is_use(net_of: MakeNet) -> None:
         assert in_a_thread(lambda blob=blob: blob.data) is None
 
 
-@pytest.mark.parametrize("use", ["run_forward", "run_backward"])
-def test_a_part_of_a_second_thread_changes_nothing(net_of: MakeNet, use: str) -> None:
-    """A refused partial pass does not replace the steps of the net, which the first thread may be running."""
-    net = net_of(NET)
-    net.forward()
-    steps = net.steps
-    with net.one_thread:
-        assert "in use by another thread" in str(in_a_thread(lambda: getattr(net, use)(0, 2)))
-    assert net.steps is steps
-
-
 def test_the_same_thread_may_enter_again() -> None:
     """The lock is released after as many exits as entries."""
     one = OneThread("a")
@@ -129,9 +107,6 @@ def test_the_same_thread_may_enter_again() -> None:
             pass
         assert in_a_thread(one.__enter__) is not None
     assert in_a_thread(one.__enter__) is None
-
-
-# ---------------------------------------------------------------------------------------------- two nets
 
 
 @pytest.mark.parametrize("shared", [False, True], ids=["own weights", "shared weights"])
@@ -188,9 +163,6 @@ for thread in threads: thread.join()
 print(len(made))
 """
     assert run_python("-c", program) == (0, "2\n", "")
-
-
-# ---------------------------------------------------------------------------------------------- a fork
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")

@@ -10,7 +10,6 @@ import pytest
 
 import netlib
 from netlib.blob import Array
-from netlib.caffe import blob_from_images
 from tests.support.caffe_messages import write_blob
 from tests.support.nets import inputs, ip
 from tests.support.running import Done, run_tool
@@ -57,7 +56,7 @@ def outputs_of(blob: Array, name: str = "prob") -> Array:
 def test_best_classes() -> None:
     """The best classes of each image are printed with their labels, best first."""
     lines = run("0.png", "1.png", "2.png", "--mean", "104,117,123", "--labels", "labels.txt", "--top", "2").out
-    prob = outputs_of(blob_from_images(images(), 1, (10, 8), (104, 117, 123)))
+    prob = outputs_of(cv2.dnn.blobFromImages(images(), 1, (10, 8), (104, 117, 123)))
     labels = Path("labels.txt").read_text().splitlines()
     expected = []
     for number in range(3):
@@ -68,9 +67,9 @@ def test_best_classes() -> None:
 
 def test_classes_without_labels() -> None:
     """Without labels the outputs of a Softmax are printed by number, and the range of any other blob."""
-    prob = outputs_of(blob_from_images(images()[:1], 1, (10, 8)))[0]
+    prob = outputs_of(cv2.dnn.blobFromImages(images()[:1], 1, (10, 8)))[0]
     assert run("0.png", "--top", "1").out == f"0.png: prob\n  {prob.max():.4f}  class {prob.argmax()}\n"
-    pool = outputs_of(blob_from_images(images()[:1], 1, (10, 8)), "pool")
+    pool = outputs_of(cv2.dnn.blobFromImages(images()[:1], 1, (10, 8)), "pool")
     assert run("0.png", "--blob", "pool").out == (
         f"0.png: pool (3, 7, 9), values from {pool.min():.6g} to {pool.max():.6g}, mean {pool.mean():.6g}\n"
     )
@@ -81,7 +80,7 @@ def test_blobs_in_files() -> None:
     assert run("0.png", "1.png", "2.png", "--blob", "fc/1", "--blob", "pool", "--out", "a.npz").out == (
         "wrote a.npz: fc/1 (3, 4), pool (3, 3, 7, 9)\n"
     )
-    blob = blob_from_images(images(), 1, (10, 8))
+    blob = cv2.dnn.blobFromImages(images(), 1, (10, 8))
     with np.load("a.npz") as file:
         assert sorted(file) == ["fc/1", "pool"]
         assert np.allclose(file["fc/1"], outputs_of(blob, "fc/1"), rtol=1e-5)
@@ -305,7 +304,7 @@ def test_the_surest_detections_in_pictures() -> None:
 
 def test_confusion() -> None:
     """Against the labels of a list, without a line for each image."""
-    prob = outputs_of(blob_from_images(images(), 1, (10, 8)))
+    prob = outputs_of(cv2.dnn.blobFromImages(images(), 1, (10, 8)))
     Path("list.txt").write_text("".join(f"{n}.png {label}\n" for n, label in enumerate((*prob[:2].argmax(axis=1), 3))))
     right = 2 + (prob[2].argmax() == 3)
     done = run("list.txt", "--labels", "labels.txt", "--confusion")

@@ -62,9 +62,6 @@ class LogFile(logging.FileHandler):
                 raise NetlibError(f"{self._path}: is a symbolic link; name the log file itself")
             self.stream = self._open()
             if path.is_file():  # terminals and the null device are not locked
-                if os.fstat(self.stream.fileno()).st_nlink > 1:
-                    self.close()
-                    raise NetlibError(f"{self._path}: has another name (a hard link), under which it would change, too")
                 if locks.take(self.stream.fileno()) is False:
                     self.close()
                     raise NetlibError(

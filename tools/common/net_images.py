@@ -11,38 +11,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from layers.data.images import read_image
 from netlib import files
 from netlib.blob import Array
-from netlib.caffe.images import blob_from_images
+from netlib.caffe.proto.ssd import LabelMap
 from netlib.errors import DataError, NetlibError, reason_of
 from netlib.net import Net
 from netlib.proto import prototxt, schema
 from netlib.proto.binaryproto import read_blob
-from netlib.proto.schema import numbered
 from tools.common.arguments import numbers, positive_number
 
 Size = tuple[int, int]  # width and height in px
 MAX_LABELS = 1 << 16
-
-
-@dataclass(frozen=True)
-class LabelMapItem:
-    """A class in a LabelMap."""
-
-    name: str = numbered(1, "")
-    label: int = numbered(2, 0)
-    display_name: str = numbered(3, "")
-
-
-@dataclass(frozen=True)
-class LabelMap:
-    """The classes of a detector, as in the label maps of SSD."""
-
-    item: tuple[LabelMapItem, ...] = numbered(1, ())
 
 
 @dataclass(frozen=True)
@@ -75,7 +59,7 @@ class Preprocessing:
 
     def blob(self, images: Sequence[Array]) -> NDArray[np.float32]:
         """Return the input of the net for images."""
-        blob = blob_from_images(images, 1.0, self.resize, (), self.rgb, self.crop)
+        blob: Any = cv2.dnn.blobFromImages(images, 1.0, self.resize, (0, 0, 0), self.rgb, self.crop)
         blob -= self.mean
         (width, height), (w, h) = self.resize, self.size
         y, x = (height - h) // 2, (width - w) // 2

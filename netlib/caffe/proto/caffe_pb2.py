@@ -2,8 +2,8 @@
 
 There is no caffe.proto and no generated code: the file descriptor is built on import from the dataclasses that read and
 write the files of this project (netlib/proto/messages.py, netlib/proto/upgrade.py, and the options of the layer types),
-so names, numbers, types and defaults are declared once. This module adds the names of the enums and, from ssd.py, the
-messages of SSD's scripts, which only this interface needs.
+so names, numbers, types and defaults are declared once. This module adds the names of the enums, and the messages of
+SSD's scripts (ssd.py).
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _ENUMS = {
     "LossParameter": {"normalization": "NormalizationMode"}, "ParamSpec": {"share_mode": "DimCheckMode"},
     "SolverParameter": {"snapshot_format": "SnapshotFormat", "solver_mode": "SolverMode", "solver_type": "SolverType"},
     "V1LayerParameter": {"type": "LayerType", "blob_share_mode": "DimCheckMode"},
-    "BlobProto": {"raw_data_type": "Type"},
+    "BlobProto": {"raw_data_type": "Type"}, "AnnotatedDatum": {"type": "AnnotationType"},
     "ResizeParameter": {"resize_mode": "Resize_mode", "pad_mode": "Pad_mode", "interp_mode": "Interp_mode"},
 }
 _OWNERS = {("DetectionOutputParameter", "code_type"): "PriorBoxParameter"}  # enums that are inside another message
@@ -57,7 +57,7 @@ _TYPES = {float: "FLOAT", schema.Double: "DOUBLE", schema.Floats: "FLOAT", schem
 _MESSAGES = [
     messages.BlobShape, messages.BlobProto, messages.BlobProtoVector, messages.Datum, Filler, upgrade.AnyNetParameter,
     messages.SolverParameter, messages.SolverState, messages.NetState, messages.NetStateRule, messages.ParamSpec,
-    messages.LayerParameter, upgrade.V1LayerParameter,
+    messages.LayerParameter, upgrade.V1LayerParameter, ssd.LabelMap, ssd.AnnotatedDatum,
 ]
 
 
@@ -74,7 +74,6 @@ def file_descriptor() -> Any:
     described = {name: file.message_type.add(name=name) for name in known}
     for name, cls in known.items():
         _describe(described, name, cls)
-    ssd.describe(file)
     return file
 
 

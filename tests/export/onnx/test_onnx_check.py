@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from export.onnx.check import TOLERANCE, Difference, compared, difference, differences
+from export.onnx.check import TOLERANCE, Difference, _in_float64, _rounding_errors, compared, difference, differences
 from export.onnx.net import load, onnx_image
 from netlib.net import Net
 
@@ -128,6 +128,21 @@ def test_the_effect_of_rounding(net):
     outputs, layers = differences(onnx_image(net), net, (1, 3))
     assert all(1e-4 < difference.rounding < 1e-1 and difference.found > TOLERANCE for difference in outputs.values())
     assert layers["y"].rounding < 1e-6
+
+
+@pytest.mark.parametrize("net", ["Exp"], indirect=True)
+def test_rounding_errors_are_undone(net):
+    """Bottoms and parameters have their values back, also after an error."""
+    exact = _in_float64(net)
+    exact.forward(x0=np.random.default_rng(0).uniform(0.5, 1, exact.blobs["x0"].shape))
+    at = next(at for at in exact.connections if at.layer.type == "InnerProduct")
+    arrays = [at.bottom[0].data, at.layer.blobs[0].data]
+    before = [array.copy() for array in arrays]
+    with pytest.raises(ZeroDivisionError), _rounding_errors(at, np.random.default_rng(1)):
+        for array, values in zip(arrays, before):
+            assert 0 < difference(array, values) <= 2.0**-24
+        raise ZeroDivisionError
+    assert all(np.array_equal(array, values) for array, values in zip(arrays, before))
 
 
 def test_difference():

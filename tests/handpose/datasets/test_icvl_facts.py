@@ -109,7 +109,7 @@ def test_bones(hand: Skeleton) -> None:
 
 @needs_real
 def test_the_published_hand_is_rigid_and_not_nyus() -> None:
-    """The lengths equal those in docs/paper.md: thumb root to mid, thumb mid to tip, index root to mid."""
+    """docs/paper.md has the lengths from root to mid of the thumb and of the index finger."""
     published = mm("predictions/IJCAI16_ICVL_DeepModel.txt")
     nyu = among_model_joints(kinematics_of(skeleton.load()).joints(np.zeros((1, 47)))) * 150
     bones = (("thumb_root", "thumb_mid"), ("thumb_mid", "thumb_tip"), ("index_root", "index_mid"))

@@ -11,15 +11,12 @@ X = 'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 dim: 
 T = 'layer { name: "t" type: "Input" top: "t" input_param { shape { dim: 2 } } }'
 
 
-@pytest.mark.parametrize(
-    ("kind", "block"),
-    [
-        ("HingeLoss", "loss_param { ignore_label: 1 }"),
-        ("MultinomialLogisticLoss", "loss_param { normalization: FULL }"),
-        ("SoftmaxWithLoss", "transform_param { scale: 2 }"),
-        ("Accuracy", "loss_param { ignore_label: 1 }"),
-    ],
-)
+@pytest.mark.parametrize(("kind", "block"), [
+    ("HingeLoss", "loss_param { ignore_label: 1 }"),
+    ("MultinomialLogisticLoss", "loss_param { normalization: FULL }"),
+    ("SoftmaxWithLoss", "transform_param { scale: 2 }"),
+    ("Accuracy", "loss_param { ignore_label: 1 }"),
+])
 def test_a_block_that_the_type_does_not_read_is_a_warning(
     kind: str, block: str, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -40,7 +37,6 @@ def test_a_mistake_in_a_block_that_the_type_does_not_read() -> None:
 
 @pytest.mark.parametrize("kind", ["SoftmaxWithLoss", "SigmoidCrossEntropyLoss"])
 def test_a_block_that_the_type_reads_is_silent(kind: str, caplog: pytest.LogCaptureFixture) -> None:
-    """Layer types that read loss_param give no warning."""
     second = "t" if kind == "SoftmaxWithLoss" else "x"
     layer = f'layer {{ type: "{kind}" bottom: "x" bottom: "{second}" top: "k" loss_param {{ ignore_label: 1 }} }}'
     netlib.Net(prototxt.parse(X + T + layer), netlib.TRAIN)

@@ -13,7 +13,6 @@ RELU = "activation.relu.ReLU"
 
 
 def test_a_net_imports_the_layers_that_it_has(tmp_path: Path) -> None:
-    """Building a net and reading its options imports the files of its own layers and of no others."""
     code = (
         "import sys, netlib\n"
         'text = \'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 } } }\'\n'

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,6 @@ import pytest
 import netlib
 from netlib import caffe
 from netlib.building import python_layer
-from netlib.files.own_modules import own_module
 from netlib.proto import prototxt
 from tests.support.bad_input import bad_inputs
 from tests.support.nets import inputs
@@ -67,6 +66,20 @@ class Unprepared(Square):
 
 class Stranger:
     pass
+
+class Gain(Square):
+    def setup(self, bottom, top):
+        super().setup(bottom, top)
+        self.blobs.add_blob(1)
+        self.blobs[0].data[...] = 1
+
+    def forward(self, bottom, top):
+        super().forward(bottom, top)
+        top[0].data[...] = self.blobs[0].data * top[0].data + (self.phase == netlib.TEST)
+
+    def backward(self, top, propagate_down, bottom):
+        super().backward(top, propagate_down, bottom)
+        self.blobs[0].diff[...] += (self.factor * bottom[0].data ** 2 * top[0].diff).sum()
 """
 
 
@@ -91,10 +104,13 @@ def squares(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_python_layer(squares: None) -> None:
-    """A Python layer follows Caffe's protocol: four methods and param_str."""
-    net = net_with(python("Square", more='param_str: "3"'))
+    """It has what Caffe's have: four methods, param_str, the phase and ``blobs.add_blob``."""
+    net = net_with(python("Gain", more='param_str: "3"'))
     assert net.forward(x=np.array([1, 2, 3]))["y"].tolist() == [3, 12, 27]
     assert net.backward(y=np.ones(3))["x"].tolist() == [6, 12, 18]
+    assert net.params["own"][0].diff.tolist() == [3 + 12 + 27]
+    assert [p.label for p in net.learnable] == ["own/0"]
+    assert netlib.Net(text_with(python("Gain")), netlib.TEST).forward()["y"].tolist() == [1, 1, 1]
 
 
 def test_the_old_name_of_param_str(tmp_path: Path, squares: None) -> None:
@@ -102,49 +118,6 @@ def test_the_old_name_of_param_str(tmp_path: Path, squares: None) -> None:
     (tmp_path / "old.py").write_text(SQUARE.replace("self.param_str", "self.param_str_"))
     net = net_with(python("Square", "old", more='param_str: "3"'))
     assert net.forward(x=np.array([1, 2, 3]))["y"].tolist() == [3, 12, 27]
-
-
-def test_a_python_layer_may_keep_its_parameters_arrays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Parameter diffs stay in place, so gradients added after clear_param_diffs through a kept reference count."""
-    (tmp_path / "keeper.py").write_text("""
-import netlib
-
-class Keeper(netlib.Layer):
-    def setup(self, bottom, top):
-        self.blobs.add_blob(3)
-        self.gradient = self.blobs[0].diff
-    def reshape(self, bottom, top):
-        top[0].reshape(*bottom[0].shape)
-    def forward(self, bottom, top):
-        top[0].data[...] = bottom[0].data + self.blobs[0].data
-    def backward(self, top, propagate_down, bottom):
-        self.gradient += top[0].diff
-""")
-    monkeypatch.syspath_prepend(tmp_path)
-    net = net_with(python("Keeper", "keeper"))
-    for _ in range(2):
-        net.clear_param_diffs()
-        net.forward(x=np.zeros(3))
-        net.backward(y=np.array([1, 2, 3]))
-        assert net.params["own"][0].diff.tolist() == [1, 2, 3]
-
-
-@pytest.mark.parametrize("package", ["layers", "tools"])
-@pytest.mark.parametrize("file", ["{0}/data_layer.py", "{0}.py", "{0}/__init__.py"])
-def test_a_module_with_the_name_of_one_of_ours(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, package: str, file: str
-) -> None:
-    """``module: "layers.data_layer"`` or ``module: "layers"`` finds the user's file, not the project's."""
-    path = tmp_path / file.format(package)
-    path.parent.mkdir(exist_ok=True)
-    path.write_text(SQUARE)
-    monkeypatch.chdir(tmp_path)
-    ours = own_module(package)
-    monkeypatch.setattr(ours, "__path__", list(ours.__path__))
-    monkeypatch.delitem(sys.modules, "layers.data_layer", raising=False)
-    monkeypatch.delitem(sys.modules, "tools.data_layer", raising=False)
-    module = f"{package}.data_layer" if "data_layer" in file else package
-    assert net_with(python("Square", module)).forward(x=np.array([1, 2, 3]))["y"].tolist() == [1, 4, 9]
 
 
 def test_a_python_layer_may_derive_from_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -203,6 +176,9 @@ BESIDE = "it must lie in the working directory or on PYTHONPATH"
     "ours": (python("Absent", "layers"),
              "f:1:186: error: layer 'own': layers.Absent was looked for in this project's own package "
              "(...__init__.py); expected a module 'layers' with it in the working directory or on PYTHONPATH"),
+    "no class": (python("").replace('layer: ""', ""), "f:1:...: error: missing required field 'layer' in python_param"),
+    "misspelt": (python("Square").replace("module", "modul"),
+                 "f:1:...: error: unknown field 'modul' (did you mean 'module'?)"),
     "no options": ('layer { name: "ip" type: "InnerProduct" bottom: "x" top: "y" }',
                    "f:1:104: error: missing required field 'num_output' in inner_product_param"),
 })
@@ -218,41 +194,6 @@ def test_a_python_layer_that_is_not_there(
         net_with(text)
 
 
-# ---------------------------------------------------------------------------------------------- where modules are found
-
-RAN = "import pathlib; pathlib.Path(__file__ + '.ran').touch()\n"  # creates a file next to the module when it runs
-
-
-@pytest.fixture
-def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str, str], None]]:
-    """``module("own/inner.py", text)`` writes a module that records its execution into the working directory."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
-    before = set(sys.modules)
-
-    def write(name: str, text: str) -> None:
-        path = tmp_path / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(RAN + text)
-
-    yield write
-    for name in set(sys.modules) - before:
-        del sys.modules[name]
-
-
-def has_run() -> set[str]:
-    """Return the names of the modules that have run."""
-    return {path.name.removesuffix(".py.ran") for path in Path().rglob("*.ran")}
-
-
-def test_a_package_may_say_where_its_modules_are(module: Callable[[str, str], None], tmp_path: Path) -> None:
-    """A package that extends its ``__path__`` is run to find its modules."""
-    module("elsewhere/squares_inside.py", SQUARE)
-    module("parent/__init__.py", f"__path__.append({str(tmp_path / 'elsewhere')!r})")
-    net = net_with(python("Square", "parent.squares_inside"))
-    assert net.forward(x=np.array([1, 2, 3]))["y"].tolist() == [1, 4, 9]
-
-
 # ---------------------------------------------------------------------------------------------- not allowed
 
 REFUSED = r"^f:1:\d+: error: layer 'own' is of type 'Python', which executes code of the net's author"
@@ -263,30 +204,26 @@ def text_with(layer: str) -> prototxt.Message:
 
 
 @pytest.mark.parametrize("make", [netlib.Net, caffe.Net])
-def test_a_net_without_python_layers(module: Callable[[str, str], None], make: type[netlib.Net]) -> None:
+def test_a_net_without_python_layers(squares: None, make: type[netlib.Net]) -> None:
     """``python_layers=False`` rejects a net with a Python layer before any layer is built; other nets load."""
-    module("squares.py", SQUARE)
     with pytest.raises(netlib.PrototxtError, match=REFUSED):
         make(text_with(python("Square")), netlib.TRAIN, python_layers=False)
-    assert has_run() == set()
+    assert "squares" not in sys.modules
     assert make(text_with(""), netlib.TRAIN, python_layers=False).inputs == ["x"]
     assert make(text_with(python("Square")), netlib.TRAIN).outputs == ["y"]
 
 
 @pytest.mark.parametrize("make", [netlib.get_solver, caffe.get_solver, caffe.SGDSolver])
-def test_a_solver_without_python_layers(module: Callable[[str, str], None], make: Callable[..., object]) -> None:
-    """``python_layers=False`` also applies to the nets of a solver."""
-    module("squares.py", SQUARE)
+def test_a_solver_without_python_layers(squares: None, make: Callable[..., object]) -> None:
     Path("f").write_text(str(text_with(python("Square"))).replace("\n", " "))
     Path("solver.prototxt").write_text('net: "f" base_lr: 0.1 lr_policy: "fixed"')
     with pytest.raises(netlib.PrototxtError, match=REFUSED):
         make("solver.prototxt", python_layers=False)
-    assert has_run() == set()
+    assert "squares" not in sys.modules
     make("solver.prototxt")
 
 
 def test_a_layer_that_the_net_does_not_have(squares: None) -> None:
-    """A Python layer of another phase is not built, so it is not rejected."""
     other = python("Square").replace('name: "own"', 'name: "own" include { phase: TEST }')
     netlib.Net(text_with(other), netlib.TRAIN, python_layers=False)
     with pytest.raises(netlib.PrototxtError, match="'own' is of type 'Python'"):

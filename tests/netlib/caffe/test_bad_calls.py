@@ -14,7 +14,6 @@ from netlib.caffe import coord_map, draw, io
 from netlib.caffe import layers as L
 from netlib.caffe import params as P
 from netlib.caffe.coord_map import AxisMismatchException, CropError, UnconnectedError, UndefinedMapException
-from netlib.caffe.images import blob_from_images
 from netlib.caffe.io import ShapeError
 from netlib.caffe.net_spec import NotATopError, SpecError, UnknownNameError
 from netlib.caffe.proto import caffe_pb2
@@ -22,15 +21,11 @@ from netlib.errors import DataError, NetlibError
 from tests.support.bad_input import bad_inputs
 
 DATA = L.Input(shape={"dim": [1, 1, 64, 64]})
-IMAGE = np.arange(2 * 3 * 3, dtype=np.uint8).reshape(2, 3, 3)  # (H, W, 3)
 SPEC = caffe.NetSpec()
 SPEC.data, SPEC.pair = DATA, L.DummyData(ntop=2)
 THREE_PARAMS = 'name: "c" type: "Convolution" param {} param {} param {}'
-IMAGES = "found an image of {}; expected (H, W), or (H, W, C) with 1, 3 or 4 channels. cv2.imread returns None for ..."
 RESIZE = "resize_image takes an image (H, W, K), a (height, width) and an order from 0 to 5, found an array of shape {}"
 UNCONNECTED = "Could not compute map between tops; are they connected by spatial layers?"
-CHANNELS = "expected one number for each of 3 channels"
-SIZE = "expected a width and a height of at least 1 px"
 RULES = 'layer { name: "relu" type: "ReLU" include { phase: TEST } exclude { phase: TEST } }'
 
 
@@ -51,10 +46,6 @@ def transformer(name: str, *values: object, shape: tuple[int, ...] = (4, 3, 2, 3
     return lambda: getattr(made, name)(*values)
 
 
-def images(*given: object, **options: object):
-    return lambda: blob_from_images(list(given), **options)
-
-
 @bad_inputs(ShapeError, {
     "a map after one of a later axis": (lambda: coord_map.compose((1, 1, 0), (2, 1, 0)), AxisMismatchException,
                                         "a map from axis 1 on cannot follow one from axis 2 on"),
@@ -66,8 +57,6 @@ def images(*given: object, **options: object):
                             "cannot crop noninteger offset (b = [-0.5])"),
     "from InnerProduct": (lambda: coord_map.coord_map_from_to(L.InnerProduct(DATA, num_output=1), DATA),
                           UnconnectedError, UNCONNECTED),
-    "to another input": (lambda: coord_map.coord_map_from_to(DATA, L.Input(shape={"dim": 1})),
-                         UnconnectedError, UNCONNECTED),
     "map of InnerProduct": (lambda: coord_map.coord_map(L.InnerProduct(DATA, num_output=1).fn), UndefinedMapException,
                             "layers of type 'InnerProduct' have no coordinate map"),
     "map of global pooling": (lambda: coord_map.coord_map(L.Pooling(DATA, global_pooling=True).fn),
@@ -78,20 +67,6 @@ def images(*given: object, **options: object):
                      "ReLU layers do not have a learning rate multiplier"),
     "three params": (lambda: draw.get_layer_lr_mult(of(THREE_PARAMS, caffe_pb2.LayerParameter)), draw.RuleError,
                      "layer 'c': expected at most two params, weights and biases, found 3"),
-    "images: none": (images(), "blob_from_images takes at least one image, found none"),
-    "images: one": (lambda: blob_from_images(IMAGE), "blob_from_images takes a list of images, found an array of shape "
-                    "(2, 3, 3); blob_from_image takes one image"),
-    "images: None": (images(None), IMAGES.format("shape ()")),
-    "images: two channels": (images(np.zeros((2, 2, 2), np.uint8)), IMAGES.format("shape (2, 2, 2)")),
-    "images: empty": (images(np.zeros((0, 2), np.uint8)), IMAGES.format("shape (0, 2, 1)")),
-    "images: float64": (images(np.zeros((2, 2))), "found an image of float64; expected uint8, uint16 or float32"),
-    "images: grey and colour": (images(IMAGE, IMAGE[:, :, 0]),
-        "blob_from_images takes images with the same number of channels, found [3, 1]"),
-    "images: one mean": (images(IMAGE, mean=104), f"the mean has shape (1,); {CHANNELS}"),
-    "images: a mean image": (images(IMAGE, mean=IMAGE), f"the mean has shape (2, 3, 3); {CHANNELS}"),
-    "images: no width": (images(IMAGE, size=(0, 4)), f"size is (0, 4); {SIZE}"),
-    "images: half a pixel": (images(IMAGE, size=(2.5, 4)), f"size is (2.5, 4); {SIZE}"),
-    "images: no height": (images(IMAGE, size=(4,)), f"size is (4,); {SIZE}"),
     "BlobProto without shape": (lambda: io.blobproto_to_array(caffe_pb2.BlobProto(data=[7, 8])),
                                 "a BlobProto has shape (), but 2 values"),
     "Datum of two axes": (lambda: io.array_to_datum(np.zeros((2, 2))),
@@ -106,9 +81,8 @@ def images(*given: object, **options: object):
                                "number of dimensions as the input: 'data' takes each of 0, 1, 2 once, found (0, 1)"),
     "Transformer: swap": (transformer("set_channel_swap", "data", (3, 2, 1)), "Channel swap needs to have the same "
                           "number of dimensions as the input channels: 'data' has 0, 1, 2, found (3, 2, 1)"),
-    **{f"Transformer: mean {shape}": (transformer("set_mean", "data", np.zeros(shape)),
-        f"Mean channels incompatible with input: 'data' has 3, found a mean of shape {shape}")
-       for shape in ((2,), (2, 4, 4))},
+    "Transformer: mean": (transformer("set_mean", "data", np.zeros((2, 4, 4))),
+                          "Mean channels incompatible with input: 'data' has 3, found a mean of shape (2, 4, 4)"),
     "Transformer: a number as mean": (transformer("set_mean", "data", np.float64(3)),
                                       "Mean shape invalid: expected (K,), (H, W) or (K, H, W), found ()"),
     "Transformer: a batch": (transformer("deprocess", "data", np.zeros((4, 3, 2, 3))),
@@ -119,7 +93,7 @@ def images(*given: object, **options: object):
                         RESIZE.format("(4, 4, 3), (2, 2) and 7")),
     **{f"resize: {shape} to {size}": (lambda shape=shape, size=size: io.resize_image(np.zeros(shape), size),
                                       RESIZE.format(f"{shape}, {size} and 1"))
-       for shape, size in (((4, 4), (2, 2)), ((4, 4, 3), (2,)), ((4, 4, 3), (0, 2)), ((0, 4, 3), (2, 2)))},
+       for shape, size in (((4, 4), (2, 2)), ((4, 4, 3), (0, 2)))},
     "oversample: too large": (lambda: io.oversample([np.zeros((4, 4, 1))], (5, 2)),
                               "oversample cannot crop (5, 2) from an image of shape (4, 4, 1)"),
     "oversample: two sizes": (lambda: io.oversample([np.zeros((4, 4, 1)), np.zeros((4, 5, 1))], (2, 2)),
@@ -152,7 +126,6 @@ def images(*given: object, **options: object):
                       "params.Pooling has no 'MEAN'; it has MAX, AVE, STOCHASTIC, ..."),
 })
 def test_calls_that_are_refused(given, rejected):
-    """Each mistake is one line, with what was found and expected, also where OpenCV computes something else."""
     with rejected:
         given()
 
@@ -179,7 +152,6 @@ def test_classes_of_wrong_options(option, error):
     "signed": ("a.tiff", "...a.tiff: image of type int16; expected 8 or 16 bits unsigned, or floats"),
 })
 def test_images_that_are_refused(tmp_path, given, rejected):
-    """A missing, damaged or unsupported image raises a one-line error with the file's name."""
     (tmp_path / "empty.png").touch()
     (tmp_path / "text.png").write_text("hello")
     assert cv2.imwrite(str(tmp_path / "a.tiff"), np.zeros((2, 2), np.int16))
@@ -192,7 +164,6 @@ def test_images_that_are_refused(tmp_path, given, rejected):
     "no image": (BytesIO(b"hello"), "the image: not an image that OpenCV can decode (5 bytes)"),
 })
 def test_open_files_that_are_refused(given, rejected):
-    """An open file without an image raises a one-line error."""
     with rejected:
         io.load_image(given)
 

@@ -37,7 +37,6 @@ def image(height, width):
 
 
 def test_the_centre(make):
-    """The centre of an image of size image_dims is used; more images than the batch size run in several batches."""
     classifier = make(image_dims=(4, 4))
     found = classifier.predict([image(4, 4)] * 5, oversample=False)
     assert found.shape == (5, 3, 1, 1) and found.dtype == np.float32
@@ -45,13 +44,11 @@ def test_the_centre(make):
 
 
 def test_ten_crops(make):
-    """The ten crops (corners, centre and their mirror images) are averaged."""
     found = make(image_dims=[4, 4]).predict([image(4, 4), 2 * image(4, 4)])
     np.testing.assert_allclose(found, [[7.5, 100, 0], [15, 200, 0]], rtol=1e-6)
 
 
 def test_the_whole_image(make):
-    """Without image_dims the whole image is scaled to the input size."""
     classifier = make()
     assert tuple(classifier.image_dims) == tuple(classifier.crop_dims) == (2, 2)
     found = classifier.predict([image(4, 4)], oversample=False)
@@ -59,7 +56,6 @@ def test_the_whole_image(make):
 
 
 def test_preprocessing(make):
-    """Channels are swapped, then scaled by raw_scale, the mean is subtracted, and input_scale is applied."""
     classifier = make(mean=np.array([1.0, 2, 3]), raw_scale=10, input_scale=0.5, channel_swap=(2, 1, 0))
     found = classifier.predict([image(2, 2)], oversample=False)
     np.testing.assert_allclose(found[0, :, 0, 0], [(0 - 1) / 2, (1000 - 2) / 2, (15 - 3) / 2])
@@ -67,7 +63,6 @@ def test_preprocessing(make):
 
 
 def test_it_is_a_net(make):
-    """A Classifier is a caffe.Net in the TEST phase."""
     classifier = make()
     assert isinstance(classifier, caffe.Net) and classifier.phase == caffe.TEST and classifier.outputs == ["means"]
 
@@ -88,6 +83,5 @@ layer { name: "means" type: "InnerProduct" bottom: "x" top: "y" inner_product_pa
                  "net 'own' has no input for images; expected a deployment net with an Input layer"),
 })
 def test_mistakes(make, given, rejected):
-    """Images that are too small, missing or of mixed channels, and a net without an input, raise an error."""
     with rejected:
         given(make)

@@ -36,9 +36,6 @@ def layer_of(text):
     return text_format.Parse(text, caffe_pb2.LayerParameter())
 
 
-# ---------------------------------------------------------------------------------------------- labels
-
-
 def test_labels_of_layers(net):
     """A label has name, type and kernel, on separate lines if the graph goes from left to right."""
     labels = [draw.get_layer_label(layer, "TB") for layer in net.layer]
@@ -50,36 +47,17 @@ def test_labels_of_layers(net):
 
 
 def test_labels_with_learning_rates(net):
-    """Learning rates are shown for layers that have parameters, unless all are 0."""
     assert draw.get_layer_label(net.layer[6], "TB", display_lrm=True) == '"node (InnerProduct) lr mult: 1.0, 1.0"'
     assert draw.get_layer_label(net.layer[3], "TB", display_lrm=True) == '"relu (ReLU)"'
     frozen = layer_of('name: "ip" type: "InnerProduct" param { lr_mult: 0 } param { lr_mult: 0 }')
     assert draw.get_layer_label(frozen, "TB", display_lrm=True) == '"ip (InnerProduct)"'
 
 
-def test_learning_rates(net):
-    """The multipliers are those of the weights and biases, with 1 as the default."""
-    assert draw.get_layer_lr_mult(net.layer[2]) == (2, 1)
-    assert draw.get_layer_lr_mult(net.layer[6]) == (1, 1)
-    both = 'name: "c" type: "Convolution" param { lr_mult: 3 } param { lr_mult: 4 }'
-    assert draw.get_layer_lr_mult(layer_of(both)) == (3, 4)
-
-
-def test_labels_of_arrows(net):
-    """An arrow shows the batch size, the number of outputs, or nothing."""
-    labels = [draw.get_edge_label(layer) for layer in net.layer]
-    assert labels == ["Batch 64", '""', "20", '""', '""', '""', "10"]
-
-
 def test_colours_and_kinds_of_pooling():
-    """The colours and the pooling names are those of Caffe."""
     types = ["Convolution", "Deconvolution", "Pooling", "InnerProduct", "ReLU"]
     colours = ["#FF5050", "#FF5050", "#FF9900", "#CC33FF", "#6495ED"]
     assert [draw.choose_color_by_layertype(name) for name in types] == colours
     assert draw.get_pooling_types_dict() == {0: "MAX", 1: "AVE", 2: "STOCHASTIC"}
-
-
-# ---------------------------------------------------------------------------------------------- the graph
 
 
 def text_of(net, *args, **options):
@@ -101,22 +79,17 @@ def test_the_graph(net):
     assert "Batch" not in text_of(net, "TB", label_edges=False)
 
 
-@pytest.mark.parametrize(
-    ("phase", "shown"),
-    [
-        (None, ["data (Data)", "data (Input)", "drop"]),
-        (caffe.TRAIN, ["data (Data)", "drop"]),
-        (caffe.TEST, ["data (Input)"]),
-    ],
-)
+@pytest.mark.parametrize(("phase", "shown"), [
+    (None, ["data (Data)", "data (Input)", "drop"]),
+    (caffe.TRAIN, ["data (Data)", "drop"]),
+    (caffe.TEST, ["data (Input)"]),
+])
 def test_phases(net, phase, shown):
-    """Only the layers of the given phase are drawn; without a phase, all are."""
     text = text_of(net, "TB", phase=phase)
     assert [name for name in ("data (Data)", "data (Input)", "drop") if f'"{name}' in text] == shown
 
 
 def test_rules_without_a_phase(net):
-    """Stages and levels are ignored."""
     net.layer[3].include.add(stage=["deploy"])
     net.layer[5].exclude.add(stage=["deploy"])
     assert "relu" in text_of(net, "LR", phase=caffe.TRAIN) and "drop" in text_of(net, "LR", phase=caffe.TRAIN)
@@ -132,7 +105,6 @@ def test_raw(net, tmp_path):
 
 @pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz is not installed")
 def test_a_picture(net, tmp_path):
-    """The file's suffix selects the format."""
     pytest.importorskip("pydot")
     draw.draw_net_to_file(net, tmp_path / "net.svg")
     assert "conv1/3x3" in (tmp_path / "net.svg").read_text()
@@ -141,11 +113,7 @@ def test_a_picture(net, tmp_path):
         draw.draw_net_to_file(net, tmp_path / "net.xyz")
 
 
-# ---------------------------------------------------------------------------------------------- missing programs
-
-
 def test_a_dot_that_fails(net, monkeypatch, tmp_path):
-    """The error output of ``dot`` is reported on one line."""
     pytest.importorskip("pydot")
     program = tmp_path / "dot"
     program.write_text("#!/bin/sh\ncat > /dev/null\necho 'Error: no' >&2\necho 'at all' >&2\nexit 1\n")

@@ -29,7 +29,6 @@ def small_net() -> caffe.NetSpec:
 
 
 def test_the_net_as_text():
-    """Options are written to the block of the layer type or to the layer; names are those of the attributes."""
     text = str(small_net().to_proto())
     expected = """
     layer { name: "data" type: "DummyData" top: "data" top: "label"
@@ -55,7 +54,6 @@ def test_classes_are_pycaffes_by_identity():
 
 
 def test_the_net_runs(tmp_path):
-    """The text, written to a file, loads as a net and runs."""
     path = tmp_path / "net.prototxt"
     path.write_text(str(small_net().to_proto()))
     net = caffe.Net(str(path), caffe.TEST)
@@ -85,14 +83,12 @@ def test_names_are_made_for_what_has_none():
 
 
 def test_a_top_gives_its_net():
-    """``top.to_proto()`` contains only the layers that the top needs."""
     n = small_net()
     assert isinstance(n.pool, Top)
     assert [layer.type for layer in n.pool.to_proto().layer] == ["DummyData", "Convolution", "Pooling"]
 
 
 def test_layers_without_tops():
-    """With ntop 0 the call returns the layer itself, which a NetSpec accepts."""
     n = caffe.NetSpec()
     n.data = L.DummyData(shape={"dim": 3})
     n.quiet = L.Silence(n.data, ntop=0)
@@ -102,7 +98,6 @@ def test_layers_without_tops():
 
 
 def test_deep_nets():
-    """A net may be deeper than Python's recursion limit."""
     top = L.Input(shape={"dim": 1})
     for _ in range(3000):
         top = L.ReLU(top)
@@ -120,7 +115,6 @@ def test_options_of_the_layer_and_of_its_block():
 
 
 def test_a_netspec_has_items_too():
-    """Item access allows names that are not Python identifiers."""
     n = caffe.NetSpec()
     n["conv1/relu"] = L.Input(shape={"dim": 1})
     assert n["conv1/relu"] is n.tops["conv1/relu"] and list(n.tops) == ["conv1/relu"]
@@ -128,14 +122,7 @@ def test_a_netspec_has_items_too():
     assert not hasattr(n, "conv") and list(copy.copy(n).tops) == ["conv1/relu"]
 
 
-def test_constants():
-    """The constants are those of caffe_pb2."""
-    assert (P.Pooling.MAX, P.Pooling.AVE) == (caffe_pb2.PoolingParameter.MAX, caffe_pb2.PoolingParameter.AVE)
-    assert P.Eltwise.MAX == caffe_pb2.EltwiseParameter.MAX
-
-
 def test_blocks_by_type():
-    """param_name_dict maps a layer type to the name of its options block."""
     names = param_name_dict()
     assert names["InnerProduct"] == "inner_product" and names["HDF5Data"] == "hdf5_data" and names["LRN"] == "lrn"
 
@@ -152,9 +139,6 @@ def test_assign_proto():
     assert list(layer.loss_weight) == [0.5] and len(layer.include) == 0
     assign_proto(layer, "power_param", caffe_pb2.PowerParameter(power=3))
     assert layer.power_param.power == 3
-
-
-# ---------------------------------------------------------------------------------------------- mistakes
 
 
 def test_what_is_no_package():

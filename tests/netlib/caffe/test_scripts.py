@@ -25,5 +25,4 @@ def printed(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_script(printed: str, name: str) -> None:
-    """The script ends without an exception."""
     assert f"done: {name}\n" in printed, printed

@@ -1,4 +1,7 @@
-"""Training on two ranks over MPI: equal to one rank, exact, and ended if a rank ends."""
+"""Ranks over MPI, and training on two of them: equal to one rank, exact, and ended if a rank ends.
+
+rank_programs.py runs the checks in real processes.
+"""
 
 import json
 import re
@@ -32,6 +35,14 @@ def small(tmp_path, monkeypatch):
 def run(*programs):
     done = ranks_started.run(2, PROGRAMS, *programs)
     assert done.returncode == 0, done.stderr
+
+
+def test_four_ranks():
+    """Sums are exact in the order of the ranks, and all ranks agree on requests and errors."""
+    programs = ["sums", "agreement", "errors"]
+    done = ranks_started.run(4, PROGRAMS, *programs)
+    assert done.returncode == 0, done.stderr
+    assert sorted(done.stdout.split("\n")[:-1]) == sorted(f"rank {r} {name}" for name in programs for r in range(4))
 
 
 def test_two_ranks_are_one_with_twice_the_batch(rng):

@@ -31,7 +31,6 @@ def test_every_row_of_a_step_goes_to_one_rank(count):
 
 
 def test_batches():
-    """The batch size is that of the prototxt or, with divide, a share of it."""
     assert Shard(1, 4).batch(6) == 6
     assert Shard(1, 4, divide=True).batch(8) == 2
     with pytest.raises(ValueError, match=r"^a batch of 6 cannot be divided among 4 ranks; expected a multiple of 4$"):
@@ -39,13 +38,11 @@ def test_batches():
 
 
 def test_a_batch_that_cannot_be_divided(write_rows):
-    """The error names the layer and the position of its batch_size."""
     with pytest.raises(LayerError, match=r"^net:1:\d+: error: layer 'd': a batch of 6 cannot be divided among 4 ranks"):
         net(hdf5(None, write_rows, "false"), 6, Shard(1, 4, divide=True))
 
 
 def test_alone():
-    """A single rank changes nothing, and its errors are raised unchanged."""
     y, done = np.ones(3), []
     ALONE.average([y])
     ALONE.introduce({"data": 1})
@@ -59,17 +56,12 @@ def test_alone():
     assert raised.value is error
 
 
-# ---------------------------------------------------------------------------------------------- layers that read files
-
-
 def hdf5(folder, write_rows, shuffle):
-    """Write three HDF5 files of rows."""
     path = write_rows("list.txt", [4, 1, 5], x=(1,))
     return f'type: "HDF5Data" top: "x" hdf5_data_param {{ source: "{path}" batch_size: %d shuffle: {shuffle} }}'
 
 
 def database(folder, write_rows, shuffle):
-    """Write an LMDB database."""
     path = folder / f"lmdb_{shuffle}"
     with lmdb.open(str(path), map_size=1 << 20) as env, env.begin(write=True) as change:
         for i in range(ROWS):
@@ -78,7 +70,6 @@ def database(folder, write_rows, shuffle):
 
 
 def pictures(folder, write_rows, shuffle):
-    """Write images and a list of them."""
     for i in range(ROWS):
         cv2.imwrite(str(folder / f"{i}.png"), np.full((1, 1, 3), i, np.uint8))
     (folder / "list").write_text("".join(f"{i}.png {i}\n" for i in range(ROWS)))
@@ -87,7 +78,6 @@ def pictures(folder, write_rows, shuffle):
 
 
 def net(text, batch, share):
-    """Return a net with that layer only."""
     return Net(prototxt.parse('layer { name: "d" ' + text % batch + " }", "net"), seed=1,
                layer_hook=RankOfLayers(share))
 
@@ -117,7 +107,6 @@ def test_ranks_read_what_one_would_read(tmp_path, write_rows, layer, shuffle):
 
 
 def test_more_ranks_than_rows(write_rows, caplog):
-    """Rows are repeated, with the warning for a batch larger than the data."""
     text = hdf5(None, write_rows, "false")
     nets = [net(text, 1, Shard(r, 12)) for r in range(12)]
     rows = [float(n.forward()["x"][0, 0]) for n in nets]
@@ -127,7 +116,6 @@ def test_more_ranks_than_rows(write_rows, caplog):
 
 @pytest.mark.parametrize("layer", [hdf5, database, pictures])
 def test_what_a_layer_reads(tmp_path, write_rows, layer):
-    """The description of the data is equal for all ranks and differs for other data."""
     text = layer(tmp_path, write_rows, "false")
     first, second = (net(text, 1, Shard(r, 2)).layers[0].reads() for r in range(2))
     assert first == second

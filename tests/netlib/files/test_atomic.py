@@ -30,7 +30,6 @@ def test_a_file_is_replaced_whole(tmp_path: Path) -> None:
 
 
 def test_a_failure_leaves_the_old_one(tmp_path: Path) -> None:
-    """A failed or interrupted write keeps the old file and leaves no temporary file."""
     path = tmp_path / "list.txt"
     path.write_text("old")
 
@@ -48,14 +47,12 @@ def test_a_failure_leaves_the_old_one(tmp_path: Path) -> None:
 
 
 def test_text_of(tmp_path: Path) -> None:
-    """A missing file gives None."""
     assert atomic.text_of(tmp_path / "none.txt") is None
     (tmp_path / "list.txt").write_text("ä")
     assert atomic.text_of(tmp_path / "list.txt") == "ä"
 
 
 def test_a_folder_is_not_replaced(tmp_path: Path) -> None:
-    """A folder cannot be replaced by a file."""
     (tmp_path / "folder").mkdir()
     with pytest.raises(OSError, match=r"Is a directory.*folder'$"):
         atomic.replace_bytes(tmp_path / "folder", b"2")
@@ -64,7 +61,6 @@ def test_a_folder_is_not_replaced(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["", ".", "..", "/"])
 def test_what_is_no_name_of_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    """A name that is not a file name raises an OSError and writes nothing."""
     monkeypatch.chdir(tmp_path)
     pairs: list[Callable[[], object]] = [
         lambda: atomic.replace_bytes(Path(name), b"1"),
@@ -98,7 +94,6 @@ def test_what_a_killed_process_left_is_cleared(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("write", [atomic.replace_bytes, lambda path, content: atomic.replace(path, Path.touch)])
 def test_a_pipe_is_not_taken_away(tmp_path: Path, write: Callable[[Path, bytes], None]) -> None:
-    """A pipe or a device is not replaced by a file."""
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(OSError, match=r"it is a device or a pipe; expected a .*file: '.*pipe'"):
         write(tmp_path / "pipe", b"new")

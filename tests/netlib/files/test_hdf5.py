@@ -13,9 +13,6 @@ from netlib import files
 from netlib.errors import DataError, WeightsError
 from netlib.files import hdf5
 from tests.support.hdf5_files import write_hdf5
-from tests.support.running import run_python
-
-# ---------------------------------------------------------------------------------------------- rejected files
 
 
 def test_what_is_wrong_says_what_was_wanted(tmp_path: Path) -> None:
@@ -54,21 +51,16 @@ def never_written(file: h5py.File) -> None:
     file.create_dataset("x", (10**12,), "f4", chunks=(1024,))
 
 
-@pytest.mark.parametrize(
-    ("make", "fault"),
-    [
-        (
-            external_link,
-            "'/deep/x' is a link into another file, 'other.h5', which is not followed; expected all in one",
-        ),
-        (external_storage, "data set '/x' is kept in another file, '/etc/hostname', which is not read; expected all"),
-        (virtual, "data set '/x' is virtual"),
-        (never_written, "data set '/x' claims 4000000000000 bytes, but only 0 are stored; expected data"),
-    ],
-    ids=lambda value: getattr(value, "__name__", ""),
-)
+@pytest.mark.parametrize(("make", "fault"), [
+    (
+        external_link,
+        "'/deep/x' is a link into another file, 'other.h5', which is not followed; expected all in one",
+    ),
+    (external_storage, "data set '/x' is kept in another file, '/etc/hostname', which is not read; expected all"),
+    (virtual, "data set '/x' is virtual"),
+    (never_written, "data set '/x' claims 4000000000000 bytes, but only 0 are stored; expected data"),
+], ids=lambda value: getattr(value, "__name__", ""))
 def test_files_that_are_not_opened(tmp_path: Path, make: Any, fault: str) -> None:
-    """The error states the fault and what is expected."""
     with h5py.File(tmp_path / "a.h5", "w") as file:
         make(file)
     with pytest.raises(DataError) as error, hdf5.opened(tmp_path / "a.h5", "the data"):
@@ -91,9 +83,6 @@ def test_content_that_was_read_before(tmp_path: Path) -> None:
     for _ in range(2):
         with hdf5.opened(content, "data") as file:
             np.testing.assert_array_equal(file["a"][...], [0, 1, 2])
-
-
-# ---------------------------------------------------------------------------------------------- sealed files
 
 
 @pytest.fixture
@@ -125,47 +114,6 @@ def test_damage_of_a_sealed_file_is_found_without_hdf5(sealed: Path, as_content:
         source = files.read_content(sealed, "data") if as_content else sealed
         with pytest.raises(DataError, match="damaged: checksum mismatch"), hdf5.opened(source, "data"):
             pass
-
-
-DAMAGE = """
-import sys
-from pathlib import Path
-import numpy as np
-from netlib.errors import DataError
-from netlib.files import hdf5
-path, good, rng = Path(sys.argv[1]), Path(sys.argv[1]).read_bytes(), np.random.default_rng(4)
-for bit in rng.choice(8 * len(good), 300, replace=False):
-    damaged = bytearray(good)
-    damaged[bit // 8] ^= 1 << bit % 8
-    path.write_bytes(damaged)
-    try:
-        hdf5.File(path, ("a", "b"))
-    except DataError as error:
-        assert "\\n" not in str(error)
-print("done")
-"""
-
-
-def test_damage_of_other_files(tmp_path: Path) -> None:
-    """A flipped bit gives one line or other numbers. The process is another one: HDF5 can crash on a damaged file."""
-    path = write_hdf5(tmp_path / "plain.h5", a=np.arange(3), b=np.zeros((3, 4)))
-    done = run_python("-c", DAMAGE, str(path), status=None)
-    assert done.out == "done\n" or done.status < 0
-
-
-# ---------------------------------------------------------------------------------------------- rows
-
-
-def test_numbers_that_no_array_has(tmp_path: Path) -> None:
-    """Values with 12 significant bits in 16 are converted by HDF5 instead of read as they are stored."""
-    kind = h5py.h5t.STD_I16LE.copy()
-    kind.set_precision(12)
-    kind.set_offset(4)
-    values = np.arange(6000, dtype=np.int16).reshape(2, 3000) % 1000
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        dataset = h5py.h5d.create(file.id, b"x", kind, h5py.h5s.create_simple(values.shape))
-        dataset.write(h5py.h5s.ALL, h5py.h5s.ALL, values)
-    assert np.array_equal(hdf5.File(tmp_path / "a.h5", ("x",)).datasets[0], values)
 
 
 @pytest.mark.parametrize("shape", [(), (3,), (40, 40)], ids=["numbers", "small rows", "large rows"])

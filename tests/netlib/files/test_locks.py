@@ -41,7 +41,6 @@ def test_one_at_a_time(tmp_path: Path) -> None:
 
 
 def test_a_kill_releases(tmp_path: Path) -> None:
-    """A killed process releases its lock, so that another can take it."""
     path = tmp_path / ".prefix.lock"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     with subprocess.Popen(
@@ -58,7 +57,6 @@ def test_a_kill_releases(tmp_path: Path) -> None:
 
 
 def test_a_planted_link(tmp_path: Path) -> None:
-    """A symbolic link in place of the lock file is not followed."""
     (tmp_path / "precious").write_text("mine")
     (tmp_path / ".lock").symlink_to(tmp_path / "precious")
     with pytest.raises(OSError, match=r"Too many levels of symbolic links: '.*\.lock'$"):
@@ -67,7 +65,6 @@ def test_a_planted_link(tmp_path: Path) -> None:
 
 
 def test_a_system_without_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without file locks every lock is granted."""
     monkeypatch.setattr(locks, "fcntl", None)
     both = [locks.Lock(tmp_path / ".lock") for _ in range(2)]
     assert [lock.taken for lock in both] == [True, True]

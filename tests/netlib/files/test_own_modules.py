@@ -35,16 +35,13 @@ FILES = {
 }
 
 
-@pytest.mark.parametrize(
-    ("kind", "how"),
-    [
-        ("modules", "python -m netlib.caffe"),
-        ("modules", "imported before"),
-        ("packages", "python -m netlib.caffe"),
-        ("packages", "install_as_caffe"),
-        ("folders", "install_as_caffe"),
-    ],
-)
+@pytest.mark.parametrize(("kind", "how"), [
+    ("modules", "python -m netlib.caffe"),
+    ("modules", "imported before"),
+    ("packages", "python -m netlib.caffe"),
+    ("packages", "install_as_caffe"),
+    ("folders", "install_as_caffe"),
+])
 def test_a_scripts_own_modules_win(run, kind: str, how: str) -> None:
     """The script finds its own modules, also later and in other modules; nets are built and run by ours."""
     begin = {
@@ -76,61 +73,6 @@ def test_ours_are_found_if_there_are_no_others(run) -> None:
         "print(Pooling is layers.LAYER_TYPES['Pooling'], layers.__spec__.name, Pooling.__module__)"
     )
     assert run(code, {}) == ["True layers layers.vision.pooling"]
-
-
-def test_a_python_layer_finds_the_scripts_own_module(run) -> None:
-    """A layer of type Python whose module is one that the script has imported is of that module's class."""
-    layer = (
-        "import caffe\n"
-        "class Ten(caffe.Layer):\n"
-        "    count = 0\n"
-        "    def setup(self, bottom, top): Ten.count += 1\n"
-        "    def reshape(self, bottom, top): top[0].reshape(*bottom[0].data.shape)\n"
-        "    def forward(self, bottom, top): top[0].data[...] = 10 * bottom[0].data\n"
-    )
-    net = (
-        'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 } } }'
-        'layer { name: "t" type: "Python" bottom: "x" top: "y" python_param { module: "layers.ten" layer: "Ten" } }'
-    )
-    code = (
-        "import caffe\nfrom layers.ten import Ten\nimport numpy as np\nnet = caffe.Net('net.prototxt', caffe.TEST)\n"
-        "print(net.forward(x=np.ones(2))['y'], type(net.layers[1]) is Ten, Ten.count)"
-    )
-    files = {"layers/__init__.py": "", "layers/ten.py": layer, "net.prototxt": net}
-    assert run(code, files, "-m", "netlib.caffe") == ["[10. 10.] True 1"]
-
-
-TRIPLE = """import netlib
-class Triple(netlib.Layer):
-    def reshape(self, bottom, top): top[0].reshape(*bottom[0].shape)
-    def forward(self, bottom, top): top[0].data[...] = 3 * bottom[0].data
-    def backward(self, top, propagate_down, bottom): bottom[0].diff[...] = 3 * top[0].diff
-"""
-TRAINING = f"""
-import handpose, netlib
-from handpose.estimate.estimator import HandEstimator
-assert len(netlib.Net({str(ROOT / "prototxt" / "nyu_deploy.prototxt")!r}, netlib.TEST).forward()) == 1
-solver = netlib.get_solver("solver.prototxt")
-assert solver.step(2)
-import layers
-print(type(solver.net.layer_dict["triple"]).__name__)
-print(layers.Triple.__module__, "ours" if hasattr(layers, "LAYER_TYPES") else "theirs")
-"""
-SOLVED = {
-    "layers.py": TRIPLE,
-    "solver.prototxt": 'net: "net.prototxt" base_lr: 0.1 lr_policy: "fixed"',
-    "net.prototxt": """layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 dim: 3 } } }
-        layer { name: "f" type: "InnerProduct" bottom: "x" top: "f" inner_product_param { num_output: 2 } }
-        layer { name: "triple" type: "Python" bottom: "f" top: "p" python_param { module: "layers" layer: "Triple" } }
-        layer { name: "loss" type: "EuclideanLoss" bottom: "p" bottom: "p" top: "loss" }""",
-}
-
-
-@pytest.mark.parametrize("before", ["", "import layers as first\n"])
-def test_handpose_beside_a_scripts_own_layers(run, before: str) -> None:
-    """Whenever the script imports its own, handpose and netlib use ours and the script its own; a net trains."""
-    code = before + TRAINING + ("print(layers is first)\n" if before else "")
-    assert run(code, SOLVED) == ["Triple", "layers theirs", *["True"][: len(before)]]
 
 
 def test_importing_netlib_changes_nothing_else(run) -> None:

@@ -26,7 +26,6 @@ def put(path: Path) -> Path:
 
 
 def test_the_working_directory_comes_first(tree: Path) -> None:
-    """The working directory is searched first, then the folder of the prototxt."""
     source = str(put(tree / "prototxt" / "solver.prototxt"))
     beside = put(tree / "prototxt" / "net.prototxt")
     assert find("net.prototxt", source) == beside
@@ -67,7 +66,6 @@ def test_the_command_line(tree: Path) -> None:
 
 
 def test_commands_as_they_are_started(monkeypatch: pytest.MonkeyPatch) -> None:
-    """command returns the script of a clone or the sub-command of ``handpose``."""
     assert command("export_onnx") == "python tools/export_onnx.py"
     monkeypatch.setattr(sys, "argv", ["handpose train"])
     assert command("export_onnx") == "handpose export-onnx"

@@ -47,7 +47,6 @@ def test_bytes_and_text(tmp_path: Path) -> None:
     "a link to itself": (lambda at: files.make_folder(at / "loop"), OSError, "[Errno 17] File exists: '.../loop'"),
 })
 def test_what_is_refused(tmp_path: Path, given: Callable[[Path], object], rejected: Any) -> None:
-    """Every way of reading rejects files that are too large or no text."""
     (tmp_path / "bytes").write_bytes(b"abc\xff")
     (tmp_path / "loop").symlink_to("loop")
     with (tmp_path / "hole").open("wb") as file:
@@ -66,7 +65,6 @@ def test_the_start_of_a_large_file_and_text_with_errors(tmp_path: Path) -> None:
 
 
 def test_folders_are_made(tmp_path: Path) -> None:
-    """make_folder creates parent folders."""
     for _ in range(2):
         files.make_folder(tmp_path / "a" / "b")
     assert (tmp_path / "a" / "b").is_dir()
@@ -133,12 +131,8 @@ def test_a_file_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     assert list(pieces) == [b"def", b"g"]
 
 
-# ---------------------------------------------------------------------------------------------- reads from anywhere
-
-
 @pytest.mark.parametrize("positioned", [True, False], ids=["with preadv", "without"])
 def test_a_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, positioned: bool) -> None:
-    """A source reads any range of a file; ranges beyond its end or beyond memory raise an error."""
     if not positioned:
         monkeypatch.delattr(os, "preadv", raising=False)
     path = tmp_path / "a"
@@ -159,10 +153,10 @@ def test_a_source_that_is_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     (tmp_path / "a").write_bytes(bytes(100))
     source = files.Source(tmp_path / "a", "the data")
 
-    def stale(descriptor: int) -> files.Identity:
+    def stale(descriptor: int) -> tuple[int, ...]:
         raise OSError(errno.ESTALE, os.strerror(errno.ESTALE))
 
-    monkeypatch.setattr(reading, "identity", stale)
+    monkeypatch.setattr(reading, "_identity", stale)
     with pytest.raises(DataError, match=f"^{tmp_path}/a: cannot read the data: Stale file handle$"):
         source.check()
 

@@ -23,7 +23,6 @@ def proto(text: str) -> BlobProto:
 
 
 def test_an_array_comes_back(tmp_path: Path) -> None:
-    """An array keeps its shape and type."""
     for array in (np.arange(6, dtype=np.float32).reshape(1, 2, 3), np.array(0.1), np.float32([[7]])):
         binaryproto.write_blob(array, tmp_path / "mean.binaryproto")
         found = binaryproto.read_blob(tmp_path / "mean.binaryproto")
@@ -32,7 +31,6 @@ def test_an_array_comes_back(tmp_path: Path) -> None:
 
 
 def test_a_blob_older_than_shapes_has_four_axes() -> None:
-    """A blob without a shape has the axes num, channels, height and width."""
     array = binaryproto.array_of(proto("num: 1 channels: 2 height: 1 width: 3 data: [1, 2, 3, 4, 5, 6]"))
     assert array.shape == (1, 2, 1, 3)
 
@@ -44,10 +42,9 @@ def test_a_blob_with_four_axes_and_a_shape() -> None:
     assert binaryproto.array_of(proto(text)).shape == io.blobproto_to_array(blob).shape == (1, 1, 2, 3)
 
 
-@pytest.mark.parametrize(
-    ("kind", "written", "read"),
-    [("FLOAT16", "<f2", np.float32), ("FLOAT", "<f4", np.float32), ("DOUBLE", "<f8", float)],
-)
+@pytest.mark.parametrize(("kind", "written", "read"), [
+    ("FLOAT16", "<f2", np.float32), ("FLOAT", "<f4", np.float32), ("DOUBLE", "<f8", float),
+])
 def test_raw_values(tmp_path: Path, kind: str, written: str, read: type) -> None:
     """Values in raw_data, as in half-precision files of OpenCV and NVIDIA's Caffe, are read; half becomes single."""
     blob = caffe_pb2.BlobProto(raw_data_type=kind, raw_data=np.array([1.5, -0.1, 3], written).tobytes())
@@ -81,7 +78,6 @@ def test_a_shape_that_does_not_fit_its_values(given: str, rejected: Any) -> None
                   "...mean.binaryproto: byte 0: a blob of shape (0, 0, 0, 0) has 1 values; expected a blob ..."),
 })
 def test_files_that_are_no_blobs(tmp_path: Path, given: bytes | None, rejected: Any) -> None:
-    """A missing or malformed file raises a one-line error."""
     if given is not None:
         (tmp_path / "mean.binaryproto").write_bytes(given)
     with rejected:
@@ -90,7 +86,6 @@ def test_files_that_are_no_blobs(tmp_path: Path, given: bytes | None, rejected: 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
 def test_a_place_that_cannot_be_written(tmp_path: Path) -> None:
-    """An unwritable folder raises a one-line error."""
     tmp_path.chmod(0o500)
     with pytest.raises(DataError, match="cannot write the blob"):
         binaryproto.write_blob(np.zeros(1), tmp_path / "mean.binaryproto")

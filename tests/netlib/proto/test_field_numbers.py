@@ -58,7 +58,6 @@ def own_fields() -> dict[str, Fields]:
 
 
 def test_every_number_is_that_of_caffe() -> None:
-    """The messages, fields and numbers of the dataclasses and of the table are equal."""
     table, own = caffe_fields(), own_fields()
     assert sum(len(fields) for fields in table.values()) > 390
     assert own.keys() == table.keys()

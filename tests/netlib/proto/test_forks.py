@@ -23,38 +23,11 @@ CLASSES: dict[str, Any] = {
 }
 
 
-# ---------------------------------------------------------------------------------------------- options
-
-
 @pytest.mark.parametrize("message", list(forks.OPTIONS))
 def test_no_option_is_declared_twice(message: str) -> None:
     """The table has only options that the message does not declare, of messages that exist."""
     declared = {schema.written_name(field.name) for field in dataclasses.fields(CLASSES[message])}
     assert not declared & forks.OPTIONS[message].keys()
-
-
-@pytest.mark.parametrize(
-    ("message", "text"),
-    [
-        ("ConvolutionParameter", 'conv_algorithm: "winograd" cudnn_convolution_algo_seeker: GET relu: false'),
-        ("ConvolutionParameter", 'conv_algos_override: "7,5,7" fusion_type: NONE_FUSION hole: 1 engine: MKLDNN'),
-        ("PoolingParameter", "torch_pooling: false avg_include_pad: true axis: 1 engine: MKL2017"),
-        ("BatchNormParameter", "engine: CUDNN scale_bias: false stats_batch_size: 0 use_weight_bias: false"),
-        ("LRNParameter", "engine: MKLDNN"),
-        ("ELUParameter", "lambda: 1.0"),
-        ("ReshapeParameter", "pixelshuffler: 1"),
-        ("LayerParameter", 'forward_type: FLOAT16 backward_math: FLOAT engine: "MKLDNN:CPU" multinode { }'),
-        ("NetParameter", 'default_forward_type: FLOAT16 engine: "MKL2017" compile_net_state { bn_top_rename: false }'),
-        ("SolverParameter", 'eval_type: "classification" min_lr: 0 larc: false momentum_policy: "fixed"'),
-        ("SolverParameter", "larc_eta: 0.001 plateau_winsize: 10 plateau_winsize: 20 store_blobs_in_old_format: true"),
-        ("TransformationParameter", "use_gpu_transform: 1 vertical_stretch_upper: 1 img_rand_resize_lower: 0"),
-    ],
-)
-def test_options_without_effect_are_ignored(message: str, text: str) -> None:
-    """Options that select an implementation, and values without effect, give the same options as no field."""
-    cls = CLASSES[message]
-    found, plain = (schema.read(prototxt.parse(one), cls) for one in (text, ""))
-    assert found == plain
 
 
 REQUIRED = {"DataParameter": 'source: "d" batch_size: 1', "ImageDataParameter": 'source: "l"',
@@ -79,7 +52,6 @@ def test_every_option_is_ignored_or_refused(message: str, name: str, harmless: s
 
 
 def test_a_block_of_a_fork_without_effect(net_of: Callable[..., Net]) -> None:
-    """An options block of a layer is treated like an option."""
     block = "mn_activation_param { num_nodes: 1 }"
     net_of(inputs(x=(1,)) + f'layer {{ name: "r" type: "ReLU" bottom: "x" top: "y" {block} }}')
 
@@ -102,9 +74,6 @@ def test_weights_of_a_net_with_options_of_forks(net_of: Callable[..., Net], tmp_
     assert str(found) == str(wanted).replace("kernel_size: 1\n", "kernel_size: 1\n    engine: 0\n")
 
 
-# ---------------------------------------------------------------------------------------------- types
-
-
 @pytest.mark.parametrize(("name", "advice"), [
     ("Convolutoin", "did you mean 'Convolution'?"), ("convolution", "did you mean 'Convolution'?"),
     ("Inner_Product", "did you mean 'InnerProduct'?"), ("Poolin", "did you mean 'Pooling'?"),
@@ -114,7 +83,6 @@ def test_weights_of_a_net_with_options_of_forks(net_of: Callable[..., Net], tmp_
     ("MultiBoxLoss", "the training layers of SSD are not supported; its deploy nets are"),
 ])
 def test_advice_on_unknown_types(name: str, advice: str) -> None:
-    """A misspelling leads to the type that is meant, a layer of a fork to what to use instead."""
     assert forks.type_advice(name, LAYER_TYPES).startswith(f" ({advice}")
 
 
@@ -135,8 +103,6 @@ def test_the_types_with_hints_are_not_known() -> None:
     assert not forks.HINTS.keys() & LAYER_TYPES.keys()
 
 
-# ---------------------------------------------------------------------------------------------- binary files
-
 CONTENTS = {  # block -> content, as text and encoded
     "interp_param": ("zoom_factor: 8", b"\x18\x08"),
     "recurrent_param": ("num_output: 4", b"\x08\x04"),
@@ -154,15 +120,8 @@ def varint(number: int) -> bytes:
 
 
 def layer_bytes(type_: str, number: int, content: bytes) -> bytes:
-    """Return a layer with a field of this number."""
-    return (
-        b"\x0a\x01a\x12"
-        + varint(len(type_))
-        + type_.encode()
-        + varint(number << 3 | 2)
-        + varint(len(content))
-        + content
-    )
+    name_and_type = b"\x0a\x01a\x12" + varint(len(type_)) + type_.encode()
+    return name_and_type + varint(number << 3 | 2) + varint(len(content)) + content
 
 
 @pytest.mark.parametrize(
@@ -183,7 +142,6 @@ def test_each_fork_has_its_own_number(type_: str, number: int) -> None:
 
 
 def test_the_type_may_follow_the_options() -> None:
-    """Fields can be in any order."""
     block = varint(143 << 3 | 2) + b"\x02\x18\x08"
     tree = wire.decode(block + b"\x12\x06Interp", LayerParameter)
     assert str(tree) == 'interp_param {\n  zoom_factor: 8\n}\ntype: "Interp"\n'

@@ -28,29 +28,19 @@ def as_lists(message: Message) -> list[Any]:
 
 
 def test_there_are_examples() -> None:
-    """The two folders of examples are not empty."""
     assert len(VALID) >= 13
     assert len(INVALID) >= 20
 
 
 @pytest.mark.parametrize("name", VALID)
 def test_valid(name: str) -> None:
-    """valid/NAME.prototxt parses to the tree in valid/NAME.json."""
-    expected = json.loads((HERE / "valid" / f"{name}.json").read_text(encoding="utf-8"))
-    assert as_lists(prototxt.parse_file(HERE / "valid" / f"{name}.prototxt")) == expected
-
-
-@pytest.mark.parametrize("name", VALID)
-def test_valid_files_print_as_text_that_is_the_same_tree(name: str) -> None:
-    """A printed tree parses to the same tree, and printing it again gives the same text."""
     tree = prototxt.parse_file(HERE / "valid" / f"{name}.prototxt")
+    assert as_lists(tree) == json.loads((HERE / "valid" / f"{name}.json").read_text(encoding="utf-8"))
     assert prototxt.parse(str(tree)) == tree
-    assert str(prototxt.parse(str(tree))) == str(tree)
 
 
 @pytest.mark.parametrize("name", INVALID)
 def test_invalid(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """invalid/NAME.prototxt raises the error in invalid/NAME.txt: position, expected and actual text."""
     monkeypatch.chdir(HERE / "invalid")
     with pytest.raises(netlib.PrototxtError) as error:
         prototxt.parse_file(f"{name}.prototxt")
@@ -58,7 +48,6 @@ def test_invalid(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_every_node_keeps_its_place() -> None:
-    """Fields, values and messages keep their line and column, counted from 1."""
     tree = prototxt.parse('a: 1\n  b {\n\tc:   "x"  }', "f")
     a, b = tree.fields
     assert isinstance(b.value, Message)
@@ -69,7 +58,6 @@ def test_every_node_keeps_its_place() -> None:
 
 
 def test_the_elements_of_a_list_have_places_of_their_own() -> None:
-    """Each element of a list has its own position for error messages."""
     tree = prototxt.parse("dim: [1,\n 2]", "f")
     assert [str(f.position) for f in tree.fields] == ["f:1:7", "f:2:2"]
 
@@ -77,9 +65,8 @@ def test_the_elements_of_a_list_have_places_of_their_own() -> None:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (None, "cannot read the prototxt: No such file or directory"),
-        (b"# \xe9\nname: '# \xe9'", "cannot read the prototxt: not a text file (byte 2 is not UTF-8)"),
-        (b"\xff\xfe\x00", "cannot read the prototxt: not a text file (byte 0 is not UTF-8)"),
+        (None, " cannot read the prototxt: No such file or directory"),
+        (b"\xff\xfe\x00", "1:1: error: not a text file (byte 0xff is not UTF-8)"),
     ],
 )
 def test_files_that_cannot_be_read(tmp_path: Path, content: bytes | None, message: str) -> None:
@@ -89,15 +76,15 @@ def test_files_that_cannot_be_read(tmp_path: Path, content: bytes | None, messag
         path.write_bytes(content)
     with pytest.raises(netlib.NetlibError) as error:
         prototxt.parse_file(path)
-    assert str(error.value).startswith(f"{path}: {message}")
+    assert str(error.value).startswith(f"{path}:{message}")
 
 
-def test_comments_in_any_encoding(tmp_path: Path) -> None:
-    """Comments need not be UTF-8, also behind strings; positions are right after them."""
+def test_comments_and_strings_in_any_encoding(tmp_path: Path) -> None:
+    """Comments and strings need not be UTF-8, as in Caffe; positions are right after them."""
     path = tmp_path / "n.prototxt"
-    path.write_bytes(b"# don't: \xbe\xed\xbb\xfd\nname: '#\"' # \xe9\n" + "other: 'é'".encode())
+    path.write_bytes(b"# don't: \xbe\xed\xbb\xfd\nname: '#\"' # \xe9\n" + "other: 'é".encode() + b"\xe9'")
     assert [(f.name, f.value.text, f.position.line) for f in prototxt.parse_file(path).fields] == [
-        ("name", '#"', 2), ("other", "é", 3)
+        ("name", '#"', 2), ("other", "é\udce9", 3)
     ]
 
 
@@ -107,8 +94,6 @@ def test_weights_in_place_of_a_net(name: str) -> None:
     with pytest.raises(netlib.NetlibError, match=f"^{name}: found weights, expected a .prototxt; a net stands before"):
         netlib.Net(name, "net.prototxt", netlib.TEST)
 
-
-# ---------------------------------------------------------------------------------------------- any tree
 
 NOWHERE = Position("", 1, 1)
 NAMES = st.from_regex(r"[A-Za-z_][A-Za-z_0-9]{0,6}", fullmatch=True)
@@ -123,7 +108,6 @@ SCALARS = st.one_of(
 
 
 def messages(children: st.SearchStrategy[Any]) -> st.SearchStrategy[Message]:
-    """Messages whose values are scalars or ``children``."""
     fields = st.builds(Field, NAMES, st.one_of(SCALARS, children), st.just(NOWHERE))
     return st.builds(Message, st.lists(fields, max_size=4), st.just(NOWHERE))
 
@@ -133,27 +117,16 @@ TREES = st.recursive(messages(st.nothing()), messages, max_leaves=8)
 
 @given(TREES)
 def test_parse_print_parse_is_stable(tree: Message) -> None:
-    """Any tree, with any characters in its strings, parses back from its printed text."""
     assert prototxt.parse(str(tree)) == tree
 
 
-@given(st.text(max_size=40))
+@given(st.text(max_size=40) | st.text(alphabet="ab1.-e:{}<>[]\",;\\'# \n", max_size=30))
 def test_any_text_is_read_or_refused_in_one_line(text: str) -> None:
-    """Any text is parsed or raises a one-line PrototxtError."""
-    try:
-        prototxt.parse(text, "f")
-    except netlib.PrototxtError as error:
-        assert str(error).startswith("f:")
-        assert len(str(error).splitlines()) == 1
-
-
-@given(st.text(alphabet="ab1.-e:{}<>[]\",;\\'# \n", max_size=30))
-def test_any_text_of_the_formats_own_characters(text: str) -> None:
-    """Any text of the format's own characters is parsed or raises an error; what is parsed survives printing."""
     try:
         tree = prototxt.parse(text, "f")
     except netlib.PrototxtError as error:
         assert str(error).startswith("f:")
+        assert len(str(error).splitlines()) == 1
     else:
         assert prototxt.parse(str(tree)) == tree
 

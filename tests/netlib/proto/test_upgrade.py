@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import pytest
 
 from netlib.errors import PrototxtError, WeightsError
-from netlib.proto import binaryproto, prototxt, schema, wire
+from netlib.proto import prototxt, schema, wire
 from netlib.proto.messages import NetParameter
 from netlib.proto.upgrade import AnyNetParameter, upgraded
 from netlib.snapshots import binary_format
@@ -48,13 +47,11 @@ def by_bytes(text: str) -> prototxt.Message:
 
 @pytest.mark.parametrize(("old", "today"), [(V1, TODAY), (TODAY, TODAY)], ids=["V1", "today"])
 def test_an_old_net_is_the_net_of_today(old: str, today: str) -> None:
-    """Types, rates, decays, sharing, rules and options are upgraded."""
     assert net(old) == plain(today)
     assert wire.encode(by_bytes(old), NetParameter) == wire.encode(prototxt.parse(today), NetParameter)
 
 
 def test_data_options_of_2014_go_to_transform_param() -> None:
-    """Transformation options of the old Data layer move to transform_param."""
     old = 'layers { type: DATA top: "d" data_param { source: "s" batch_size: 1 scale: 2 mirror: true crop_size: 5 } }'
     today = """layer { type: "Data" top: "d" data_param { source: "s" batch_size: 1 }
                transform_param { scale: 2 mirror: true crop_size: 5 } }"""
@@ -87,16 +84,8 @@ AGE = ("this net is in Caffe's format of 2013 (V0); convert it by Caffe 1.0's up
     'layers { layer { name: "a" type: "relu" } bottom: "x" top: "x" }': f"<text>:1:8: error: {AGE}",
 })
 def test_mistakes_point_at_the_old_text(given: str, rejected: Any) -> None:
-    """Errors have the line and column of the original text."""
     with rejected:
         net(given)
-
-
-@pytest.mark.parametrize("text", ['layer { name: "a" %s }', 'layers { name: "a" %s }'])
-def test_weights_of_both_formats(text: str) -> None:
-    blob = str(binaryproto.tree_of(np.float32([[1, 2, 3]])))
-    data = wire.encode(prototxt.parse(text % f"blobs {{ {blob} }}"), AnyNetParameter)
-    assert binary_format.read_weights(data, "x")["a"][0].tolist() == [[1, 2, 3]]
 
 
 def test_a_binary_file_of_2013_is_refused() -> None:

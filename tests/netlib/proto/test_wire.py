@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import struct
 from typing import Any
 
@@ -18,39 +17,25 @@ from netlib.proto.messages import BlobProto, Datum, LayerParameter, SolverParame
 from netlib.proto.options import option_blocks
 from tests.support.bad_input import bad_inputs
 
-MESSAGES = [
-    *(cls for cls in vars(messages).values() if getattr(cls, "__module__", "") == messages.__name__),
-    upgrade.V1LayerParameter, upgrade.AnyNetParameter,
-    *option_blocks().values(),
-]
-
 
 def tree_of(data: bytes, cls: Any = LayerParameter) -> str:
-    """Return the decoded message as text."""
     return str(wire.decode(data, cls, "x"))
 
 
-# ---------------------------------------------------------------------------------------------- by hand
-
-
-@pytest.mark.parametrize(
-    ("text", "cls", "data"),
-    [
-        ('name: "ip"', LayerParameter, b"\x0a\x02ip"),  # field 1, the length, the letters
-        ("phase: TEST", LayerParameter, b"\x50\x01"),  # field 10, a varint
-        ("loss_weight: 0.5", LayerParameter, b"\x2d" + struct.pack("<f", 0.5)),  # field 5, 4 bytes
-        ("level: -1", messages.NetState, b"\x10" + b"\xff" * 9 + b"\x01"),  # a negative number takes ten bytes
-        ("dim: 2\ndim: 300", messages.BlobShape, b"\x0a\x03\x02\xac\x02"),  # packed
-        ("include {\n  phase: TEST\n}", LayerParameter, b"\x42\x02\x08\x01"),
-        ("relu_param {\n  negative_slope: 0.5\n}", LayerParameter, b"\xda\x07\x05\x0d" + struct.pack("<f", 0.5)),
-        ("propagate_down: true\npropagate_down: false", LayerParameter, b"\x58\x01\x58\x00"),
-        ('data: "\\000\\377"', Datum, b"\x22\x02\x00\xff"),  # bytes that are not text
-        ("data: 1.5\ndata: -2.0", BlobProto, b"\x2a\x08" + struct.pack("<2f", 1.5, -2)),
-        ("double_data: 0.1", BlobProto, b"\x42\x08" + struct.pack("<d", 0.1)),
-    ],
-)
+@pytest.mark.parametrize(("text", "cls", "data"), [
+    ('name: "ip"', LayerParameter, b"\x0a\x02ip"),  # field 1, the length, the letters
+    ("phase: TEST", LayerParameter, b"\x50\x01"),  # field 10, a varint
+    ("loss_weight: 0.5", LayerParameter, b"\x2d" + struct.pack("<f", 0.5)),  # field 5, 4 bytes
+    ("level: -1", messages.NetState, b"\x10" + b"\xff" * 9 + b"\x01"),  # a negative number takes ten bytes
+    ("dim: 2\ndim: 300", messages.BlobShape, b"\x0a\x03\x02\xac\x02"),  # packed
+    ("include {\n  phase: TEST\n}", LayerParameter, b"\x42\x02\x08\x01"),
+    ("relu_param {\n  negative_slope: 0.5\n}", LayerParameter, b"\xda\x07\x05\x0d" + struct.pack("<f", 0.5)),
+    ("propagate_down: true\npropagate_down: false", LayerParameter, b"\x58\x01\x58\x00"),
+    ('data: "\\000\\377"', Datum, b"\x22\x02\x00\xff"),  # bytes that are not text
+    ("data: 1.5\ndata: -2.0", BlobProto, b"\x2a\x08" + struct.pack("<2f", 1.5, -2)),
+    ("double_data: 0.1", BlobProto, b"\x42\x08" + struct.pack("<d", 0.1)),
+])
 def test_text_and_bytes(text: str, cls: Any, data: bytes) -> None:
-    """Each kind of field is encoded to and decoded from the expected bytes."""
     assert wire.encode(prototxt.parse(text), cls) == data
     read, parsed = wire.decode(data, cls), prototxt.parse(text)
     assert wire.encode(read, cls) == data
@@ -70,7 +55,6 @@ def test_numbers_one_by_one_or_in_one_piece() -> None:
 
 
 def test_an_array_is_a_view_of_the_bytes() -> None:
-    """A decoded array is a view of the file's bytes, not a copy."""
     data = b"\x2a\x10" + np.arange(4, dtype="<f4").tobytes()
     blob = schema.read(wire.decode(data, BlobProto), BlobProto)
     assert blob.data is not None
@@ -88,37 +72,21 @@ def test_bytes_are_a_text_where_one_looks() -> None:
 
 
 def test_unknown_fields_are_skipped() -> None:
-    """Unknown fields of every wire type, including nested groups, and known fields of a wrong type are skipped."""
+    """Unknown fields of every wire type, and known fields of a wrong type, are skipped."""
     unknown = b"\x98\x4e\x05" + b"\x99\x4e" + b"8 bytes." + b"\x9a\x4e\x03abc" + b"\x9d\x4e4 by"
-    group = b"\x9b\x4e" + unknown + b"\x9b\x4e\x9c\x4e" + b"\x9c\x4e"
-    assert tree_of(b"\x0a\x01a" + unknown + group + b"\x12\x01b") == 'name: "a"\ntype: "b"\n'
+    assert tree_of(b"\x0a\x01a" + unknown + b"\x12\x01b") == 'name: "a"\ntype: "b"\n'
     assert tree_of(b"\x08\x07") == ""  # field 1 as a number instead of a string
 
 
 def test_later_values_count_and_parts_of_messages_are_merged() -> None:
-    """The last value of a field counts, and parts of a message are merged, as in protobuf."""
     assert tree_of(b"\x0a\x01a\x12\x01t\x0a\x01b") == 'name: "b"\ntype: "t"\n'
     data = b"\xda\x07\x05\x0d" + struct.pack("<f", 0.5) + b"\xda\x07\x02\x10\x01"
     layer = schema.read(wire.decode(data, LayerParameter), LayerParameter)
     assert str(layer.blocks["relu_param"]) == "negative_slope: 0.5\nengine: 1\n"
 
 
-def test_the_numbers_of_a_message_are_different() -> None:
-    """The field numbers of each message, including options blocks, are unique and positive."""
-    assert len(MESSAGES) > 40
-    for cls in MESSAGES:
-        numbers = [f.metadata["number"] for f in dataclasses.fields(cls) if "number" in f.metadata]
-        numbers += [n for f in dataclasses.fields(cls) for n in f.metadata.get("numbers", {}).values()]
-        assert len(set(numbers)) == len(numbers) > 0, cls
-        assert min(numbers) > 0
-
-
 def test_every_options_block_has_a_number() -> None:
-    """Every options block has a field number, so that every net can be written."""
     assert set(option_blocks()) == set(messages.BLOCKS)
-
-
-# ---------------------------------------------------------------------------------------------- nonsense
 
 
 @bad_inputs(WireError, {
@@ -131,12 +99,10 @@ def test_every_options_block_has_a_number() -> None:
         (b"\x02\x01a", "0: malformed: a field with number 0"),
         (b"\x0e\x00", "0: malformed: wire type 6"),
         (b"\x0c", "0: malformed: wire type 4"),
-        (b"\x0b\x10\x01", "3: truncated: the message ends within a number"),
-        (b"\x0b" * 102, "100: groups are nested more than 100 deep"),
+        (b"\x0b\x10\x01\x0c", "0: malformed: wire type 3"),
         (b"\x3a\x07\x2a\x05" + bytes(5), "2: malformed: 5 bytes of 'data' are no float32 array"))
 })
 def test_nonsense_is_one_line_with_its_byte(given: bytes, rejected: Any) -> None:
-    """The error states the byte and the fault."""
     with rejected:
         tree_of(given)
 
@@ -147,7 +113,6 @@ UNKNOWN = {  # field 222
     "4 bytes": b"\xf5\x0dabcd",
     "8 bytes": b"\xf1\x0dabcdefgh",
     "a message": b"\xf2\x0d\x03\x08\x02\x07",
-    "a group": b"\xf3\x0d\x08\x01\xf4\x0d",
 }
 
 
@@ -190,15 +155,11 @@ def test_the_number_of_fields_is_bounded(monkeypatch: pytest.MonkeyPatch) -> Non
 
 @given(st.binary(max_size=60))
 def test_any_bytes_are_a_message_or_one_line(data: bytes) -> None:
-    """Any bytes are decoded or raise a one-line NetlibError."""
     for cls in (LayerParameter, SolverState, BlobProto, upgrade.AnyNetParameter):
         try:
             schema.read(wire.decode(data, cls, "x"), cls)
         except NetlibError as error:
             assert "\n" not in str(error)
-
-
-# ---------------------------------------------------------------------------------------------- protobuf itself
 
 
 TEXT = """
@@ -210,7 +171,6 @@ TEXT = """
 
 
 def test_protobuf_reads_what_we_write() -> None:
-    """protobuf reads the bytes and writes the same ones; tests/caffe compares field numbers with Caffe's files."""
     message = caffe_pb2.LayerParameter()
     data = wire.encode(prototxt.parse(TEXT), LayerParameter)
     message.ParseFromString(data)
@@ -222,7 +182,6 @@ def test_protobuf_reads_what_we_write() -> None:
 
 @pytest.mark.parametrize("name", list(UNKNOWN))
 def test_protobuf_writes_unknown_fields_as_we_do(name: str) -> None:
-    """protobuf keeps unknown fields and writes the same bytes, also when other fields are changed."""
     layer = b"\x12\x04ReLU" + UNKNOWN[name] + b"\xda\x07\x05\x0d" + bytes(4)
     message = caffe_pb2.LayerParameter.FromString(layer)
     tree = wire.decode(layer, LayerParameter)
@@ -242,7 +201,6 @@ def test_protobuf_writes_unknown_fields_as_we_do(name: str) -> None:
     )
 )
 def test_protobuf_and_we_agree_on_any_message(solver: SolverParameter) -> None:
-    """protobuf writes the same bytes for any message, and they decode to the message."""
     data = wire.encode(schema.to_tree(solver), SolverParameter)
     message = caffe_pb2.SolverParameter()
     message.ParseFromString(data)

@@ -7,10 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import netlib
 from netlib.system import memory
-from netlib.system.memory import OutOfMemoryError, format_bytes
+from netlib.system.memory import OutOfMemoryError, blocks, format_bytes
 from tests.support.nets import inputs
 
 pytestmark = pytest.mark.both_engines
@@ -34,14 +36,10 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
 
 
 def test_a_size_in_words() -> None:
-    """Sizes are printed with two digits."""
     sizes = [0, 999, 1000, 9_949, 9_960, 20e9, 8.64e12, 999.6e6, 5e30]
     assert [format_bytes(int(size)) for size in sizes] == [
         "0 bytes", "999 bytes", "1.0 kB", "9.9 kB", "10 kB", "20 GB", "8.6 TB", "1.0 GB", "5000000000000 EB"
     ]
-
-
-# ---------------------------------------------------------------------------------------------- nets
 
 
 def test_parameters(net_of: MakeNet, machine: Callable[[float], None]) -> None:
@@ -77,7 +75,6 @@ def test_a_smaller_batch_can_be_set_before_a_pass(net_of: MakeNet, machine: Call
 
 
 def test_a_gradient(net_of: MakeNet, machine: Callable[[float], None]) -> None:
-    """Arrays that only backward needs are checked in backward."""
     net = net_of("force_backward: true " + INPUT + INNER)
     net.forward()
     machine(79_000)
@@ -91,7 +88,6 @@ def test_a_gradient(net_of: MakeNet, machine: Callable[[float], None]) -> None:
     (ValueError("array is too big; `arr.size`"), "needs more memory than there is: array is too big; "),
 ])
 def test_a_layers_own_arrays(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch, error: Exception, line: str) -> None:
-    """A MemoryError, or NumPy's error for an array that is too big, is reported with the layer."""
     net = net_of(INPUT + INNER)
 
     def forward(*blobs: object) -> None:
@@ -130,10 +126,16 @@ def test_the_memory_of_this_machine() -> None:
 
 
 def test_random_numbers_are_those_of_one_draw() -> None:
-    """Numbers drawn block by block equal those of a single draw."""
     from netlib import fillers
 
     whole = np.random.default_rng(0).normal(0, 1, (3, fillers.BLOCK))
     array = np.zeros((3, fillers.BLOCK), np.float64)
     fillers.fill(array, fillers.Filler(type="gaussian"), np.random.default_rng(0))
     assert np.array_equal(array, whole)
+
+
+@given(st.integers(0, 300), st.integers(1, 40))
+def test_blocks_cut_a_range(count: int, size: int) -> None:
+    pieces = [list(range(count))[rows] for rows in blocks(count, size)]
+    assert [i for piece in pieces for i in piece] == list(range(count))
+    assert all(0 < len(piece) <= size for piece in pieces)

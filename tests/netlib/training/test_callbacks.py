@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -26,32 +25,6 @@ def test_the_order_of_an_iteration(solver_of: MakeSolver) -> None:
     ]
 
 
-def test_pycaffes_add_callback(solver_of: MakeSolver) -> None:
-    solver, seen = solver_of(ONE_WEIGHT % ""), list[Any]()
-    gradient = solver.net.params["ip"][0].diff
-    solver.add_callback(lambda: seen.append(float(gradient[0, 0])), lambda: seen.append(bool(gradient.any())))
-    solver.step(2)
-    assert seen == [0.0, True, 0.0, True]
-
-
-@pytest.mark.parametrize(("request_", "iterations", "snapshots"), [("stop", 2, [2]), ("snapshot", 4, [2])])
-def test_a_function_can_make_a_request(
-    solver_of: MakeSolver, request_: Any, iterations: int, snapshots: list[int]
-) -> None:
-    """A stop or a snapshot that is requested after an update comes after this iteration, as of an ActionCallback."""
-    solver = solver_of(ONE_WEIGHT % "", "max_iter: 4")
-
-    def from_the_second() -> None:
-        if solver.iter == 2:
-            solver.requested = request_
-
-    solver.on_update.append(from_the_second)
-    assert solver.step(4) == (request_ == "snapshot")
-    assert solver.iter == iterations
-    written = sorted(int(path.name.split("_iter_")[1].split(".")[0]) for path in Path().glob("*.solverstate*"))
-    assert written == snapshots
-
-
 def test_a_function_that_removes_itself(solver_of: MakeSolver) -> None:
     solver, seen = solver_of(ONE_WEIGHT % ""), list[str]()
 
@@ -62,11 +35,6 @@ def test_a_function_that_removes_itself(solver_of: MakeSolver) -> None:
     solver.on_start += [once, lambda: seen.append("always")]
     solver.step(2)
     assert seen == ["once", "always", "always"]
-
-
-def test_one_process_is_the_root(solver_of: MakeSolver) -> None:
-    solver = solver_of(ONE_WEIGHT % "")
-    assert (solver.ranks.rank, solver.ranks.count) == (0, 1)
 
 
 NO_LOSS = ONE_WEIGHT[: ONE_WEIGHT.index("layer { name: \"loss\"")]

@@ -36,7 +36,6 @@ def log() -> Iterator[io.StringIO]:
 
 
 def written(log: io.StringIO) -> str:
-    """Return and clear the new text."""
     text = log.getvalue()
     log.seek(0)
     log.truncate()
@@ -68,12 +67,10 @@ def test_a_prototxt_has_its_lines(log: io.StringIO, name: str) -> None:
 
 
 def test_numbers_are_formatted_as_ever(log: io.StringIO) -> None:
-    """Numbers are formatted by Python and NumPy as usual."""
     glog.log.info("%d %.6g %.3g %s", 3, np.float32(0.1), np.array(2.0), None)
     assert written(log).endswith("] 3 0.1 2 None\n")
 
 
 def test_pycaffes_log_takes_lines(log: io.StringIO) -> None:
-    """Each line of a message has its own stamp."""
     process.log("one\ntwo\x1b")
     assert [re.sub(STAMP, "", line) for line in written(log).splitlines()] == ["one", "two\\x1b"]
