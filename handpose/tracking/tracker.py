@@ -42,6 +42,7 @@ from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 
 MAX_HANDS = 100  # larger numbers of hands are invalid
+STILL = 0.5  # part of the minimum presence that is enough for a hand that is followed
 SEARCH_S = 0.2  # s between searches for further hands
 SAME_MM = 70.0  # palms closer together are the same hand
 APART_MM = 110.0  # a found hand this close to one that is followed is the same
@@ -108,7 +109,7 @@ class Tracker:
         """
         before = self._time
         readings, depth, time = self._accept(frame)
-        found = FrameHands(self.finder, depth, self.camera, self.min_presence)
+        found = FrameHands(self.finder, depth, self.camera, STILL * self.min_presence)
         self._follow(found, readings, time)
         self._drop_doubles()
         due = time - self._searched >= SEARCH_S or time - before > AHEAD_S
@@ -170,6 +171,8 @@ class Tracker:
         """Begin to follow the hands that the finder finds apart from those that are followed."""
         for hand in found.hands:
             tracks = self.tracks
+            if hand.presence < self.min_presence:
+                return
             if any(np.linalg.norm(hand.middle - track.place) < APART_MM for track in tracks):
                 continue
             if len(tracks) == self.limit:

@@ -282,15 +282,15 @@ def test_of_several_looks_the_best_counts() -> None:
 def test_losing(seen: list[Hand]) -> None:
     """A frame without the hand does not end its track: its credit does, which time with the hand renews."""
     one = HandTrack(ESTIMATOR, [estimate()], 0.0, None)
-    followed(one, [[estimate(x=1)]])
+    followed(one, [[estimate(x=1)]] * 4)
     credit = one.credit
-    assert credit == pytest.approx(2 * FRAME)
-    assert not one.take(seen, seen, 2 * FRAME) and one.credit == pytest.approx(credit - FRAME)
-    assert one.time == FRAME and one.best.estimate.body.place[0] == 1
-    assert one.take([estimate(x=2)], [], 3 * FRAME) and one.time == 3 * FRAME
-    followed(one, [[estimate(x=2)]] * 60, 4)
+    assert credit == pytest.approx(8 * FRAME)
+    assert not one.take(seen, seen, 5 * FRAME) and one.credit == pytest.approx(credit - FRAME)
+    assert one.time == 4 * FRAME and one.best.estimate.body.place[0] == 1
+    assert one.take([estimate(x=2)], [], 6 * FRAME) and one.time == 6 * FRAME
+    followed(one, [[estimate(x=2)]] * 60, 7)
     assert one.credit == MOST_CREDIT
-    assert not one.take(seen, seen, 70 * FRAME + MOST_CREDIT) and one.credit < 0
+    assert not one.take(seen, seen, 73 * FRAME + MOST_CREDIT) and one.credit < 0
 
 
 def test_smoothing_begins_with_the_first_pose() -> None:
@@ -349,7 +349,7 @@ def test_a_hand_without_a_sure_pose_is_there_while_the_finder_sees_it() -> None:
     assert not one.is_sure and one.place.tolist() == [1, 2, 600]
     assert one.regions(FRAME, SEEN) == [] and one.other_regions(SEEN, [], FRAME) == [], "it rests"
     assert all(uncertain_for(1.0, SEEN, one)) and one.presence == 0.8
-    assert not one.is_sure and one.best.motion is None and one.place[0] == pytest.approx(10)
+    assert not one.is_sure and one.best.motion is None and one.place[0] > 10
     gone = HandTrack(ESTIMATOR, [estimate(confidence=0.1)], 0.0, presence=0.6)
     there = uncertain_for(1.0, UNSEEN, gone)
     assert sum(there) * FRAME <= PRESENT_S + COMPARE and not any(there[9:]) and gone.presence == 0
