@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import Any
 
 import numpy as np
@@ -110,17 +109,6 @@ def test_random_options(kind: str, case: int) -> None:
         compare(kind, text, shape, rng, np.float64 if case % 2 else np.float32)
     except netlib.NetlibError as error:
         assert "leaves no output" in str(error)
-
-
-@pytest.mark.parametrize("kind", ["Convolution", "Deconvolution"])
-@pytest.mark.parametrize(
-    "options", ["kernel_size: 1", "kernel_size: 3 pad: 1", "kernel_h: 2 kernel_w: 3", "kernel_size: 3 stride: 2"]
-)
-def test_groups_of_any_size(kind: str, options: str) -> None:
-    """Groups with one or several inputs, and one or several outputs."""
-    for group, inputs, outputs, size in itertools.product((1, 3), (1, 2, 3), (1, 2, 3), (5, 40)):
-        text = f'num_output: {group * outputs} group: {group} {options} weight_filler {{ type: "gaussian" }}'
-        compare(kind, text, (2, group * inputs, size, size), np.random.default_rng(0), np.float64)
 
 
 @pytest.mark.parametrize("kind", ["Convolution", "Deconvolution"])

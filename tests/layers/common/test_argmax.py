@@ -48,8 +48,3 @@ def test_all_along_an_axis_are_a_sort(run, rng):
     places = run(text("axis: 1 top_k: 5"), x).y.astype(int)
     assert np.array_equal(values, -np.sort(-x, axis=1))
     assert np.array_equal(np.take_along_axis(x, places, axis=1), values)
-
-
-def test_there_is_no_gradient(run):
-    """force_backward does not request a gradient."""
-    assert not run(text(), X).layer.allow_force_backward(0)

@@ -33,9 +33,3 @@ def test_one_bottom(run, check, rng):
 def test_an_empty_bottom(run):
     """An empty bottom does not change the result."""
     assert run('type: "Concat"', np.ones((2, 3)), np.ones((2, 0))).y.shape == (2, 3)
-
-
-def test_gradient(check, rng):
-    """The gradients of both bottoms, and of one alone, agree with differences."""
-    check('type: "Concat"', rng.normal(size=(2, 2)), rng.normal(size=(2, 3)))
-    check('type: "Concat"', rng.normal(size=(2, 2)), rng.normal(size=(2, 3)), wanted=[False, True])

@@ -35,9 +35,3 @@ def test_it_is_inner_product_on_one_hot_vectors(run, rng):
     other.backward(dy)
     assert np.allclose(mine.layer.blobs[0].diff, other.layer.blobs[0].diff.T)
     assert np.allclose(mine.layer.blobs[1].diff, other.layer.blobs[1].diff)
-
-
-@pytest.mark.parametrize("options", ["", "bias_term: false"])
-def test_gradient(check, options):
-    """The gradients of the table and of the bias agree with differences; the indices have none."""
-    check(text(options), [[0, 2], [2, 2]], wanted=[False])

@@ -49,12 +49,6 @@ def test_axes_before_axis_count_items(run, rng, axis, shape, weight):
     assert np.allclose(done.y.reshape(-1, 3), x.reshape(-1, weight[1]) @ w.T + b)
 
 
-@pytest.mark.parametrize("options", ["", "transpose: true", "bias_term: false", "axis: 2", "axis: 0"])
-def test_gradient(check, rng, options):
-    """The gradients of x, w and b agree with differences."""
-    check(text(options), rng.normal(size=(2, 3, 2)))
-
-
 def test_more_rows_than_a_block(run, rng, keep_threads):
     """Products are split into blocks between threads; the result is the same for any number of threads."""
     x, w, dy = rng.normal(size=(300, 7)), rng.normal(size=(300, 7)), rng.normal(size=(300, 300))

@@ -28,9 +28,3 @@ def test_axes_without_a_place_follow_in_sequence(run, rng, order, axes):
     assert np.array_equal(done.y, np.moveaxis(x, axes, range(4)))
     dy = rng.normal(size=done.y.shape)
     assert np.array_equal(done.backward(dy)[0], np.moveaxis(dy, range(4), axes))
-
-
-@pytest.mark.parametrize("order", [(1, 0), (2, 0, 1), (4, 2, 0, 1, 3)], ids=str)
-def test_gradient(check, rng, order):
-    """The gradient agrees with differences, for any number of axes."""
-    check(text(*order), rng.normal(size=(2, 3, 2, 1, 2)[: len(order)]))

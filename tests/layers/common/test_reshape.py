@@ -28,8 +28,3 @@ def test_shapes(run, rng, options, shape):
     assert np.array_equal(done.y, x.reshape(shape))
     dy = rng.normal(size=shape)
     assert np.array_equal(done.backward(dy)[0], dy.reshape(x.shape))
-
-
-def test_gradient(check, rng):
-    """The gradient agrees with differences."""
-    check('type: "Reshape" reshape_param { shape { dim: -1 dim: 2 } }', rng.normal(size=(2, 3, 2)))

@@ -20,8 +20,3 @@ def test_parts(run, rng, options, tops, sizes, axis):
     assert np.array_equal(np.concatenate(done.ys, axis), x)
     parts = [rng.normal(size=y.shape) for y in done.ys]
     assert np.array_equal(done.backward(*parts)[0], np.concatenate(parts, axis))
-
-
-def test_gradient(check, rng):
-    """The gradient agrees with differences for two parts."""
-    check('type: "Slice" slice_param { slice_point: 1 }', rng.normal(size=(2, 3)), tops=2)

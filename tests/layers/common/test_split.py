@@ -12,8 +12,3 @@ def test_copies_and_sums(run, rng):
     done = run('type: "Split"', x, tops=3)
     assert all(np.array_equal(y, x) for y in done.ys)
     assert np.allclose(done.backward(*dy)[0], dy.sum(axis=0))
-
-
-def test_gradient(check, rng):
-    """The gradient agrees with differences for two tops."""
-    check('type: "Split"', rng.normal(size=(2, 3)), tops=2)

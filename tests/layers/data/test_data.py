@@ -2,9 +2,7 @@
 
 import gc
 import os
-import struct
 import sys
-from pathlib import Path
 
 import cv2
 import lmdb
@@ -190,36 +188,6 @@ def test_a_database_that_is_cut_under_a_running_net(tmp_path, net_of):
     again = net_of(layer)
     again.restore_layer_states(states)
     assert labels(again) == [4, 5, 6, 7]
-
-
-def test_a_page_that_is_damaged(tmp_path, monkeypatch, rng):
-    """A damaged page ends training with an error and a snapshot, from which the resume is exact."""
-    monkeypatch.chdir(tmp_path)
-    write("db", [datum(image, i) for i, image in enumerate(rng.integers(0, 256, (20, 1, 50, 100)).astype(np.uint8))])
-    content = Path("db/data.mdb").read_bytes()
-    Path("net.prototxt").write_text(
-        text("db", "batch_size: 3", "transform_param { scale: 0.01 mirror: true }")
-        + """layer { name: "ip" type: "InnerProduct" bottom: "x" top: "y"
-                     inner_product_param { num_output: 1 weight_filler { type: "gaussian" std: 0.01 } } }
-             layer { name: "loss" type: "EuclideanLoss" bottom: "y" bottom: "t" top: "loss" }"""
-    )
-    Path("solver.prototxt").write_text(
-        'net: "net.prototxt" base_lr: 1e-6 lr_policy: "fixed" max_iter: 9 random_seed: 1 snapshot_prefix: "s"'
-    )
-    whole = netlib.get_solver("solver.prototxt")
-    assert whole.solve()
-    pages = [n for n in range(len(content) // 4096) if struct.unpack_from("<QHH", content, 4096 * n)[::2] == (n, 4)]
-    damaged = bytearray(content)
-    damaged[4096 * pages[7]] ^= 1  # the number of the page where the eighth value starts
-    Path("db/data.mdb").write_bytes(damaged)
-    broken = netlib.get_solver("solver.prototxt")
-    with pytest.raises(netlib.DataError, match=r"^db/data\.mdb: page \d+: expected a value of \d+ bytes, found page"):
-        broken.solve()
-    assert broken.iter == 2
-    Path("db/data.mdb").write_bytes(content)
-    resumed = netlib.get_solver("solver.prototxt", seed=99)
-    assert resumed.solve("s_iter_2.solverstate")
-    assert np.array_equal(resumed.net.params["ip"][0].data, whole.net.params["ip"][0].data)
 
 
 SMALL = [datum(np.ones((1, 2, 2), np.uint8), 0)]

@@ -7,7 +7,6 @@ import pytest
 import netlib
 from layers.data.images import decode_datum
 from netlib.proto.binaryproto import read_blob
-from netlib.proto.prototxt import Bytes
 from tests.support.bad_input import bad_inputs
 from tests.support.caffe_messages import blob, content, datum, number, one_by_one, write_blob
 
@@ -56,15 +55,6 @@ def test_unknown_fields_are_skipped():
     assert decode_datum(more + datum(image, 4) + more, None, "d")[1] == 4
 
 
-def test_a_picture_is_no_text(rng, monkeypatch):
-    """The bytes of an image are not decoded as text, which would take longer than decoding the image."""
-    monkeypatch.setattr(Bytes, "text", property(lambda self: pytest.fail("decoded")))
-    image = rng.integers(0, 256, (1, 4, 5)).astype(np.uint8)
-    png = cv2.imencode(".png", image[0])[1].tobytes()
-    for data in (datum(image, 4), datum(png, 4)):
-        assert np.array_equal(decode_datum(data, None, "d")[0], image)
-
-
 WHOLE = datum(np.arange(6, dtype=np.uint8).reshape(1, 2, 3), 3)
 
 
@@ -87,16 +77,6 @@ def test_mistakes(given, rejected):
     """A damaged or unsupported Datum raises a one-line error."""
     with rejected:
         decode_datum(given, None, "d")
-
-
-@pytest.mark.parametrize("count", range(len(WHOLE)))
-def test_no_part_of_a_datum_is_taken_for_one(count):
-    """A truncated Datum raises an error unless all values are present."""
-    try:
-        values, _ = decode_datum(WHOLE[:count], None, "d")
-    except netlib.DataError:
-        return
-    assert values.tolist() == [[[0, 1, 2], [3, 4, 5]]]
 
 
 # ---------------------------------------------------------------------------------------------- BlobProto

@@ -73,13 +73,6 @@ def test_shuffled_rows_are_a_new_permutation_every_pass(data, batch):
     assert len({tuple(rows) for rows in passes}) == 4
 
 
-def test_files_of_one_size_are_shuffled_differently(data):
-    """Files of equal size are shuffled by different permutations."""
-    found = numbers(data([8, 8, 8], 24, shuffle=True), 1)
-    orders = {tuple(n % 8 for n in found[i : i + 8]) for i in (0, 8, 16)}
-    assert len(orders) == 3
-
-
 def test_the_order_depends_on_the_seed_only(data):
     """The order does not depend on the batch size or on reading ahead."""
     one, two = data([5, 6], 2, shuffle=True, seed=4), data([5, 6], 11, shuffle=True, seed=4)
@@ -357,19 +350,6 @@ def test_data_that_are_overwritten_in_place(tmp_path, net_of, row):
     with pytest.raises(netlib.DataError, match=r"a\.h5: was changed while in use; restore the file and run again"):
         for _ in range(2):
             net.forward()
-
-
-def test_a_batch_that_nobody_wants(data, tmp_path):
-    """A failure to read ahead is not an error if reading continues elsewhere; reading that row is."""
-    net = data([4, 4, 4], 4)
-    numbers(net, 1)
-    read_ahead(net)
-    cut(tmp_path / "2.h5")
-    assert numbers(net, 1) == [4, 5, 6, 7]
-    net.layer_dict["d"].rewind()
-    assert numbers(net, 2) == [0, 1, 2, 3, 4, 5, 6, 7]
-    with pytest.raises(netlib.DataError, match=r"2\.h5: was cut to"):
-        net.layer_dict["d"].row(9)
 
 
 def test_a_file_that_takes_the_place_of_another(data, tmp_path):

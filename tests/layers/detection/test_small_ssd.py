@@ -103,14 +103,3 @@ def test_a_net_with_weights_is_written_unchanged(net, tmp_path):
     assert (tmp_path / "a.caffemodel").read_bytes() == (tmp_path / "b.caffemodel").read_bytes()
     tree = wire.decode((tmp_path / "a.caffemodel").read_bytes(), messages.NetParameter)
     assert "confidence_threshold: 0.2" in str(tree)
-
-
-def test_mobilenet_ssd_runs():
-    """The public MobileNet-SSD finds the hundred best of its random boxes."""
-    path = SHARED / "mobilenet_ssd.prototxt"
-    if not path.exists():
-        pytest.skip("the public nets are not here")
-    net = netlib.Net(path, netlib.TEST, seed=1)
-    y = net.forward(data=np.random.default_rng(0).normal(size=(1, 3, 300, 300)))["detection_out"]
-    assert y.shape[:2] == (1, 1) and 1 <= y.shape[2] <= 100 and y.shape[3] == 7
-    assert net.blobs["mbox_priorbox"].shape == (1, 2, 1917 * 4)

@@ -155,15 +155,6 @@ def test_the_force_along_a_bone_worked_by_hand(body, arm_text):
     assert np.allclose(made.backward_bones(pose, dX), [[2, 5, 0]])
 
 
-def test_bones_in_float32(hand, rng):
-    """In float32 the gradient of bone lengths has float32 precision."""
-    inputs, dX = rng.normal(0, 0.5, (20, 47)).astype(np.float32), rng.normal(size=(20, 31, 3)).astype(np.float32)
-    single = kinematics_of(HAND, np.float32)
-    got = single.backward_bones(single.forward(inputs), dX)
-    assert got.dtype == np.float32
-    assert np.allclose(got, Kinematics(HAND).backward_bones(Kinematics(HAND).forward(inputs), dX), rtol=0, atol=2e-5)
-
-
 # ---------------------------------------------------------------------------------------------- the hand
 
 

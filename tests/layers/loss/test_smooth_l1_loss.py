@@ -45,14 +45,6 @@ def test_a_large_sigma_is_the_sum_of_absolute_values(run, rng):
     assert run(text(1000.0), a, b).y == pytest.approx(np.abs(a - b).sum() / 5, abs=1e-5)
 
 
-def test_gradient(check, rng):
-    """The gradients of both bottoms agree with differences, with and without weights."""
-    a, b, inside, outside = rng.normal(size=(4, 3, 4))
-    check(text(), a, b)
-    check(text(), a, b, inside, wanted=[True, True, False])
-    check(text(), a, b, inside, outside, wanted=[True, True, False, False])
-
-
 def test_a_reshape_to_the_same_shape_keeps_the_gradient(net_of, rng):
     """Reshaping the net to the same shape between forward and backward keeps the gradient."""
     a = 'layer { name: "a" type: "Input" top: "a" top: "b" input_param { shape { dim: 4 dim: 3 } } } '

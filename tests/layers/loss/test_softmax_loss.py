@@ -60,14 +60,6 @@ def test_the_loss_of_no_labels_is_zero_without_sign(run):
     assert not np.signbit(done.y)
 
 
-@pytest.mark.parametrize("options", ["", "ignore_label: 1", "normalization: NONE"])
-def test_gradient(check, rng, options):
-    """The gradient of the scores agrees with differences, for one label per pixel."""
-    check(text(options), rng.normal(size=(2, 3, 4)), rng.integers(0, 3, (2, 4)), wanted=[True, False])
-    classes_last = 'type: "SoftmaxWithLoss" softmax_param { axis: 2 }'
-    check(classes_last, rng.normal(size=(2, 3, 4)), rng.integers(0, 4, (2, 3)), wanted=[True, False])
-
-
 def test_an_impossible_label_costs_a_lot_but_not_infinity(run):
     """Probabilities are at least 2^-126, the smallest normal float, so the loss is finite."""
     assert run(text(), [[1000.0, 0]], [1]).y == pytest.approx(126 * np.log(2))

@@ -31,13 +31,6 @@ def test_eps_is_added_to_the_standard_deviation(run):
     assert not run(text(), np.full((1, 1, 3, 3), 7.0)).y.any()
 
 
-@pytest.mark.parametrize("variance", ["true", "false"])
-@pytest.mark.parametrize("across", ["true", "false"])
-def test_gradient(check, rng, variance, across):
-    """The gradient agrees with differences for all combinations of options."""
-    check(text(f"normalize_variance: {variance} across_channels: {across}"), rng.normal(size=(2, 3, 2, 3)))
-
-
 def test_the_gradient_is_that_without_eps(run):
     """The gradient ignores eps, as in Caffe, and is exact only for a small eps."""
     done = run(text("eps: 3"), [[[[1.0, 2, 6]]]])

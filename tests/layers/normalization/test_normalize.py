@@ -45,16 +45,6 @@ def test_eps_is_added_to_the_sum_of_squares(run):
     assert run(text(), np.zeros((2, 3))).y.tolist() == np.zeros((2, 3)).tolist()
 
 
-@pytest.mark.parametrize("across", ["true", "false"])
-@pytest.mark.parametrize("shared", ["true", "false"])
-@pytest.mark.parametrize("shape", [(2, 3), (2, 3, 4), (2, 3, 2, 4), (1, 2, 2, 1, 3)], ids=str)
-@pytest.mark.parametrize("in_place", [False, True])
-def test_gradient(check, rng, across, shared, shape, in_place):
-    """The gradients of x and of the scale agree with differences, also with one scale per channel and in place."""
-    options = text(across, shared, 'scale_filler { type: "uniform" min: 0.5 max: 2 } eps: 0.1')
-    check(options, rng.normal(size=shape), in_place=in_place)
-
-
 @pytest.mark.parametrize("shape", [(3,), (1, 3), (1, 1, 3), (1, 1, 1, 3)], ids=str)
 def test_weights_with_leading_ones(net_of, tmp_path, shape):
     """Scales of other programs, with leading axes of size 1, are loaded from both formats."""

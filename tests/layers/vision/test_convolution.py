@@ -69,21 +69,6 @@ def forward_backward(text, x, w, b):
     return top[0].data, bottom[0].diff, layer.blobs[0].diff, layer.blobs[1].diff, dy
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"kernel_size": 3}, {"kernel_size": 1}, {"kernel_size": 3, "pad": 1, "stride": 2},
-        {"kernel_size": 2, "dilation": 2}, {"num_output": 4, "kernel_size": 2, "group": 2},
-        {"kernel_size": 2, "bias_term": "false"},
-        {"kernel_size": "[2, 3]", "stride": "[1, 2]", "pad": "[0, 1]"},
-    ],
-    ids=str,
-)
-def test_gradient(check, rng, options):
-    """The gradients of x, w and b agree with differences."""
-    check(text(**options), rng.normal(size=(2, 2, 5, 6)))
-
-
 def test_several_bottoms_share_the_kernel(run, rng):
     """Each bottom has one top; the gradients of the shared kernel are added."""
     a, b = rng.normal(size=(2, 2, 1, 4, 4))
@@ -133,12 +118,6 @@ def test_any_number_of_spatial_axes(run, rng, shape, options):
     done = run(text(kernel_size=2, bias_term="false", **options), rng.normal(size=shape))
     assert done.layer.blobs[0].shape == (2, shape[1], *[2] * (len(shape) - 2))
     assert np.allclose(done.y, direct(done.bottom[0].data, done.layer.blobs[0].data, **options))
-
-
-@pytest.mark.parametrize("shape", [(2, 4), (2, 4, 5), (1, 4, 3, 2, 3)], ids=str)
-def test_gradient_in_any_number_of_axes(check, rng, shape):
-    """The gradients agree with differences for zero, one and three spatial axes, with groups."""
-    check(text(num_output=4, kernel_size=2, group=2, pad=1), rng.normal(size=shape))
 
 
 def test_each_axis_has_its_own_numbers(run, rng):

@@ -30,18 +30,6 @@ OPTIONS = [
 ]
 
 
-@pytest.mark.parametrize("options", OPTIONS, ids=str)
-def test_gradient(check, rng, options):
-    """The gradients of x, w and b agree with differences."""
-    check(text(**options), rng.normal(size=(2, 2, 3, 4)))
-
-
-@pytest.mark.parametrize("shape", [(2, 4), (2, 4, 3), (1, 4, 2, 3, 2)], ids=str)
-def test_gradient_in_any_number_of_axes(check, rng, shape):
-    """The gradients agree with differences for zero, one and three spatial axes."""
-    check(text(num_output=4, kernel_size=3, group=2, stride=2, pad=1), rng.normal(size=shape))
-
-
 @pytest.mark.parametrize("options", OPTIONS[:-1], ids=str)
 def test_it_is_a_convolution_backwards(run, rng, options):
     """The result equals the bottom gradient of a Convolution with the same weights."""

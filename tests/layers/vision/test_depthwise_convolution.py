@@ -59,14 +59,6 @@ def test_several_outputs_per_channel(run, rng):
     assert np.allclose(done.y, x[:, [0, 0, 1, 1]] * done.layer.blobs[0].data[:, 0])
 
 
-@pytest.mark.parametrize("options", OPTIONS, ids=str)
-@pytest.mark.parametrize("kind", ["DepthwiseConvolution", "ConvolutionDepthwise"])
-def test_gradient(check, rng, kind, options):
-    """The gradients of x, w and b agree with differences."""
-    more = {"num_output": 4, "group": 2} if kind == "DepthwiseConvolution" else {}
-    check(text(kind, **more, **options), rng.normal(size=(2, 2, 4, 5)))
-
-
 def test_several_bottoms(run, rng):
     """DepthwiseConvolution applies the same kernels to every bottom, as Convolution does."""
     x = rng.normal(size=(2, 3, 4, 4))

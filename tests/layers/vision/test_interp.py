@@ -93,16 +93,6 @@ def test_any_size_gives_what_plain_loops_give(run, rng):
             assert np.allclose(y[:, h, w], (1 - a) * above + a * below)
 
 
-@pytest.mark.parametrize(
-    "options",
-    [{"zoom_factor": 3}, {"shrink_factor": 2}, {"height": 7, "width": 2, "pad_beg": -1}, {"height": 1, "width": 6}],
-    ids=str,
-)
-def test_gradient(check, rng, options):
-    """The gradient agrees with differences; cropped pixels have none."""
-    check(text(**options), rng.normal(size=(2, 2, 4, 5)))
-
-
 def test_ignored_sizes_are_reported(run, caplog):
     """A size that another option replaces is reported."""
     with caplog.at_level(logging.WARNING, "netlib"):

@@ -33,11 +33,6 @@ def test_any_number_of_axes(run, rng, shape):
     assert np.array_equal(run(text("scale: 3"), x).y, x.repeat(3, axis=-1).repeat(3, axis=-2))
 
 
-def test_gradient(check, rng):
-    """The gradient agrees with differences."""
-    check(text("scale: 3"), rng.normal(size=(2, 3, 2, 4)))
-
-
 def test_it_runs_in_slices(run):
     """The fast engine runs it in slices of the batch with its neighbours."""
     assert traits_of(run(text("scale: 3"), np.zeros((1, 1, 2, 2))).layer).batchwise

@@ -62,17 +62,6 @@ def compare(options, x, y, share):
     assert np.allclose(bottom[0].diff, np.einsum("ncpq,ncpqhw->nchw", dy, share))
 
 
-@pytest.mark.parametrize("kind", ["MAX", "AVE"])
-@pytest.mark.parametrize(
-    "options",
-    [{"kernel_size": 2, "stride": 2}, {"kernel_size": 3, "stride": 2, "pad": 1}, {"global_pooling": "true"}],
-    ids=str,
-)
-def test_gradient(check, rng, kind, options):
-    """The gradient agrees with differences for distinct values."""
-    check(text(pool=kind, **options), rng.permutation(100).reshape(2, 2, 5, 5) / 10)
-
-
 def test_global_pooling_follows_the_size(run, rng):
     """With global_pooling the window has the size of the bottom, even after a change."""
     done = run(text(global_pooling="true"), rng.normal(size=(2, 3, 4, 5)))
@@ -155,11 +144,6 @@ def test_the_mask_says_where_the_maximum_is(run, rng, options):
 def test_the_mask_of_an_empty_window(run):
     """The mask of an empty window is -1."""
     assert run(text(kernel_size=1, stride=3), np.ones((1, 1, 6, 1)), tops=2).ys[1].ravel().tolist() == [0, 3, -1]
-
-
-def test_gradient_with_a_mask(check, rng):
-    """The gradient agrees with differences; that of the mask is ignored."""
-    check(text(kernel_size=3, stride=2), rng.permutation(100).reshape(2, 2, 5, 5) / 10, tops=2)
 
 
 def test_a_layer_in_place_before_the_pooling_shows_in_the_mask(net_of, rng):

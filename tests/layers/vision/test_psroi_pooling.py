@@ -75,9 +75,3 @@ def test_any_region_gives_what_plain_loops_give(run, rng):
             spans.append(slice(max(math.floor(low), 0), max(math.ceil(high), 0)))
         window = x[int(rois[r, 0]), (k * G + i) * G + j, spans[0], spans[1]]
         assert y[r, k, i, j] == pytest.approx(window.mean() if window.size else 0, abs=1e-6)
-
-
-def test_gradient(check, rng):
-    """The gradient of x agrees with differences; regions have none."""
-    rois = np.array([[0, 0, 0, 3, 4], [1, 1, 2, 9, 3], [1, 2, 2, 3, 3]])
-    check(text(2), rng.normal(size=(2, 8, 4, 5)), rois, wanted=[True, False])
