@@ -7,21 +7,15 @@ import pytest
 from tests.fast import random_programs
 
 PER_TEST = 80
-CANCELLING = (803483, 909045)  # gradients of 1e6 cancel behind a normalization
 
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("block", range(3))
 def test_the_engines_agree(block: int, caplog: pytest.LogCaptureFixture) -> None:
-    """The engines agree after every operation.
-
-    ``python -m tests.fast.random_programs --show SEED`` shows a program that fails.
-    """
+    """``python -m tests.fast.random_programs SEED`` shows a program that fails."""
     caplog.set_level("ERROR", "netlib")
-    rounded = 0
     for seed in range(block * PER_TEST, (block + 1) * PER_TEST):
         try:
-            rounded += random_programs.check(seed).rounded
+            random_programs.check(seed)
         except AssertionError as error:
             pytest.fail(f"program {seed}: {error}")
-    assert rounded <= 1
