@@ -262,15 +262,6 @@ def test_a_reshape_that_changes_nothing_loses_nothing(net_of: MakeNet, expected:
     check_blob(net, "p1", "diff", expected)
 
 
-CONVOLUTION = """
-    layer { name: "%s" type: "Convolution" bottom: "%s" top: "%s"
-            convolution_param { num_output: 3 kernel_size: 2 weight_filler { type: "xavier" } } }"""
-POOLING = 'layer { name: "p" type: "Pooling" bottom: "c" top: "p" pooling_param { kernel_size: 3 stride: 3 } }'
-FROM = {"c": "one", "d": "p", "e": "two", "f": "e"}
-TWO_IMAGES = "".join(CONVOLUTION % (top, FROM[top], top) for top in "c") + POOLING
-TWO_IMAGES += "".join(CONVOLUTION % (top, FROM[top], top) for top in "def")
-
-
 def test_another_number_of_items_keeps_the_plan(net_of: MakeNet) -> None:
     """The plan depends only on the shape of an item. The results are those of a net that has run no other batch."""
     net, other = net_of(PAPER), net_of(PAPER)
@@ -281,22 +272,6 @@ def test_another_number_of_items_keeps_the_plan(net_of: MakeNet) -> None:
     assert_equal(found, everything(other, batch(10)))
     for name in HIDDEN:
         assert np.array_equal(net.blobs[name].data, other.blobs[name].data), name
-
-
-def test_a_reshape_of_another_input_discards_what_is_not_stored(net_of: MakeNet, rng: np.random.Generator) -> None:
-    """backward then runs the layers forwards again, those of unchanged shapes, too."""
-    text = inputs(one=(3, 2, 10, 10), two=(3, 2, 6, 6)) + "force_backward: true" + TWO_IMAGES
-    fast, plain = (net_of(text, engine=name, dtype=np.float64) for name in ("fast", "plain"))
-    one, two = rng.normal(size=(3, 2, 10, 10)), rng.normal(size=(3, 2, 6, 6))
-    for net in (fast, plain):
-        net.forward(one=one, two=two)
-        assert net is plain or set(hidden(net)) >= {"p", "e"}
-        net.blobs["two"].reshape(3, 2, 7, 9)
-        net.reshape()
-        net.blobs["two"].data[...] = 1
-        net.backward(d=np.ones((3, 3, 2, 2)), f=np.ones((3, 3, 5, 7)))
-    for name, params in plain.params.items():
-        np.testing.assert_allclose(fast.params[name][0].diff, params[0].diff, atol=1e-9, err_msg=name)
 
 
 @pytest.mark.parametrize("has_loss", [False, True])
@@ -355,37 +330,6 @@ SHARED = """
     layer { name: "f" type: "InnerProduct" bottom: "x" top: "y"
             inner_product_param { num_output: 3 weight_filler { type: "xavier" } } }
 """
-
-
-@pytest.mark.parametrize("clear", ["before sharing", "after sharing"])
-@pytest.mark.parametrize("owner", ["plain", "fast"])
-@pytest.mark.parametrize("sharer", ["plain", "fast"])
-def test_nets_of_any_engines_share_parameters(
-    net_of: MakeNet, rng: np.random.Generator, owner: str, sharer: str, clear: str
-) -> None:
-    """Each net keeps its own gradients, whichever net clears them or accesses blobs."""
-    one, two = net_of(SHARED, engine=owner), net_of(SHARED, engine=sharer, seed=5)
-    x, dy = rng.normal(size=(4, 6)), rng.normal(size=(4, 3))
-    for net in (one, two):
-        net.forward(x=x)
-    if clear == "before sharing":
-        two.clear_param_diffs()
-    two.share_params(one)
-    one.clear_param_diffs()
-    if clear == "after sharing":
-        two.clear_param_diffs()
-    expected = dy.T @ x
-    for net in (one, two):
-        net.backward(y=dy)
-        assert difference(net.params["f"][0].diff, expected) <= 1e-6
-    two.clear_param_diffs()
-    assert difference(one.params["f"][0].diff, expected) <= 1e-6
-    one.share_params(one)
-    two.share_params(one)
-    one.share_params(two)
-    one.params["f"][0].data[...] = 3
-    assert (two.params["f"][0].data == 3).all()
-    assert not two.params["f"][0].diff.any()
 
 
 TWO_SIZES = """

@@ -19,8 +19,3 @@ def test_axes_are_joined(run, rng, options, shape):
     assert np.array_equal(done.y, x.reshape(shape))
     dy = rng.normal(size=shape)
     assert np.array_equal(done.backward(dy)[0], dy.reshape(x.shape))
-
-
-def test_gradient(check, rng):
-    """The gradient agrees with differences."""
-    check('type: "Flatten"', rng.normal(size=(2, 3, 2)))

@@ -1,4 +1,4 @@
-"""Datum and BlobProto messages read from bytes."""
+"""Datum messages read from bytes."""
 
 import cv2
 import numpy as np
@@ -6,9 +6,8 @@ import pytest
 
 import netlib
 from layers.data.images import decode_datum
-from netlib.proto.binaryproto import read_blob
 from tests.support.bad_input import bad_inputs
-from tests.support.caffe_messages import blob, content, datum, number, one_by_one, write_blob
+from tests.support.caffe_messages import content, datum, number, one_by_one
 
 pytestmark = pytest.mark.both_engines
 
@@ -77,39 +76,3 @@ def test_mistakes(given, rejected):
     """A damaged or unsupported Datum raises a one-line error."""
     with rejected:
         decode_datum(given, None, "d")
-
-
-# ---------------------------------------------------------------------------------------------- BlobProto
-
-
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-@pytest.mark.parametrize("shape", [(1, 3, 4, 5), (7,), ()])
-def test_a_blob(tmp_path, rng, dtype, shape):
-    """Blobs of float32 and float64 of any shape are read."""
-    values = rng.normal(size=shape).astype(dtype)
-    assert np.array_equal(read_blob(write_blob(tmp_path / "mean.binaryproto", values)), values)
-
-
-def test_a_blob_with_the_older_four_sizes(tmp_path, rng):
-    """A blob with four sizes instead of a shape and unpacked values is read."""
-    values = rng.normal(size=(1, 2, 3, 4)).astype(np.float32)
-    data = b"".join(number(field, size) for field, size in zip((1, 2, 3, 4), values.shape)) + one_by_one(5, values)
-    (tmp_path / "mean.binaryproto").write_bytes(data)
-    assert np.array_equal(read_blob(tmp_path / "mean.binaryproto"), values)
-
-
-@bad_inputs(netlib.DataError, {
-    "missing": (None, "...mean: cannot read the blob: No such file or directory"),
-    "cut": (blob(np.ones(3))[:-1],
-            "...mean: byte 26: truncated: field 7 has 3 bytes, but 2 are left; expected a blob (.binaryproto)"),
-    "two values": (number(1, 2) + content(5, bytes(8)),
-                   "...mean: byte 0: a blob of shape (2, 0, 0, 0) has 2 values; expected a blob (.binaryproto)"),
-    "empty": (b"", "...mean: it holds no values; expected a blob (.binaryproto)"),
-    "text": (b"text", "...mean: byte 0: malformed: wire type 4; expected a blob (.binaryproto)"),
-})
-def test_mistakes_of_a_blob(tmp_path, given, rejected):
-    """The error names the file and the fault."""
-    if given is not None:
-        (tmp_path / "mean").write_bytes(given)
-    with rejected:
-        read_blob(tmp_path / "mean")

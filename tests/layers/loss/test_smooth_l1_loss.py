@@ -33,18 +33,6 @@ def test_inside_weights_alone(run):
     assert done.backward(1, wanted=[True, True, False])[0].tolist() == [[0.0625, 0]]
 
 
-def test_a_small_sigma_is_half_the_squares(run, rng):
-    """With a small sigma the loss is that of EuclideanLoss times sigma squared."""
-    a, b = rng.normal(size=(2, 5, 4))
-    assert run(text(0.1), a, b).y == pytest.approx(0.01 * run('type: "EuclideanLoss"', a, b).y)
-
-
-def test_a_large_sigma_is_the_sum_of_absolute_values(run, rng):
-    """With a large sigma the loss is the sum of absolute differences divided by the number of items."""
-    a, b = rng.normal(size=(2, 5, 4))
-    assert run(text(1000.0), a, b).y == pytest.approx(np.abs(a - b).sum() / 5, abs=1e-5)
-
-
 def test_a_reshape_to_the_same_shape_keeps_the_gradient(net_of, rng):
     """Reshaping the net to the same shape between forward and backward keeps the gradient."""
     a = 'layer { name: "a" type: "Input" top: "a" top: "b" input_param { shape { dim: 4 dim: 3 } } } '

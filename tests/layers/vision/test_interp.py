@@ -21,14 +21,6 @@ def test_by_hand(run):
     assert dx.tolist() == [[[[4, 4, 0], [0, 0, 4]]]]
 
 
-def test_a_ramp_stays_a_ramp(run):
-    """Corners meet, and between them a linear function is resampled exactly, up and down."""
-    x = np.add.outer(np.arange(7.0), 10 * np.arange(5.0))[None, None]
-    for height, width in ((13, 9), (4, 3), (50, 2), (7, 17)):
-        want = np.add.outer(np.linspace(0, 6, height), np.linspace(0, 40, width))
-        assert np.allclose(run(text(height=height, width=width), x).y, want)
-
-
 @pytest.mark.parametrize(
     ("options", "size"),
     [

@@ -51,17 +51,6 @@ def test_sizes(run, options, size):
     assert run(text(**options), np.zeros((2, 1, 2, 3)), np.zeros((2, 1, 2, 3))).y.shape == (2, 1, *size)
 
 
-def test_the_size_follows_the_bottom(run, rng):
-    """A bottom of another size gives a top of another size."""
-    done = run(text(scale=2), X, MASK)
-    for blob in done.bottom:
-        blob.reshape(2, 3, 1, 4)
-        blob.data[...] = 0
-    done.layer.reshape(done.bottom, done.top)
-    done.layer.forward(done.bottom, done.top)
-    assert done.y.shape == (2, 3, 2, 8)
-
-
 @pytest.mark.parametrize("kernel", ["kernel_size: 2 stride: 2", "kernel_size: 3 stride: 2 pad: 1"])
 def test_after_a_pooling_with_a_mask(net_of, rng, kernel):
     """A pooling and an upsampling with its mask keep the maxima in place, and pass the gradient to them."""
