@@ -115,7 +115,6 @@ def test_random_options(kind: str, case: int) -> None:
 @pytest.mark.parametrize("sizes", [(106, 104), (104, 106), (7, 50)])
 @pytest.mark.parametrize("options", ["kernel_size: 3 pad: 2 stride: 3", "kernel_size: 3 pad: 1"])
 def test_bottoms_of_several_sizes(kind: str, sizes: tuple[int, int], options: str) -> None:
-    """Each bottom has the algorithms for its own size."""
     text = "force_backward: true " + "".join(
         f'input: "x{i}" input_shape {{ dim: 2 dim: 3 dim: {n} dim: {n} }}' for i, n in enumerate(sizes)
     )
@@ -252,7 +251,6 @@ def test_batches_in_float32(text: str, batch: int) -> None:
 
 @pytest.mark.parametrize("kind", ["DepthwiseConvolution", "ConvolutionDepthwise"])
 def test_the_types_of_forks_have_the_depthwise_algorithm(kind):
-    """A depthwise convolution of a fork's type is computed by the same algorithm as one with a group per channel."""
     options = "num_output: 8 group: 8 kernel_size: 3 pad: 1"
     x = np.zeros((2, 8, 20, 20), np.float32)
     found = []

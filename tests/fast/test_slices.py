@@ -113,7 +113,6 @@ def assert_close(got: Arrays, want: Arrays, tolerance: float) -> None:
 
 
 def assert_equal(got: Arrays, want: Arrays) -> None:
-    """Assert that all arrays are bitwise equal."""
     assert got.keys() == want.keys()
     for name, array in want.items():
         assert np.array_equal(got[name], array), name
@@ -193,7 +192,6 @@ def expected_of(net_of: MakeNet, inputs: Arrays) -> dict[str, Arrays]:
 
 
 def check_blob(net: netlib.Net, name: str, half: str, expected: dict[str, Arrays]) -> None:
-    """Check that a blob has the values of a layer-by-layer run."""
     assert difference(getattr(net.blobs[name], half), expected[half][name]) <= 2e-5, (name, half)
 
 
@@ -310,7 +308,6 @@ def test_a_hidden_blob_does_not_outlive_its_net(net_of: MakeNet) -> None:
 
 
 def test_one_bad_pixel_spoils_its_own_image_only(net_of: MakeNet) -> None:
-    """A NaN or infinite pixel changes the results of its own image only."""
     for value in (np.nan, np.inf):
         inputs = batch(5)
         want = net_of(PAPER)
@@ -405,7 +402,6 @@ def test_relu_after_max_pooling_is_relu_before_it(net_of: MakeNet) -> None:
 
 
 def test_a_relu_that_changed_places_leaves_the_diff_of_a_pooled_output_alone(net_of: MakeNet) -> None:
-    """Backward does not change the values that the caller wrote to the diff of an output."""
     text = """
         force_backward: true
         layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 dim: 1 dim: 6 dim: 6 } } }

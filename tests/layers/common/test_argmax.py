@@ -8,7 +8,6 @@ X = [[[3.0, 1], [4, 2]], [[0, -1], [-2, 0]]]  # two items; the second has equal 
 
 
 def text(options=""):
-    """Return a layer with these options."""
     return f'type: "ArgMax" argmax_param {{ {options} }}'
 
 

@@ -31,5 +31,4 @@ def test_one_bottom(run, check, rng):
 
 
 def test_an_empty_bottom(run):
-    """An empty bottom does not change the result."""
     assert run('type: "Concat"', np.ones((2, 3)), np.ones((2, 0))).y.shape == (2, 3)

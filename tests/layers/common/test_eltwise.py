@@ -9,7 +9,6 @@ A, B, C = [1.0, 2, -3], [4.0, 2, 0], [0.5, 2, 5]
 
 
 def text(options=""):
-    """Return a layer with these options."""
     return f'type: "Eltwise" eltwise_param {{ {options} }}'
 
 

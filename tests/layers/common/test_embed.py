@@ -8,7 +8,6 @@ TABLE = [[1.0, 2], [3, 4], [5, 6]]
 
 
 def text(options=""):
-    """Return a layer with three vectors of two numbers."""
     return f'type: "Embed" embed_param {{ num_output: 2 input_dim: 3 weight_filler {{ type: "gaussian" }} {options} }}'
 
 

@@ -9,7 +9,6 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(options=""):
-    """Return a layer with three outputs, random weights and a random bias."""
     fillers = 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
     return f'type: "InnerProduct" inner_product_param {{ num_output: 3 {fillers} {options} }}'
 
@@ -40,7 +39,6 @@ def test_a_transposed_weight(run, rng):
     [(1, (2, 3), (3, 20)), (2, (2, 4, 3), (3, 5)), (0, (3,), (3, 40)), (-1, (2, 4, 3), (3, 5))],
 )
 def test_axes_before_axis_count_items(run, rng, axis, shape, weight):
-    """Axes before ``axis`` count items; the other axes are flattened."""
     x = rng.normal(size=(2, 4, 5))
     done = run(text(f"axis: {axis}"), x)
     assert done.layer.blobs[0].shape == weight

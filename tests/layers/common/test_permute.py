@@ -7,7 +7,6 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(*order):
-    """Return a layer with this order."""
     return f'type: "Permute" permute_param {{ {" ".join(f"order: {axis}" for axis in order)} }}'
 
 

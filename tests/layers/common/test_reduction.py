@@ -9,7 +9,6 @@ X = [[1.0, -2, 3], [0, 4, -5]]
 
 
 def text(options=""):
-    """Return a layer with these options."""
     return f'type: "Reduction" reduction_param {{ {options} }}'
 
 

@@ -7,7 +7,6 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(group):
-    """Return a layer with this number of groups."""
     return f'type: "ShuffleChannel" shuffle_channel_param {{ group: {group} }}'
 
 
@@ -21,7 +20,6 @@ def test_by_hand(run):
 
 
 def test_one_group_and_one_channel_per_group_change_nothing(run, rng):
-    """The default is one group."""
     x = rng.normal(size=(2, 4, 3))
     for layer in ('type: "ShuffleChannel"', text(1), text(4)):
         assert np.array_equal(run(layer, x).y, x)

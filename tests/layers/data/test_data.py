@@ -37,7 +37,6 @@ def database(tmp_path, images):
 
 
 def text(path, options="batch_size: 2", more="", top='top: "x" top: "t"'):
-    """Return a layer that reads the database."""
     return f'layer {{ name: "d" type: "Data" {top} data_param {{ source: "{path}" backend: LMDB {options} }} {more} }}'
 
 
@@ -117,7 +116,6 @@ def test_a_database_that_is_made_anew(database, images, net_of, tmp_path):
 
 @pytest.mark.parametrize("done", range(6))
 def test_a_resume_goes_on_with_the_next_entry(database, net_of, done):
-    """Resuming continues with the next entry and the same crops and mirrors."""
     layer = text(database, "batch_size: 3", "transform_param { crop_size: 2 mirror: true }")
     net = net_of(layer, seed=1)
     labels(net, done)
@@ -224,7 +222,6 @@ def truncated(path, pages):
         "gives (1, 4, 5), the first of its batch (3, 4, 5); expected the same number of channels, ..."),
 })
 def test_mistakes(tmp_path, net_of, given, rejected):
-    """A missing, invalid or truncated database, and invalid options, are one line when the net is built."""
     name, make, options = given
     make(tmp_path / name)
     layer = text(tmp_path / name, options or "batch_size: 2")

@@ -14,7 +14,6 @@ pytestmark = pytest.mark.both_engines
 
 @pytest.mark.parametrize("label", [0, 7, 300, 2**31 - 1, -1])
 def test_bytes_and_a_label(rng, label):
-    """Bytes are read channel by channel, with the label."""
     image = rng.integers(0, 256, (2, 3, 4)).astype(np.uint8)
     values, found = decode_datum(datum(image, label), None, "d")
     assert found == label
@@ -73,6 +72,5 @@ WHOLE = datum(np.arange(6, dtype=np.uint8).reshape(1, 2, 3), 3)
                 "d: image of type uint16, expected 8 bits per value"),
 })
 def test_mistakes(given, rejected):
-    """A damaged or unsupported Datum raises a one-line error."""
     with rejected:
         decode_datum(given, None, "d")

@@ -78,7 +78,6 @@ def test_a_file_that_is_read_is_not_replaced(tmp_path, net_of, name):
              "...: error: layer 'out': bottom 'x' (2, 2, 2, 2, 2) has more than four axes"),
 })
 def test_mistakes(tmp_path, net_of, given, rejected):
-    """Invalid names and shapes raise an error when the net is built."""
     with rejected:
         net_of(text(f"{tmp_path}/{given[0]}", **given[1]))
 

@@ -14,7 +14,6 @@ WIDE = [0, 0, 1, 1]  # a prior
 
 
 def text(classes=2, more=""):
-    """Return a layer with these options."""
     return f'type: "DetectionOutput" detection_output_param {{ num_classes: {classes} {more} }}'
 
 
@@ -25,7 +24,6 @@ def bottoms(boxes, scores):
 
 
 def rows(run, options, *arrays, **more):
-    """Return the rows of the top."""
     y = run(options, *arrays, **more).y
     assert y.shape[:2] == (1, 1) and y.shape[3] == 7
     return y[0, 0]

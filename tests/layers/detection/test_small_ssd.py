@@ -26,7 +26,6 @@ DETECTIONS = ("shared", "own", "corners")
 
 @pytest.fixture
 def recorded():
-    """The recorded arrays."""
     with np.load(RECORDED) as file:
         return {name: file[name].astype(np.float32) for name in file.files}
 

@@ -145,7 +145,6 @@ def test_double_precision(net_of: NetOf) -> None:
                   "bottom 'joint' has shape (40, 7), expected joints (40, 3 K)"),
 })
 def test_mistakes(net_of: NetOf, given: str, rejected: Any) -> None:
-    """The error states the invalid option or shape."""
     with rejected:
         net_of(given)
 

@@ -168,6 +168,5 @@ LENGTHS = "expected (2, 1), a factor, or (2, 3), the bone lengths of skeleton 'a
     "no file": ([], netlib.NetlibError, "...gone.prototxt: cannot read the prototxt: No such file or directory"),
 })
 def test_mistakes(run, text, given, rejected):
-    """Wrong numbers of inputs, lengths and items, and a missing skeleton file, raise an error."""
     with rejected:
         run(text if given else text.replace("arm.prototxt", "gone.prototxt"), *(given or [np.zeros((2, 4))]))

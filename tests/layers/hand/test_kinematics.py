@@ -192,7 +192,6 @@ def test_moving_the_root_moves_all_joints_alike(hand, pose, shift):
 
 @given(poses, st.floats(-3, 3))
 def test_turning_the_root_keeps_all_distances(hand, pose, angle):
-    """Rotating the root keeps the distances between all joints."""
     turned = pose.copy()
     turned[3:6] += angle
     before, after = hand.joints(np.stack([pose, turned]))
@@ -260,7 +259,6 @@ def test_a_body_of_which_one_root_has_a_child(body, rng, N):
 
 
 def test_a_body_without_free_motions(body):
-    """A body without free DoFs has an empty Jacobian."""
     made = body(
         'dof { name: "u" fixed: true } joint { name: "a" rotate { axis: Z dof: "u" } bone { axis: X length: 1 } }'
     )

@@ -53,6 +53,5 @@ def test_the_released_layer_takes_the_nyu_hand_and_squares(run):
              "<gradcheck>:1:...: error: unknown value L3 of 'norm'; known values: L1, L2"),
 })
 def test_mistakes(run, text, given, rejected):
-    """A wrong number of inputs and an unknown norm raise an error."""
     with rejected:
         run(text % given[0], np.zeros(given[1]))

@@ -12,7 +12,6 @@ H = [[1, 0, 0], [0, 1, 0], [0.5, 0, 2]]
 
 
 def text(options="", axis=1):
-    """Return a layer with these options of loss_param."""
     return f'type: "InfogainLoss" infogain_loss_param {{ axis: {axis} }} loss_param {{ {options} }}'
 
 
@@ -51,7 +50,6 @@ def test_against_loops(run, rng, options, divisor):
 
 
 def test_classes_on_another_axis(run, rng):
-    """With the classes on the last axis the values are the same."""
     x, labels, H = rng.normal(size=(2, 3, 4)), rng.integers(0, 3, (2, 4)), rng.normal(size=(3, 3))
     first = run(text(), x, labels, H, tops=2)
     last = run(text(axis=-1), np.moveaxis(x, 1, 2), labels, H, tops=2)

@@ -10,7 +10,6 @@ TARGET = [[1, 0.5], [0, 1]]
 
 
 def text(options=""):
-    """Return a layer with these options of loss_param."""
     return f'type: "SigmoidCrossEntropyLoss" loss_param {{ {options} }}'
 
 

@@ -7,7 +7,6 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(sigma=2.0):
-    """Return the layer; with sigma 2 the loss is quadratic up to 1/4."""
     return f'type: "SmoothL1Loss" smooth_l1_loss_param {{ sigma: {sigma} }}'
 
 
@@ -21,7 +20,6 @@ def test_by_hand(run):
 
 
 def test_inside_weights_scale_the_difference_and_outside_ones_the_loss(run):
-    """Inside weights scale the difference, and so where the loss is quadratic; outside weights scale the loss."""
     done = run(text(), [[1.0, 1.0]], [[0.0, 0.0]], [[0.125, 2.0]], [[1.0, 10.0]])
     assert done.y == pytest.approx(0.03125 + 10 * 1.875)
 
@@ -34,7 +32,6 @@ def test_inside_weights_alone(run):
 
 
 def test_a_reshape_to_the_same_shape_keeps_the_gradient(net_of, rng):
-    """Reshaping the net to the same shape between forward and backward keeps the gradient."""
     a = 'layer { name: "a" type: "Input" top: "a" top: "b" input_param { shape { dim: 4 dim: 3 } } } '
     net = net_of(
         "force_backward: true " + a + 'layer { name: "l" type: "SmoothL1Loss" bottom: "a" bottom: "b" top: "l" }'

@@ -9,7 +9,6 @@ X = np.log([[1.0, 2, 5], [4, 2, 2]])  # probabilities 1/8 2/8 5/8 and 4/8 2/8 2/
 
 
 def text(options=""):
-    """Return a layer with these options of loss_param."""
     return f'type: "SoftmaxWithLoss" loss_param {{ {options} }}'
 
 
@@ -22,7 +21,6 @@ def test_by_hand(run):
 
 
 def test_the_second_top_has_the_probabilities(run):
-    """The second top contains the probabilities."""
     done = run('type: "SoftmaxWithLoss"', X, [2, 0], tops=2)
     assert np.allclose(done.ys[1], np.exp(X) / 8)
 

@@ -9,7 +9,6 @@ X = np.array([[1.0, 3], [10, 30]]).reshape(1, 2, 1, 2)
 
 
 def text(options=""):
-    """Return a layer with these options."""
     return f'type: "MVN" mvn_param {{ {options} }}'
 
 
@@ -20,7 +19,6 @@ def test_by_hand(run):
 
 
 def test_across_channels(run):
-    """With across_channels there is one mean of all four values."""
     assert run(text("across_channels: true normalize_variance: false"), X).y.ravel().tolist() == [-10, -8, -1, 19]
     assert np.isclose(run(text("across_channels: true"), X).y.std(), 1)
 

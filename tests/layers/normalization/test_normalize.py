@@ -13,7 +13,6 @@ layer { name: "n" type: "Normalize" bottom: "x" top: "y" norm_param { channel_sh
 
 
 def text(across="true", shared="true", more=""):
-    """Return a layer with these options."""
     return f'type: "Normalize" norm_param {{ across_spatial: {across} channel_shared: {shared} {more} }}'
 
 

@@ -8,7 +8,6 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(outputs=3, options=""):
-    """Return a layer with random weights and biases."""
     fillers = 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
     return f'type: "LSTM" recurrent_param {{ num_output: {outputs} {fillers} {options} }}'
 

@@ -9,7 +9,6 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(kind="RNN", outputs=3, options=""):
-    """Return a layer with random weights and biases."""
     fillers = 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
     return f'type: "{kind}" recurrent_param {{ num_output: {outputs} {fillers} {options} }}'
 

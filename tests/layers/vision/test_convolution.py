@@ -14,7 +14,6 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(**options):
-    """Return a layer with these options and random weights and biases."""
     options = {"num_output": 2, **options}
     fields = " ".join(f"{name}: {value}" for name, value in options.items())
     fillers = 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
@@ -114,7 +113,6 @@ SHAPES = [(2, 3), (2, 3, 7), (2, 3, 6, 5), (1, 2, 5, 4, 6), (1, 1, 3, 4, 3, 4)]
 @pytest.mark.parametrize("options", [{}, {"stride": 2, "pad": 1}, {"pad": 1, "dilation": 2}], ids=str)
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: f"{len(shape) - 2}-D")
 def test_any_number_of_spatial_axes(run, rng, shape, options):
-    """The values agree with the definition for zero to four spatial axes."""
     done = run(text(kernel_size=2, bias_term="false", **options), rng.normal(size=shape))
     assert done.layer.blobs[0].shape == (2, shape[1], *[2] * (len(shape) - 2))
     assert np.allclose(done.y, direct(done.bottom[0].data, done.layer.blobs[0].data, **options))
@@ -130,7 +128,6 @@ def test_each_axis_has_its_own_numbers(run, rng):
 
 
 def test_without_spatial_axes_it_is_an_inner_product(run, rng):
-    """Without spatial axes the layer equals InnerProduct and needs no kernel_size."""
     done = run(text(), rng.normal(size=(3, 4)))
     assert np.allclose(done.y, done.bottom[0].data @ done.layer.blobs[0].data.T + done.layer.blobs[1].data)
 

@@ -7,7 +7,6 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(kind="Deconvolution", **options):
-    """Return a layer with these options and random weights and biases."""
     fields = " ".join(f"{name}: {value}" for name, value in {"num_output": 2, **options}.items())
     fillers = 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
     return f'type: "{kind}" convolution_param {{ {fields} {fillers} }}'

@@ -11,7 +11,6 @@ FILLERS = 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
 
 
 def text(kind, **options):
-    """Return a layer with these options and random weights and biases."""
     return f'type: "{kind}" convolution_param {{ {" ".join(f"{k}: {v}" for k, v in options.items())} {FILLERS} }}'
 
 

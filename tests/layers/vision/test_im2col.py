@@ -7,7 +7,6 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(options):
-    """Return a layer with these options."""
     return f'type: "Im2col" convolution_param {{ {options} }}'
 
 

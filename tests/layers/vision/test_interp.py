@@ -9,7 +9,6 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(**options):
-    """Return a layer with these options."""
     return f'type: "Interp" interp_param {{ {" ".join(f"{k}: {v}" for k, v in options.items())} }}'
 
 
@@ -86,7 +85,6 @@ def test_any_size_gives_what_plain_loops_give(run, rng):
 
 
 def test_ignored_sizes_are_reported(run, caplog):
-    """A size that another option replaces is reported."""
     with caplog.at_level(logging.WARNING, "netlib"):
         run(text(zoom_factor=2, height=3, width=3), np.zeros((1, 1, 2, 2)), np.zeros((1, 1, 9, 9)))
     messages = " ".join(record.getMessage() for record in caplog.records)

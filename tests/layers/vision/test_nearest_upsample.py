@@ -9,7 +9,6 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(options):
-    """Return a layer with these options."""
     return f'type: "Upsample" upsample_param {{ {options} }}'
 
 

@@ -14,7 +14,6 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(**options):
-    """Return a layer with these options."""
     return f'type: "Pooling" pooling_param {{ {" ".join(f"{k}: {v}" for k, v in options.items())} }}'
 
 
@@ -134,7 +133,6 @@ def test_the_mask_by_hand(run):
     ids=str,
 )
 def test_the_mask_says_where_the_maximum_is(run, rng, options):
-    """The mask points to the maximum in every map of every item."""
     x = rng.normal(size=(2, 3, 5, 6))
     y, mask = run(text(**options), x, tops=2).ys
     assert np.array_equal(np.take_along_axis(x.reshape(2, 3, -1), mask.reshape(2, 3, -1).astype(int), axis=2),

@@ -9,7 +9,6 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(dim=1, group=2, scale=1.0):
-    """Return a layer with this grid."""
     options = f"spatial_scale: {scale} output_dim: {dim} group_size: {group}"
     return f'type: "PSROIPooling" psroi_pooling_param {{ {options} }}'
 
@@ -61,7 +60,6 @@ def test_a_region_with_exchanged_corners_has_a_size(run):
 
 
 def test_any_region_gives_what_plain_loops_give(run, rng):
-    """Any region agrees with loops."""
     x, G = rng.normal(size=(2, 18, 7, 9)), 3
     rois = np.column_stack([rng.integers(0, 2, 40), rng.integers(-8, 40, (40, 4))])
     y = run(text(2, G, 0.25), x, rois).y

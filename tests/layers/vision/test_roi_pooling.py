@@ -9,7 +9,6 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(h=2, w=2, scale=1.0):
-    """Return a layer with this grid."""
     return f'type: "ROIPooling" roi_pooling_param {{ pooled_h: {h} pooled_w: {w} spatial_scale: {scale} }}'
 
 
@@ -76,7 +75,6 @@ def test_each_region_names_its_item(run, rng):
 
 
 def test_any_region_gives_what_plain_loops_give(run, rng):
-    """Any region agrees with loops."""
     x, grid = rng.normal(size=(2, 2, 7, 9)), (3, 4)
     rois = np.column_stack([rng.integers(0, 2, 40), rng.uniform(-8, 40, (40, 4))])
     y = run(text(*grid, 0.25), x, rois).y

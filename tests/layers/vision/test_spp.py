@@ -9,7 +9,6 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(height, pool="MAX"):
-    """Return a layer with this number of levels."""
     return f'type: "SPP" spp_param {{ pyramid_height: {height} pool: {pool} }}'
 
 
@@ -24,7 +23,6 @@ def test_by_hand(run):
 
 
 def test_the_first_of_equal_values_wins(run):
-    """The first of equal values in each window gets the gradient."""
     assert run(text(2), np.zeros((1, 1, 2, 2))).backward([[1, 2, 3, 4, 5]])[0].tolist() == [[[[3, 3], [4, 5]]]]
 
 
