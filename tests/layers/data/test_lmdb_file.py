@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import random
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -243,59 +243,6 @@ def test_what_is_no_such_database(tmp_path: Path, given: bytes, rejected: Any) -
     with rejected:
         Database(tmp_path / "a")
 
-
-# ---------------------------------------------------------------------------------------------- damage
-
-Damage = Callable[[bytearray, random.Random], int]
-
-
-def flipped_bit(content: bytearray, rng: random.Random) -> int:
-    """Flip any bit; at most one entry may change."""
-    content[rng.randrange(len(content))] ^= 1 << rng.randrange(8)
-    return 1
-
-
-def another_number(content: bytearray, rng: random.Random) -> int:
-    """Replace any eight bytes by the number of a page."""
-    struct.pack_into("<Q", content, 2 * rng.randrange(len(content) // 2 - 4), rng.randrange(len(content) // 4096 + 2))
-    return 2
-
-
-def cut(content: bytearray, rng: random.Random) -> int:
-    """Truncate the file anywhere; entries that are read must be correct."""
-    del content[rng.randrange(len(content)) :]
-    return 0
-
-
-@pytest.fixture(scope="module")
-def good(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, Entries]:
-    """A tree of three levels, with values of all sizes and free pages: its content and its entries."""
-    entries = {b"%0200d" % i: b"%04d" % i * (20 if i % 5 else 400 * (1 + i % 4)) for i in range(400)}
-    gone = dict.fromkeys([*entries][100:200])
-    path = write(tmp_path_factory.mktemp("good") / "a", entries, gone, {})  # type: ignore[arg-type]
-    return only_file(path).read_bytes(), {key: value for key, value in entries.items() if key not in gone}
-
-
-@pytest.mark.parametrize("damage", [flipped_bit, another_number, cut])
-def test_damage(tmp_path: Path, good: tuple[bytes, Entries], damage: Damage) -> None:
-    """A damaged file raises a one-line error, or gives all entries with changes only at the damaged position."""
-    content, entries = good
-    rng, path, refused = random.Random(damage.__name__), tmp_path / "a", 0
-    assert len(entries) == 300
-    for case in range(100):
-        changed = bytearray(content)
-        allowed = damage(changed, rng)
-        path.write_bytes(changed)
-        try:
-            found = list(walked(path))
-        except DataError as error:
-            assert str(error).startswith(f"{path}: ") and str(error).isprintable() and len(str(error)) < 500
-            refused += 1
-        else:
-            assert len(found) == len(entries)
-            wrong = [a for a, b in zip(found, sorted(entries.items())) if a != b]
-            assert len(wrong) <= allowed, (case, wrong)
-    assert refused >= 3
 
 
 def test_a_database_that_is_cut_under_way(tmp_path: Path) -> None:

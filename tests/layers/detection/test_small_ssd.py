@@ -20,7 +20,6 @@ from netlib.proto import messages, prototxt, wire
 pytestmark = pytest.mark.both_engines
 
 NET, RECORDED = (Path(__file__).with_name(f"small_ssd.{ending}") for ending in ("prototxt", "npz"))
-SHARED = Path(__file__).parents[3].parent / "shared" / "data" / "nets"  # public nets, on machines that have them
 DETECTIONS = ("shared", "own", "corners")
 
 
@@ -76,15 +75,12 @@ def test_other_batch_sizes(net, recorded):
     assert all(len(twice[name][0, 0]) == 2 * len(together[name]) for name in DETECTIONS)
 
 
-@pytest.mark.parametrize("path", [NET, SHARED / "mobilenet_ssd.prototxt"], ids=lambda path: path.stem)
-def test_text_and_binary_are_equivalent(path):
+def test_text_and_binary_are_equivalent():
     """Encoded and decoded, the options of the fork are unchanged; protobuf's classes give the same bytes."""
-    if not path.exists():
-        pytest.skip("the public nets are not here")
     google = pytest.importorskip("google.protobuf.text_format")
     from netlib.caffe.proto import caffe_pb2
 
-    text = path.read_text(encoding="utf-8")
+    text = NET.read_text(encoding="utf-8")
     tree = prototxt.parse(text)
     data = wire.encode(tree, messages.NetParameter)
     assert wire.encode(wire.decode(data, messages.NetParameter), messages.NetParameter) == data

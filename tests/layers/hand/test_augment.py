@@ -125,15 +125,6 @@ def test_every_batch_is_different_and_a_resume_is_exact(net_of: NetOf) -> None:
     np.testing.assert_array_equal(augmented(net, *dots())[0], second)
 
 
-def test_double_precision(net_of: NetOf) -> None:
-    """A net in float64 makes the same changes."""
-    a = augmented(net_of(LAYER % ("y", "moved", ALL)), *dots())
-    b = augmented(net_of(LAYER % ("y", "moved", ALL), dtype=np.float64), *dots())
-    assert b[0].dtype == np.float64
-    assert (np.abs(a[0] - b[0]) > 1e-6).mean() < 1e-4  # except for pixels on the boundary between two pixels
-    np.testing.assert_allclose(a[1], b[1], atol=1e-6)
-
-
 @bad_inputs(LayerError, {
     "rotation": (LAYER % ("y", "moved", "rotation: -5"),
                  "net.prototxt:5:30: error: layer 'augment': rotation -5 must be from 0 to 180"),

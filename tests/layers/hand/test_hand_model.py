@@ -34,33 +34,9 @@ def test_the_default_is_the_hand(run, rng):
     assert np.allclose(y.reshape(3, 31, 3), kinematics_of(load()).joints(x))
 
 
-@pytest.mark.parametrize("force", ["true", "false"])
-def test_a_batch_of_nothing(net_of, force):
-    """An empty batch gives empty joints and gradients, for nets that predict and nets that learn."""
-    net = net_of(f"""
-        force_backward: {force}
-        layer {{ name: "x" type: "Input" top: "x" input_param {{ shape {{ dim: 2 dim: 47 }} }} }}
-        layer {{ name: "hand" type: "HandModel" bottom: "x" top: "y" }}
-    """)
-    assert net.forward(x=np.zeros((0, 47)))["y"].shape == (0, 93)
-    if force == "true":
-        assert net.backward(y=np.zeros((0, 93)))["x"].shape == (0, 47)
-
-
 def test_gradient_of_the_arm(check, text, rng):
     """The gradient of every input agrees with differences."""
     check(text, rng.normal(size=(3, 4)))
-
-
-def test_a_net_that_only_predicts_gives_the_same(net_of, rng):
-    """A net without backward, which computes less, gives the same joints."""
-    text = (
-        '%s layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 9 dim: 47 } } } '
-        'layer { name: "h" type: "HandModel" bottom: "x" top: "y" }'
-    )
-    x = rng.normal(size=(9, 47))
-    found = [net_of(text % start, dtype=np.float64).forward(x=x)["y"] for start in ("", "force_backward: true")]
-    assert np.allclose(*found, atol=1e-14)
 
 
 # ---------------------------------------------------------------------------------------------- sizes

@@ -221,22 +221,6 @@ def test_float32_costs_digits_of_float32_only(hand, rng):
     assert np.allclose(gradient, hand.backward(exact, dX), rtol=0, atol=1e-5)
 
 
-def test_bodies_of_several_roots(body, rng):
-    """Two arms in one file move as two files of one arm do."""
-    one_arm = """
-        dof {{ name: "x{0}" }} dof {{ name: "y{0}" }} dof {{ name: "turn{0}" }} dof {{ name: "elbow{0}" }}
-        joint {{ name: "base{0}" translate {{ axis: X dof: "x{0}" }} translate {{ axis: Y dof: "y{0}" }}
-                 rotate {{ axis: Z dof: "turn{0}" }} bone {{ axis: X length: 0.2 }} }}
-        joint {{ name: "hand{0}" parent: "base{0}" rotate {{ axis: Z dof: "elbow{0}" }} bone {{ axis: X length: 1 }} }}
-    """
-    one, two = body(one_arm.format("")), body(one_arm.format("_a") + one_arm.format("_b"))
-    inputs, dX = rng.normal(size=(20, 8)), rng.normal(size=(20, 4, 3))
-    pose, parts = two.forward(inputs), [one.forward(inputs[:, :4]), one.forward(inputs[:, 4:])]
-    assert np.allclose(pose.joints, np.concatenate([part.joints for part in parts], axis=1))
-    gradients = [one.backward(part, dX[:, 2 * i : 2 * i + 2]) for i, part in enumerate(parts)]
-    assert np.allclose(two.backward(pose, dX), np.concatenate(gradients, axis=1))
-
-
 @pytest.mark.parametrize("N", [3, 20])
 def test_a_body_of_which_one_root_has_a_child(body, rng, N):
     """Bodies with equal roots and with a root that does not rotate agree with their closed form."""
