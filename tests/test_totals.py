@@ -34,15 +34,15 @@ ROOMS = {
     "layers": Size(7511, 4295, 38.6),
     "netlib": Size(9939, 5749, 32.4),
     "setup.py": Size(40, 16, 40.0),
-    "tests": Size(51568, 28883, 27.7),
-    "tests/support": Size(1490, 817, 28.3),  # a part of the row above
+    "tests": Size(49681, 27900, 27.3),
+    "tests/support": Size(1483, 813, 28.2),  # a part of the row above
     "tools": Size(5360, 3323, 29.4),
 }
 LINES = {  # of files that are not Python, by their patterns
     ("prototxt/*.prototxt", "models/*.prototxt"): 3766,
     ("*.js", "*.css", "*.html"): 2842,
 }
-WORDS = 84698  # of all documents
+WORDS = 84674  # of all documents
 
 
 def tracked(*patterns: str) -> list[Path]:
