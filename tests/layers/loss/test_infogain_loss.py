@@ -54,6 +54,7 @@ def test_classes_on_another_axis(run, rng):
     first = run(text(), x, labels, H, tops=2)
     last = run(text(axis=-1), np.moveaxis(x, 1, 2), labels, H, tops=2)
     assert last.y == pytest.approx(first.y)
+    assert np.allclose(first.ys[1], np.exp(x) / np.exp(x).sum(axis=1, keepdims=True))
     assert np.allclose(last.ys[1], np.moveaxis(first.ys[1], 1, 2))
     dx, dx_last = (done.backward(1, wanted=[True, False, False])[0] for done in (first, last))
     assert np.allclose(dx_last, np.moveaxis(dx, 1, 2))
