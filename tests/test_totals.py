@@ -34,15 +34,15 @@ ROOMS = {
     "layers": Size(7477, 4272, 38.7),
     "netlib": Size(9632, 5619, 32.8),
     "setup.py": Size(40, 16, 40.0),
-    "tests": Size(50185, 28211, 27.4),
-    "tests/support": Size(1490, 817, 28.3),  # a part of the row above
+    "tests": Size(47391, 26809, 27.0),
+    "tests/support": Size(1483, 813, 28.2),  # a part of the row above
     "tools": Size(5341, 3314, 29.4),
 }
 LINES = {  # of files that are not Python, by their patterns
     ("prototxt/*.prototxt", "models/*.prototxt"): 3766,
     ("*.js", "*.css", "*.html"): 2842,
 }
-WORDS = 70733  # of all documents
+WORDS = 68615  # of all documents
 
 
 def tracked(*patterns: str) -> list[Path]:

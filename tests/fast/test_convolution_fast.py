@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import Any
 
 import numpy as np
@@ -113,21 +112,9 @@ def test_random_options(kind: str, case: int) -> None:
 
 
 @pytest.mark.parametrize("kind", ["Convolution", "Deconvolution"])
-@pytest.mark.parametrize(
-    "options", ["kernel_size: 1", "kernel_size: 3 pad: 1", "kernel_h: 2 kernel_w: 3", "kernel_size: 3 stride: 2"]
-)
-def test_groups_of_any_size(kind: str, options: str) -> None:
-    """Groups with one or several inputs, and one or several outputs."""
-    for group, inputs, outputs, size in itertools.product((1, 3), (1, 2, 3), (1, 2, 3), (5, 40)):
-        text = f'num_output: {group * outputs} group: {group} {options} weight_filler {{ type: "gaussian" }}'
-        compare(kind, text, (2, group * inputs, size, size), np.random.default_rng(0), np.float64)
-
-
-@pytest.mark.parametrize("kind", ["Convolution", "Deconvolution"])
 @pytest.mark.parametrize("sizes", [(106, 104), (104, 106), (7, 50)])
 @pytest.mark.parametrize("options", ["kernel_size: 3 pad: 2 stride: 3", "kernel_size: 3 pad: 1"])
 def test_bottoms_of_several_sizes(kind: str, sizes: tuple[int, int], options: str) -> None:
-    """Each bottom has the algorithms for its own size."""
     text = "force_backward: true " + "".join(
         f'input: "x{i}" input_shape {{ dim: 2 dim: 3 dim: {n} dim: {n} }}' for i, n in enumerate(sizes)
     )
@@ -264,7 +251,6 @@ def test_batches_in_float32(text: str, batch: int) -> None:
 
 @pytest.mark.parametrize("kind", ["DepthwiseConvolution", "ConvolutionDepthwise"])
 def test_the_types_of_forks_have_the_depthwise_algorithm(kind):
-    """A depthwise convolution of a fork's type is computed by the same algorithm as one with a group per channel."""
     options = "num_output: 8 group: 8 kernel_size: 3 pad: 1"
     x = np.zeros((2, 8, 20, 20), np.float32)
     found = []

@@ -6,18 +6,14 @@ import gc
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-from unittest import mock
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
 
 import netlib
 from fast import slices
 from fast.slices import SlicedStep
 from netlib.errors import NetlibError
-from netlib.proto import prototxt
 from tests.support.nets import inputs
 
 MakeNet = Callable[..., netlib.Net]
@@ -117,7 +113,6 @@ def assert_close(got: Arrays, want: Arrays, tolerance: float) -> None:
 
 
 def assert_equal(got: Arrays, want: Arrays) -> None:
-    """Assert that all arrays are bitwise equal."""
     assert got.keys() == want.keys()
     for name, array in want.items():
         assert np.array_equal(got[name], array), name
@@ -150,15 +145,6 @@ def test_slices_give_what_layer_by_layer_gives(
     assert_close(got, want, 1e-12)
 
 
-def test_slices_in_float32(net_of: MakeNet) -> None:
-    """Results agree in float32, except for gradients where two values of a pooling window are equal up to rounding."""
-    inputs = batch(37)
-    got, want = everything(net_of(PAPER), inputs), everything(layer_by_layer(net_of(PAPER)), inputs)
-    assert got.keys() == want.keys()
-    for name, array in want.items():
-        assert np.linalg.norm(got[name] - array) <= 1e-2 * np.linalg.norm(array), name
-
-
 @pytest.mark.parametrize("background", ["none", "nothing else", "another value", "nothing else, and zero"])
 def test_any_background_gives_the_same(net_of: MakeNet, background: str) -> None:
     """Results are the same for images without background and for images with only background."""
@@ -185,14 +171,6 @@ def test_results_do_not_depend_on_the_number_of_threads(
         assert_equal(other, found[0])
 
 
-def test_a_second_pass_gives_the_same_as_the_first(net_of: MakeNet) -> None:
-    """Working memory of a thread does not affect the next pass, also after the batch size changed and changed back."""
-    net = net_of(PAPER)
-    first = everything(net, batch(20))
-    everything(net, batch(7, seed=5))
-    assert_equal(everything(net, batch(20)), first)
-
-
 # ---------------------------------------------------------------------------------------------- looking at blobs
 
 
@@ -214,7 +192,6 @@ def expected_of(net_of: MakeNet, inputs: Arrays) -> dict[str, Arrays]:
 
 
 def check_blob(net: netlib.Net, name: str, half: str, expected: dict[str, Arrays]) -> None:
-    """Check that a blob has the values of a layer-by-layer run."""
     assert difference(getattr(net.blobs[name], half), expected[half][name]) <= 2e-5, (name, half)
 
 
@@ -240,15 +217,6 @@ def test_a_hidden_blob_is_true_when_somebody_looks(net_of: MakeNet, name: str, w
     assert_close(everything(net, inputs), expected["grads"], 2e-5)
     check_blob(net, name, "data", expected)
     check_blob(net, name, "diff", expected)
-
-
-def test_all_hidden_blobs_are_true_one_after_the_other(net_of: MakeNet, expected: dict[str, Arrays]) -> None:
-    """All hidden blobs are correct if they are accessed after one pass, from the last to the first."""
-    net = net_of(PAPER)
-    everything(net, batch(10))
-    for name in reversed(HIDDEN):
-        check_blob(net, name, "diff", expected)
-        check_blob(net, name, "data", expected)
 
 
 def test_a_look_costs_one_pass_and_all_blobs_are_stored_from_then_on(
@@ -292,15 +260,6 @@ def test_a_reshape_that_changes_nothing_loses_nothing(net_of: MakeNet, expected:
     check_blob(net, "p1", "diff", expected)
 
 
-CONVOLUTION = """
-    layer { name: "%s" type: "Convolution" bottom: "%s" top: "%s"
-            convolution_param { num_output: 3 kernel_size: 2 weight_filler { type: "xavier" } } }"""
-POOLING = 'layer { name: "p" type: "Pooling" bottom: "c" top: "p" pooling_param { kernel_size: 3 stride: 3 } }'
-FROM = {"c": "one", "d": "p", "e": "two", "f": "e"}
-TWO_IMAGES = "".join(CONVOLUTION % (top, FROM[top], top) for top in "c") + POOLING
-TWO_IMAGES += "".join(CONVOLUTION % (top, FROM[top], top) for top in "def")
-
-
 def test_another_number_of_items_keeps_the_plan(net_of: MakeNet) -> None:
     """The plan depends only on the shape of an item. The results are those of a net that has run no other batch."""
     net, other = net_of(PAPER), net_of(PAPER)
@@ -311,22 +270,6 @@ def test_another_number_of_items_keeps_the_plan(net_of: MakeNet) -> None:
     assert_equal(found, everything(other, batch(10)))
     for name in HIDDEN:
         assert np.array_equal(net.blobs[name].data, other.blobs[name].data), name
-
-
-def test_a_reshape_of_another_input_discards_what_is_not_stored(net_of: MakeNet, rng: np.random.Generator) -> None:
-    """backward then runs the layers forwards again, those of unchanged shapes, too."""
-    text = inputs(one=(3, 2, 10, 10), two=(3, 2, 6, 6)) + "force_backward: true" + TWO_IMAGES
-    fast, plain = (net_of(text, engine=name, dtype=np.float64) for name in ("fast", "plain"))
-    one, two = rng.normal(size=(3, 2, 10, 10)), rng.normal(size=(3, 2, 6, 6))
-    for net in (fast, plain):
-        net.forward(one=one, two=two)
-        assert net is plain or set(hidden(net)) >= {"p", "e"}
-        net.blobs["two"].reshape(3, 2, 7, 9)
-        net.reshape()
-        net.blobs["two"].data[...] = 1
-        net.backward(d=np.ones((3, 3, 2, 2)), f=np.ones((3, 3, 5, 7)))
-    for name, params in plain.params.items():
-        np.testing.assert_allclose(fast.params[name][0].diff, params[0].diff, atol=1e-9, err_msg=name)
 
 
 @pytest.mark.parametrize("has_loss", [False, True])
@@ -365,7 +308,6 @@ def test_a_hidden_blob_does_not_outlive_its_net(net_of: MakeNet) -> None:
 
 
 def test_one_bad_pixel_spoils_its_own_image_only(net_of: MakeNet) -> None:
-    """A NaN or infinite pixel changes the results of its own image only."""
     for value in (np.nan, np.inf):
         inputs = batch(5)
         want = net_of(PAPER)
@@ -379,59 +321,12 @@ def test_one_bad_pixel_spoils_its_own_image_only(net_of: MakeNet) -> None:
         assert not np.isfinite(got.blobs["fc"].data[3]).all()
 
 
-IN_PLACE = """
-    force_backward: true
-    layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 4 dim: 6 } } }
-    layer { name: "r" type: "ReLU" bottom: "x" top: "r" }
-    layer { name: "f" bottom: "r" top: "r" %s }
-"""
-
-
-@pytest.mark.parametrize("function", ['type: "Power" power_param { shift: -0.5 }', 'type: "Sigmoid"', 'type: "TanH"'])
-def test_a_layer_in_place_behind_a_relu(net_of: MakeNet, rng: np.random.Generator, function: str) -> None:
-    """The gradient of a ReLU depends on x, although the layer in place overwrites y."""
-    x, dy = {"x": rng.normal(size=(4, 6))}, {"r": rng.normal(size=(4, 6))}
-    fast, plain = (net_of(IN_PLACE % function, engine=name) for name in ("fast", "plain"))
-    assert_close(everything(fast, x, dy), everything(plain, x, dy), 1e-6)
-
-
 SHARED = """
     force_backward: true
     layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 4 dim: 6 } } }
     layer { name: "f" type: "InnerProduct" bottom: "x" top: "y"
             inner_product_param { num_output: 3 weight_filler { type: "xavier" } } }
 """
-
-
-@pytest.mark.parametrize("clear", ["before sharing", "after sharing"])
-@pytest.mark.parametrize("owner", ["plain", "fast"])
-@pytest.mark.parametrize("sharer", ["plain", "fast"])
-def test_nets_of_any_engines_share_parameters(
-    net_of: MakeNet, rng: np.random.Generator, owner: str, sharer: str, clear: str
-) -> None:
-    """Each net keeps its own gradients, whichever net clears them or accesses blobs."""
-    one, two = net_of(SHARED, engine=owner), net_of(SHARED, engine=sharer, seed=5)
-    x, dy = rng.normal(size=(4, 6)), rng.normal(size=(4, 3))
-    for net in (one, two):
-        net.forward(x=x)
-    if clear == "before sharing":
-        two.clear_param_diffs()
-    two.share_params(one)
-    one.clear_param_diffs()
-    if clear == "after sharing":
-        two.clear_param_diffs()
-    expected = dy.T @ x
-    for net in (one, two):
-        net.backward(y=dy)
-        assert difference(net.params["f"][0].diff, expected) <= 1e-6
-    two.clear_param_diffs()
-    assert difference(one.params["f"][0].diff, expected) <= 1e-6
-    one.share_params(one)
-    two.share_params(one)
-    one.share_params(two)
-    one.params["f"][0].data[...] = 3
-    assert (two.params["f"][0].data == 3).all()
-    assert not two.params["f"][0].diff.any()
 
 
 TWO_SIZES = """
@@ -473,65 +368,11 @@ def test_blobs_of_different_numbers_of_items(net_of: MakeNet, rng: np.random.Gen
     assert difference(fast.blobs["cy"].data, plain.blobs["cy"].data) <= 1e-6
 
 
-@pytest.mark.parametrize("kernels", [(3, 3), (3, 1), (5, 3)])
-@pytest.mark.parametrize("frozen", [False, True])
-def test_two_convolutions_in_a_row(
-    net_of: MakeNet, rng: np.random.Generator, kernels: tuple[int, int], frozen: bool
-) -> None:
-    """The second convolution reads all values of the first, although the gradient of the image is not needed."""
-    text = inputs(x=(2, 1, 28, 28))
-    for name, bottom, size in zip(("c1", "c2"), ("x", "c1"), kernels):
-        rate = "param { lr_mult: 0 } param { lr_mult: 0 }" if name == "c1" else ""
-        text += f"""layer {{ name: "{name}" type: "Convolution" bottom: "{bottom}" top: "{name}" {rate}
-            convolution_param {{ num_output: 8 kernel_size: {size} weight_filler {{ type: "xavier" }} }} }}"""
-    if frozen:
-        text += 'layer { name: "l" type: "Reduction" bottom: "c2" top: "l" loss_weight: 1 }'
-    x = rng.normal(size=(2, 1, 28, 28))
-    fast, plain = (net_of(text, engine=name) for name in ("fast", "plain"))
-    for net in (fast, plain):
-        net.forward(x=x)
-        net.backward()
-    assert difference(fast.blobs["c2"].data, plain.blobs["c2"].data) <= 1e-6
-    assert difference(fast.params["c2"][0].diff, plain.params["c2"][0].diff) <= 1e-5
-
-
-def test_a_reshape_to_the_same_shapes_keeps_the_winners(net_of: MakeNet) -> None:
-    """A reshape to the same shapes keeps the winners of poolings, also in a net that runs layer by layer."""
-    net = layer_by_layer(net_of(PAPER))
-    feed(net, batch(3))
-    net.backward()
-    expected = net.params["c1"][0].diff.copy()
-    net.clear_param_diffs()
-    net.reshape()
-    net.backward()
-    assert np.array_equal(net.params["c1"][0].diff, expected)
-
-
 def test_a_top_that_was_reshaped_by_hand(net_of: MakeNet) -> None:
     """A top that the caller reshaped gets its shape back in the next pass."""
     net = net_of(SHARED)
     net.blobs["y"].reshape(2, 2)
     assert net.forward()["y"].shape == (4, 3)
-
-
-def test_a_blob_that_was_written_is_used(net_of: MakeNet) -> None:
-    """Values that a caller writes to a hidden blob are read by the layers after it."""
-    net = net_of(PAPER)
-    feed(net, batch(3))
-    net.blobs["p2"].data[...] = 0
-    net.forward(start="c3")
-    bias = net.params["c3"][1].data
-    assert np.allclose(net.blobs["c3"].data, np.maximum(bias, 0)[:, None, None])
-
-
-def test_a_hidden_blob_shows_the_last_pass_after_an_update(net_of: MakeNet) -> None:
-    """The first access after the weights have changed returns the values of the pass before the change."""
-    sliced, plain = net_of(PAPER), layer_by_layer(net_of(PAPER))
-    for net in (sliced, plain):
-        everything(net, batch(3))
-        for param in net.learnable:
-            param.blob.data[...] *= 2
-    assert difference(sliced.blobs["p1"].data, plain.blobs["p1"].data) <= 2e-5
 
 
 # ---------------------------------------------------------------------------------------------- any net
@@ -561,7 +402,6 @@ def test_relu_after_max_pooling_is_relu_before_it(net_of: MakeNet) -> None:
 
 
 def test_a_relu_that_changed_places_leaves_the_diff_of_a_pooled_output_alone(net_of: MakeNet) -> None:
-    """Backward does not change the values that the caller wrote to the diff of an output."""
     text = """
         force_backward: true
         layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 dim: 1 dim: 6 dim: 6 } } }
@@ -620,86 +460,6 @@ def test_no_relu_changes_places_with_a_max_pooling_that_has_empty_windows(net_of
     for net in (net_of(text), layer_by_layer(net_of(text))):
         net.params["d"][0].data[...] = 1
         assert np.isneginf(net.forward(x=x)["d"]).tolist() == [[[[False, False, True]] * 2 + [[True] * 3]]] * 3
-
-
-@pytest.mark.parametrize("half", ["data", "diff"])
-def test_a_blob_with_a_layer_in_place_is_true_when_somebody_looks(net_of: MakeNet, half: str) -> None:
-    """A leaky ReLU in place cannot run twice: the run ends before it, and all of the run is computed again."""
-    text = ODD % 'type: "ReLU" relu_param { negative_slope: 0.1 }'
-    sliced, plain = net_of(text), layer_by_layer(net_of(text))
-    for net in (sliced, plain):
-        everything(net, {"x": np.random.default_rng(0).normal(size=(3, 1, 9, 8))}, {"p": np.ones((3, 2, 3, 3))})
-    assert difference(getattr(sliced.blobs["c"], half), getattr(plain.blobs["c"], half)) <= 2e-5
-
-
-LAYERS = {
-    "conv": 'type: "Convolution" convolution_param { num_output: 3 kernel_size: %d weight_filler { type: "xavier" } '
-    'bias_filler { type: "uniform" min: -1 } }',
-    "conv any": 'type: "Convolution" convolution_param { num_output: 2 kernel_h: %d kernel_w: 2 pad: 1 stride: 2 '
-    'weight_filler { type: "xavier" } }',
-    "max": 'type: "Pooling" pooling_param { kernel_size: %d stride: %d }',
-    "max overlap": 'type: "Pooling" pooling_param { kernel_size: 4 stride: %d pad: 1 }',
-    "ave": 'type: "Pooling" pooling_param { pool: AVE kernel_size: 4 stride: %d }',
-    "power": 'type: "Power" power_param { scale: 0.5 shift: 0.25 power: %d }',
-    "scale": 'type: "Scale" scale_param { bias_term: true filler { type: "uniform" min: -%d max: 2 } }',
-    "relu": 'type: "ReLU"',
-    "leaky": 'type: "ReLU" relu_param { negative_slope: 0.1 }',
-    "tanh": 'type: "TanH"',
-    "sigmoid": 'type: "Sigmoid"',
-    "two": "",
-}
-
-
-@st.composite
-def stacks(draw: st.DrawFn) -> str:
-    """Generate nets of a few layers, some in place, some branching and joining again."""
-    height, width = draw(st.integers(9, 20)), draw(st.integers(9, 20))
-    text = "force_backward: true " + inputs(b0=(1, draw(st.integers(1, 3)), height, width))
-    blob = "b0"
-    for i, kind in enumerate(draw(st.lists(st.sampled_from(sorted(LAYERS)), min_size=1, max_size=7)), 1):
-        if kind == "two":  # two readers of one blob: the net inserts a Split
-            for side in "lr":
-                text += f' layer {{ name: "{side}{i}" bottom: "{blob}" top: "{side}{i}" {LAYERS["conv"] % 2} }}'
-            text += f' layer {{ name: "e{i}" type: "Eltwise" bottom: "l{i}" bottom: "r{i}" top: "b{i}" }}'
-            blob = f"b{i}"
-            continue
-        options = LAYERS[kind]
-        number = draw(st.integers(1, 4))
-        options = options % ((number,) * options.count("%d"))
-        in_place = kind in ("relu", "leaky", "tanh", "sigmoid", "power", "scale") and i > 1 and draw(st.booleans())
-        top = blob if in_place else f"b{i}"
-        text += f' layer {{ name: "n{i}" bottom: "{blob}" top: "{top}" {options} }}'
-        blob = top
-    return text
-
-
-@settings(max_examples=100)
-@given(text=stacks(), items=st.integers(0, 5))
-def test_any_stack_of_layers_gives_the_same_in_slices(text: str, items: int) -> None:
-    """Outputs, gradients and then all blobs agree with the plain engine up to rounding in float64.
-
-    Slices are limited to two items, so that a few items give several slices.
-    """
-    with mock.patch.object(slices, "MAX_SLICE", 2):
-        check_stack(text, items)
-
-
-def check_stack(text: str, items: int) -> None:
-    """Compare a stack of layers in slices with the plain engine."""
-    tree = prototxt.parse(text)
-    try:
-        sliced, plain = (
-            netlib.Net(tree, netlib.TRAIN, dtype=np.float64, seed=2, engine=name) for name in ("fast", "plain")
-        )
-    except netlib.LayerError:  # a window larger than the remaining map
-        assume(False)
-    rng = np.random.default_rng(0)
-    x = {"b0": rng.normal(size=(items, *plain.blobs["b0"].shape[1:]))}
-    dy = {name: rng.normal(size=(items, *plain.blobs[name].shape[1:])) for name in plain.outputs}
-    assert_close(everything(sliced, x, dy), everything(plain, x, dy), 1e-11)
-    for name, blob in plain.blobs.items():
-        for half in ("data", "diff"):
-            assert difference(getattr(sliced.blobs[name], half), getattr(blob, half)) <= 1e-11, (name, half)
 
 
 def test_a_look_repeats_only_what_ran_in_slices(net_of: MakeNet, rng: np.random.Generator) -> None:

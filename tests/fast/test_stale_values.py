@@ -113,26 +113,6 @@ def test_a_look_leaves_shared_parameters_alone(net_of: MakeNet, rng: np.random.G
     assert fast.blobs["c"].data.any()
 
 
-def test_part_backward_through_a_pooling_whose_bottom_was_written(net_of: MakeNet, rng: np.random.Generator) -> None:
-    """The winners are those of the last forward, in a net of which a part has run before."""
-    text = """
-        force_backward: true
-        layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 dim: 1 dim: 9 dim: 6 } } }
-        layer { name: "b" type: "BNLL" bottom: "x" top: "b" }
-        layer { name: "p" type: "Pooling" bottom: "b" top: "p" pooling_param { kernel_size: 2 stride: 2 } }
-        layer { name: "e" type: "BNLL" bottom: "p" top: "e" }
-    """
-    x, written, de = (rng.normal(size=shape) for shape in [(3, 1, 9, 6), (3, 1, 9, 6), (3, 1, 5, 3)])
-    gradients = []
-    for net in both(net_of, text):
-        net.forward(x=x)
-        net.backward(start="e", e=de)
-        net.blobs["b"].data[...] = written
-        net.backward(start="p")
-        gradients.append(net.blobs["b"].diff.copy())
-    np.testing.assert_allclose(*gradients, rtol=1e-11, atol=1e-11)
-
-
 def test_a_pooling_of_no_items(net_of: MakeNet) -> None:
     """A pooling with one window over the whole image accepts a batch without items."""
     net = net_of(
@@ -140,12 +120,3 @@ def test_a_pooling_of_no_items(net_of: MakeNet) -> None:
         + 'layer { name: "p" type: "Pooling" bottom: "x" top: "p" pooling_param { kernel_size: 4 } }'
     )
     assert net.forward(x=np.empty((0, 3, 4, 4)))["p"].shape == (0, 3, 1, 1)
-
-
-@pytest.mark.parametrize("items", [2, 64])
-def test_an_input_given_as_a_view_of_itself(net_of: MakeNet, rng: np.random.Generator, items: int) -> None:
-    """Overlapping memory is copied as by NumPy, also if the array is large enough for several threads."""
-    net = net_of(inputs(x=(1, 100, 100)) + 'layer { name: "y" type: "Power" bottom: "x" top: "y" }')
-    x = rng.normal(size=(items, 100, 100)).astype(np.float32)
-    net.forward(x=x)
-    assert np.array_equal(net.forward(x=net.blobs["x"].data[::-1])["y"], x[::-1])

@@ -10,9 +10,7 @@ import pytest
 
 from export.onnx.check import differences
 from export.onnx.net import load, onnx_image
-from export.onnx.table import LAYERS
 from netlib.files.paths import ROOT
-from netlib.proto.options import layer_types
 from tests.support.nets import inputs
 
 NYU = ROOT / "prototxt" / "nyu_deploy.prototxt"
@@ -41,11 +39,6 @@ def run_onnx(image: bytes, **inputs: np.ndarray) -> dict[str, np.ndarray]:
 def examples(cases: Cases) -> list[Any]:
     """Return a test parameter for each example."""
     return [pytest.param(name, *case, id=f"{name}{i}") for name, of_it in cases.items() for i, case in enumerate(of_it)]
-
-
-def types_of(room: str) -> set[str]:
-    """Return the layer types of this folder of layers/ that have a form in ONNX."""
-    return {name for name in LAYERS if layer_types()[name].__module__.split(".")[1] == room}
 
 
 def check(files: Files, name: str, shapes: Shapes, options: str, tops: int) -> None:

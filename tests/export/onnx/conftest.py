@@ -13,7 +13,6 @@ from tests.support.onnx_nets import net_text
 
 @pytest.fixture(autouse=True, scope="session")
 def onnx():
-    """The package onnx."""
     pytest.importorskip("onnxruntime")
     return pytest.importorskip("onnx")
 

@@ -88,7 +88,6 @@ def test_no_input(files):
 
 @pytest.mark.parametrize(("missing", "more"), [("onnx", []), ("onnxruntime", ["--check"])])
 def test_a_missing_package(missing, more, files, monkeypatch):
-    """A missing package is reported in one line with the command that installs it."""
     net, weights = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (1, 3))
     monkeypatch.setitem(sys.modules, missing, None)
     done = run_tool("export_onnx", net, weights, "out.onnx", *more, status=1)

@@ -13,14 +13,8 @@ from export.onnx.check import differences
 from export.onnx.net import load, onnx_image
 from netlib.errors import LayerError
 from netlib.files.paths import ROOT
-from tests.support.onnx_nets import IMAGE, Cases, check, examples, run_onnx, types_of
+from tests.support.onnx_nets import run_onnx
 
-CASES: Cases = {
-    "PriorBox": [
-        ([(1, 2, 2, 3), *IMAGE], "prior_box_param { min_size: 2 max_size: 4 aspect_ratio: 3 clip: true }", 1),
-        ([(1, 2, 2, 3), (1, 5)], "prior_box_param { min_size: 2 img_size: 9 step_h: 2 step_w: 4 variance: 0.3 }", 1),
-    ],
-}
 SMALL = ROOT / "tests/layers/detection/small_ssd.prototxt"
 P, C = 12, 3
 SHAPES = {True: [(1, 4 * P), (1, C * P)], False: [(1, 4 * P * C), (1, C * P)]}  # by share_location
@@ -38,17 +32,6 @@ def layers(options: str, more: str = "") -> str:
 def detector(files, options: str, shared: bool = True, more: str = "") -> netlib.Net:
     """Load such a net."""
     return load(*files(layers(options, more), *SHAPES[shared], (1, 2, 2, 3), (1, 3, 8, 12)))
-
-
-@pytest.mark.parametrize(("name", "shapes", "options", "tops"), examples(CASES))
-def test_layer(name, shapes, options, tops, files):
-    """The exported layer computes the same as netlib."""
-    check(files, name, shapes, options, tops)
-
-
-def test_every_type_has_an_example():
-    """Every layer type of layers/detection has an example; those of DetectionOutput are below."""
-    assert set(CASES) | {"DetectionOutput"} == types_of("detection")
 
 
 @pytest.mark.parametrize("code", ["CORNER", "CORNER_SIZE", "CENTER_SIZE"])

@@ -14,28 +14,7 @@ from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import Skeleton, load
 from layers.hand.skeleton_file import SkeletonParameter
 from netlib.proto import prototxt, schema
-from tests.support.onnx_nets import Cases, check, examples, run_onnx, types_of
-
-CASES: Cases = {
-    "DeepHandModel": [([(1, 47)], "", 1)],
-    "HandModel": [
-        ([(1, 47)], "", 1),
-        ([(1, 47, 1, 1)], "", 1),
-        ([(1, 47), (1, 1)], "", 1),  # a factor
-        ([(1, 47), (1, 31, 1)], "", 1),  # bone lengths
-    ],
-}
-
-
-@pytest.mark.parametrize(("name", "shapes", "options", "tops"), examples(CASES))
-def test_layer(name, shapes, options, tops, files):
-    """The exported layer computes the same as netlib."""
-    check(files, name, shapes, options, tops)
-
-
-def test_every_type_has_an_example():
-    """Every layer type of layers/hand has an example."""
-    assert set(CASES) == types_of("hand")
+from tests.support.onnx_nets import run_onnx
 
 
 def test_steps_of_the_hand():

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import netlib
 from export.onnx.check import differences
 from export.onnx.net import load, onnx_image
 from netlib.errors import NetlibError
-from tests.support.onnx_nets import SYNTHETIC, net_text
+from tests.support.onnx_nets import IMAGE, SYNTHETIC, net_text, run_onnx
 
 
 def test_layers_in_place(files, onnx):
@@ -50,3 +51,48 @@ def test_weights_over_two_gigabytes(monkeypatch):
     net = load(SYNTHETIC / "deploy.prototxt", SYNTHETIC / "synthetic_hand.caffemodel.h5")
     with pytest.raises(NetlibError, match=r"^net 'SyntheticHand' has 0\.0 GB of weights; expected at most"):
         onnx_image(net)
+
+
+def test_equal_maxima(files):
+    """Of equal maxima, ArgMax takes the last and the mask of MAX the first."""
+    net = load(*files(
+        'layer { name: "a" type: "ArgMax" bottom: "x0" top: "a" argmax_param { top_k: 3 } }'
+        'layer { name: "p" type: "Pooling" bottom: "x0" top: "y" top: "mask" pooling_param { kernel_size: 2 } }',
+        (1, 2, 3, 2),
+    ))
+    x = np.zeros((2, 2, 3, 2), np.float32)
+    x[:, 1, 1] = 1
+    found = run_onnx(onnx_image(net), x0=x)
+    assert found["a"].tolist() == [[[[9], [8], [11]]]] * 2
+    assert found["mask"].tolist() == [[[[0], [2]], [[2], [2]]]] * 2
+    assert {name: y.tolist() for name, y in net.forward(x0=x).items()} == {n: y.tolist() for n, y in found.items()}
+
+
+def test_silence_and_splits_are_no_operators(files, onnx):
+    """Silence and Split add no operators, and a blob with two consumers is not copied."""
+    net = load(*files(
+        'layer { name: "a" type: "TanH" bottom: "x0" top: "a" } layer { name: "b" type: "AbsVal" bottom: "a" top: "b" }'
+        'layer { name: "c" type: "BNLL" bottom: "a" top: "c" } layer { name: "s" type: "Silence" bottom: "c" }',
+        (1, 4),
+    ))
+    graph = onnx.load_from_string(onnx_image(net)).graph
+    assert [(node.op_type, *node.input) for node in graph.node] == [
+        ("Tanh", "x0"), ("Abs", "a"), ("Softplus", "a"),
+    ]
+    assert [output.name for output in graph.output] == ["b"]
+
+
+@pytest.mark.parametrize("kernel", ["kernel_size: 2 stride: 2", "kernel_size: 3 stride: 2"])
+def test_upsampling_with_a_mask(kernel, files):
+    """An Upsample with the mask of a Pooling computes the same, also where windows overlap."""
+    options = "upsample_param { upsample_h: 7 upsample_w: 6 }"
+    net = load(
+        *files(
+            f'layer {{ name: "p" type: "Pooling" bottom: "x0" top: "p" top: "mask" pooling_param {{ {kernel} }} }}'
+            f'layer {{ name: "u" type: "Upsample" bottom: "p" bottom: "mask" top: "y" {options} }}',
+            *IMAGE,
+        )
+    )
+    found, _ = differences(onnx_image(net), net, (1, 3))
+    assert set(found) == {"y"}
+    assert found["y"].found <= 1e-5

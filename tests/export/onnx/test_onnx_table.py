@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 from export.onnx.table import LAYERS
 from netlib.files.paths import ROOT
 from netlib.proto.options import layer_types
-from tests.support.onnx_nets import types_of
 
 
 def test_every_layer_type_has_a_form_or_is_refused():
@@ -19,12 +17,6 @@ def test_every_layer_type_has_a_form_or_is_refused():
     without_form = {"Filter", "Im2col", "LSTM", "LSTMUnit", "PSROIPooling", "RNN", "ROIPooling"}
     refused = {name for name in layer_types() if name not in LAYERS and not name.endswith("Loss")}
     assert refused - {"DeepHandModelDofConstraintLoss"} <= random_or_from_outside | of_training | without_form
-
-
-def test_every_form_stands_in_a_tested_folder():
-    """Each folder has a test file with examples of all its types; Input occurs in most nets there."""
-    folders = [path.stem.removeprefix("test_onnx_") for path in Path(__file__).parent.glob("test_onnx_*.py")]
-    assert set().union(*map(types_of, folders)) == set(LAYERS) - {"Input"}
 
 
 def test_the_document_names_every_layer_type():

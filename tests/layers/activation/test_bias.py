@@ -7,7 +7,6 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(options=""):
-    """Return a layer with a random bias."""
     return f'type: "Bias" bias_param {{ filler {{ type: "gaussian" }} {options} }}'
 
 
@@ -32,7 +31,6 @@ def test_it_starts_as_the_identity(run, rng):
 )
 @pytest.mark.parametrize("in_place", [False, True])
 def test_gradient_for_every_shape_of_the_bias(run, check, rng, options, shape, in_place):
-    """The gradients of x and of the bias agree with differences."""
     x = rng.normal(size=(2, 3, 4))
     assert run(text(options), x).layer.blobs[0].shape == shape
     check(text(options), x, in_place=in_place)

@@ -33,11 +33,3 @@ def test_initial_slopes(run):
     assert run(SHARED, x).layer.blobs[0].data == 0.25
     filled = run('type: "PReLU" prelu_param { filler { type: "constant" } }', x)
     assert filled.layer.blobs[0].data.tolist() == [0] * 3
-
-
-@pytest.mark.parametrize("text", ['type: "PReLU"', SHARED])
-@pytest.mark.parametrize("shape", [(3, 4), (2, 3, 4), (2, 3, 2, 2)])
-@pytest.mark.parametrize("in_place", [False, True])
-def test_gradient(check, rng, text, shape, in_place):
-    """The gradients of x and of the slopes agree with differences away from the kink."""
-    check(text, rng.choice([-1, 1], shape) * rng.uniform(0.1, 1, shape), in_place=in_place)

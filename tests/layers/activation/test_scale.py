@@ -7,7 +7,6 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(options=""):
-    """Return a layer with a random gain and bias."""
     return f'type: "Scale" scale_param {{ filler {{ type: "gaussian" }} bias_filler {{ type: "gaussian" }} {options} }}'
 
 

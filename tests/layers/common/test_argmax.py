@@ -1,6 +1,5 @@
 """ArgMax."""
 
-import numpy as np
 import pytest
 
 pytestmark = pytest.mark.both_engines
@@ -9,7 +8,6 @@ X = [[[3.0, 1], [4, 2]], [[0, -1], [-2, 0]]]  # two items; the second has equal 
 
 
 def text(options=""):
-    """Return a layer with these options."""
     return f'type: "ArgMax" argmax_param {{ {options} }}'
 
 
@@ -39,17 +37,3 @@ def test_by_hand(run, options, y):
 def test_shapes(run, rng, shape, options, top):
     """Without ``axis`` the top has at least three axes, with it those of the bottom."""
     assert run(text(options), rng.normal(size=shape)).y.shape == top
-
-
-def test_all_along_an_axis_are_a_sort(run, rng):
-    """With top_k equal to the size of the axis, the values are sorted in descending order."""
-    x = rng.normal(size=(3, 5, 2))
-    values = run(text("axis: 1 top_k: 5 out_max_val: true"), x).y
-    places = run(text("axis: 1 top_k: 5"), x).y.astype(int)
-    assert np.array_equal(values, -np.sort(-x, axis=1))
-    assert np.array_equal(np.take_along_axis(x, places, axis=1), values)
-
-
-def test_there_is_no_gradient(run):
-    """force_backward does not request a gradient."""
-    assert not run(text(), X).layer.allow_force_backward(0)

@@ -18,9 +18,3 @@ def test_by_hand(run, shape):
     assert da.tolist() == np.array([3, 4]).reshape(shape).tolist()
     assert dx.tolist() == [[[[2, 2]], [[0, 10]]]]
     assert dy.tolist() == [[[[1, 1]], [[0, 1]]]]
-
-
-@pytest.mark.parametrize("shape", [(3, 2), (3, 2, 1, 1)], ids=str)
-def test_gradient(check, rng, shape):
-    """The gradients of all three bottoms agree with differences."""
-    check(TEXT, rng.normal(size=shape), *rng.normal(size=(2, 3, 2, 4, 3)))

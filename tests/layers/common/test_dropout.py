@@ -43,13 +43,6 @@ def test_identity_when_testing_or_with_ratio_0(run, rng, text, phase):
     assert np.array_equal(done.backward(x)[0], x)
 
 
-@pytest.mark.parametrize("phase", ["TRAIN", "TEST"])
-@pytest.mark.parametrize("in_place", [False, True])
-def test_gradient(check, rng, phase, in_place):
-    """The gradient agrees with differences; every forward pass of the check uses the same mask."""
-    check(HALF, rng.normal(size=(3, 5)), phase=phase, in_place=in_place)
-
-
 def test_fast_rcnns_dropout_scales_in_test(run):
     """With ``scale_train: false`` kept values are not scaled in TRAIN; TEST scales all values instead."""
     text = 'type: "Dropout" dropout_param { dropout_ratio: 0.25 scale_train: false }'

@@ -23,11 +23,6 @@ def test_all_some_or_none(run, rng, selector, passed):
     assert (done.backward(np.ones((passed, 2, 2)), wanted=[True, False])[0] != 0).sum() == 4 * passed
 
 
-def test_gradient(check, rng):
-    """The gradient of the filtered items agrees with differences."""
-    check('type: "Filter"', rng.normal(size=(4, 3)), [1, 0, 0, 1], wanted=[True, False])
-
-
 def test_in_a_net_the_number_of_items_follows_the_selector(net_of, rng):
     """Blobs after the filter have as many items as pass in each forward pass."""
     net = net_of(

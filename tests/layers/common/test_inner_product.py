@@ -9,7 +9,6 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(options=""):
-    """Return a layer with three outputs, random weights and a random bias."""
     fillers = 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
     return f'type: "InnerProduct" inner_product_param {{ num_output: 3 {fillers} {options} }}'
 
@@ -40,19 +39,12 @@ def test_a_transposed_weight(run, rng):
     [(1, (2, 3), (3, 20)), (2, (2, 4, 3), (3, 5)), (0, (3,), (3, 40)), (-1, (2, 4, 3), (3, 5))],
 )
 def test_axes_before_axis_count_items(run, rng, axis, shape, weight):
-    """Axes before ``axis`` count items; the other axes are flattened."""
     x = rng.normal(size=(2, 4, 5))
     done = run(text(f"axis: {axis}"), x)
     assert done.layer.blobs[0].shape == weight
     assert done.y.shape == shape
     w, b = (p.data for p in done.layer.blobs)
     assert np.allclose(done.y.reshape(-1, 3), x.reshape(-1, weight[1]) @ w.T + b)
-
-
-@pytest.mark.parametrize("options", ["", "transpose: true", "bias_term: false", "axis: 2", "axis: 0"])
-def test_gradient(check, rng, options):
-    """The gradients of x, w and b agree with differences."""
-    check(text(options), rng.normal(size=(2, 3, 2)))
 
 
 def test_more_rows_than_a_block(run, rng, keep_threads):

@@ -39,7 +39,6 @@ def test_without_a_shape_it_is_one_number(net_of):
 
 
 def test_shared_by_name(net_of):
-    """Two Parameter layers with the same param name share one parameter."""
     net = net_of(NET.replace("lr_mult: 2", 'name: "one"')
                  + 'layer { name: "v" type: "Parameter" top: "v" parameter_param { shape { dim: 2 dim: 3 } } '
                    'param { name: "one" } }')

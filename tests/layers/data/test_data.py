@@ -2,9 +2,7 @@
 
 import gc
 import os
-import struct
 import sys
-from pathlib import Path
 
 import cv2
 import lmdb
@@ -39,7 +37,6 @@ def database(tmp_path, images):
 
 
 def text(path, options="batch_size: 2", more="", top='top: "x" top: "t"'):
-    """Return a layer that reads the database."""
     return f'layer {{ name: "d" type: "Data" {top} data_param {{ source: "{path}" backend: LMDB {options} }} {more} }}'
 
 
@@ -119,7 +116,6 @@ def test_a_database_that_is_made_anew(database, images, net_of, tmp_path):
 
 @pytest.mark.parametrize("done", range(6))
 def test_a_resume_goes_on_with_the_next_entry(database, net_of, done):
-    """Resuming continues with the next entry and the same crops and mirrors."""
     layer = text(database, "batch_size: 3", "transform_param { crop_size: 2 mirror: true }")
     net = net_of(layer, seed=1)
     labels(net, done)
@@ -192,36 +188,6 @@ def test_a_database_that_is_cut_under_a_running_net(tmp_path, net_of):
     assert labels(again) == [4, 5, 6, 7]
 
 
-def test_a_page_that_is_damaged(tmp_path, monkeypatch, rng):
-    """A damaged page ends training with an error and a snapshot, from which the resume is exact."""
-    monkeypatch.chdir(tmp_path)
-    write("db", [datum(image, i) for i, image in enumerate(rng.integers(0, 256, (20, 1, 50, 100)).astype(np.uint8))])
-    content = Path("db/data.mdb").read_bytes()
-    Path("net.prototxt").write_text(
-        text("db", "batch_size: 3", "transform_param { scale: 0.01 mirror: true }")
-        + """layer { name: "ip" type: "InnerProduct" bottom: "x" top: "y"
-                     inner_product_param { num_output: 1 weight_filler { type: "gaussian" std: 0.01 } } }
-             layer { name: "loss" type: "EuclideanLoss" bottom: "y" bottom: "t" top: "loss" }"""
-    )
-    Path("solver.prototxt").write_text(
-        'net: "net.prototxt" base_lr: 1e-6 lr_policy: "fixed" max_iter: 9 random_seed: 1 snapshot_prefix: "s"'
-    )
-    whole = netlib.get_solver("solver.prototxt")
-    assert whole.solve()
-    pages = [n for n in range(len(content) // 4096) if struct.unpack_from("<QHH", content, 4096 * n)[::2] == (n, 4)]
-    damaged = bytearray(content)
-    damaged[4096 * pages[7]] ^= 1  # the number of the page where the eighth value starts
-    Path("db/data.mdb").write_bytes(damaged)
-    broken = netlib.get_solver("solver.prototxt")
-    with pytest.raises(netlib.DataError, match=r"^db/data\.mdb: page \d+: expected a value of \d+ bytes, found page"):
-        broken.solve()
-    assert broken.iter == 2
-    Path("db/data.mdb").write_bytes(content)
-    resumed = netlib.get_solver("solver.prototxt", seed=99)
-    assert resumed.solve("s_iter_2.solverstate")
-    assert np.array_equal(resumed.net.params["ip"][0].data, whole.net.params["ip"][0].data)
-
-
 SMALL = [datum(np.ones((1, 2, 2), np.uint8), 0)]
 LEVELDB = "error: layer 'd': backend LEVELDB, Caffe's default, is not supported; convert the database to LMDB (with ..."
 
@@ -256,7 +222,6 @@ def truncated(path, pages):
         "gives (1, 4, 5), the first of its batch (3, 4, 5); expected the same number of channels, ..."),
 })
 def test_mistakes(tmp_path, net_of, given, rejected):
-    """A missing, invalid or truncated database, and invalid options, are one line when the net is built."""
     name, make, options = given
     make(tmp_path / name)
     layer = text(tmp_path / name, options or "batch_size: 2")

@@ -1,4 +1,4 @@
-"""Datum and BlobProto messages read from bytes."""
+"""Datum messages read from bytes."""
 
 import cv2
 import numpy as np
@@ -6,17 +6,14 @@ import pytest
 
 import netlib
 from layers.data.images import decode_datum
-from netlib.proto.binaryproto import read_blob
-from netlib.proto.prototxt import Bytes
 from tests.support.bad_input import bad_inputs
-from tests.support.caffe_messages import blob, content, datum, number, one_by_one, write_blob
+from tests.support.caffe_messages import content, datum, number, one_by_one
 
 pytestmark = pytest.mark.both_engines
 
 
 @pytest.mark.parametrize("label", [0, 7, 300, 2**31 - 1, -1])
 def test_bytes_and_a_label(rng, label):
-    """Bytes are read channel by channel, with the label."""
     image = rng.integers(0, 256, (2, 3, 4)).astype(np.uint8)
     values, found = decode_datum(datum(image, label), None, "d")
     assert found == label
@@ -56,15 +53,6 @@ def test_unknown_fields_are_skipped():
     assert decode_datum(more + datum(image, 4) + more, None, "d")[1] == 4
 
 
-def test_a_picture_is_no_text(rng, monkeypatch):
-    """The bytes of an image are not decoded as text, which would take longer than decoding the image."""
-    monkeypatch.setattr(Bytes, "text", property(lambda self: pytest.fail("decoded")))
-    image = rng.integers(0, 256, (1, 4, 5)).astype(np.uint8)
-    png = cv2.imencode(".png", image[0])[1].tobytes()
-    for data in (datum(image, 4), datum(png, 4)):
-        assert np.array_equal(decode_datum(data, None, "d")[0], image)
-
-
 WHOLE = datum(np.arange(6, dtype=np.uint8).reshape(1, 2, 3), 3)
 
 
@@ -84,52 +72,5 @@ WHOLE = datum(np.arange(6, dtype=np.uint8).reshape(1, 2, 3), 3)
                 "d: image of type uint16, expected 8 bits per value"),
 })
 def test_mistakes(given, rejected):
-    """A damaged or unsupported Datum raises a one-line error."""
     with rejected:
         decode_datum(given, None, "d")
-
-
-@pytest.mark.parametrize("count", range(len(WHOLE)))
-def test_no_part_of_a_datum_is_taken_for_one(count):
-    """A truncated Datum raises an error unless all values are present."""
-    try:
-        values, _ = decode_datum(WHOLE[:count], None, "d")
-    except netlib.DataError:
-        return
-    assert values.tolist() == [[[0, 1, 2], [3, 4, 5]]]
-
-
-# ---------------------------------------------------------------------------------------------- BlobProto
-
-
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-@pytest.mark.parametrize("shape", [(1, 3, 4, 5), (7,), ()])
-def test_a_blob(tmp_path, rng, dtype, shape):
-    """Blobs of float32 and float64 of any shape are read."""
-    values = rng.normal(size=shape).astype(dtype)
-    assert np.array_equal(read_blob(write_blob(tmp_path / "mean.binaryproto", values)), values)
-
-
-def test_a_blob_with_the_older_four_sizes(tmp_path, rng):
-    """A blob with four sizes instead of a shape and unpacked values is read."""
-    values = rng.normal(size=(1, 2, 3, 4)).astype(np.float32)
-    data = b"".join(number(field, size) for field, size in zip((1, 2, 3, 4), values.shape)) + one_by_one(5, values)
-    (tmp_path / "mean.binaryproto").write_bytes(data)
-    assert np.array_equal(read_blob(tmp_path / "mean.binaryproto"), values)
-
-
-@bad_inputs(netlib.DataError, {
-    "missing": (None, "...mean: cannot read the blob: No such file or directory"),
-    "cut": (blob(np.ones(3))[:-1],
-            "...mean: byte 26: truncated: field 7 has 3 bytes, but 2 are left; expected a blob (.binaryproto)"),
-    "two values": (number(1, 2) + content(5, bytes(8)),
-                   "...mean: byte 0: a blob of shape (2, 0, 0, 0) has 2 values; expected a blob (.binaryproto)"),
-    "empty": (b"", "...mean: it holds no values; expected a blob (.binaryproto)"),
-    "text": (b"text", "...mean: byte 0: malformed: wire type 4; expected a blob (.binaryproto)"),
-})
-def test_mistakes_of_a_blob(tmp_path, given, rejected):
-    """The error names the file and the fault."""
-    if given is not None:
-        (tmp_path / "mean").write_bytes(given)
-    with rejected:
-        read_blob(tmp_path / "mean")

@@ -10,7 +10,6 @@ pytestmark = pytest.mark.both_engines
 
 
 def data(options, tops=1):
-    """Return a layer with these options."""
     names = " ".join(f'top: "{"ab"[i]}"' for i in range(tops))
     return f'layer {{ name: "d" type: "DummyData" {names} dummy_data_param {{ {options} }} }}'
 
@@ -53,6 +52,5 @@ def test_random_values_are_new_in_every_batch(net_of):
                "net.prototxt:1:...: error: unknown filler type 'gausian' (did you mean 'gaussian'?)"),
 })
 def test_mistakes(net_of, given, rejected):
-    """The number of shapes or fillers must be one or that of the tops; the error has its position."""
     with rejected:
         net_of(f'layer {{ name: "d" type: "DummyData" top: "a" top: "b" top: "c" dummy_data_param {{ {given} }} }}')

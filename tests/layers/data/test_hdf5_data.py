@@ -34,7 +34,6 @@ def data(tmp_path, net_of):
 
 
 def layer(source, batch, shuffle=False):
-    """Return a layer with two tops."""
     return (
         f'layer {{ name: "d" type: "HDF5Data" top: "x" top: "t" '
         f'hdf5_data_param {{ source: "{source}" batch_size: {batch} shuffle: {str(shuffle).lower()} }} }}'
@@ -73,15 +72,7 @@ def test_shuffled_rows_are_a_new_permutation_every_pass(data, batch):
     assert len({tuple(rows) for rows in passes}) == 4
 
 
-def test_files_of_one_size_are_shuffled_differently(data):
-    """Files of equal size are shuffled by different permutations."""
-    found = numbers(data([8, 8, 8], 24, shuffle=True), 1)
-    orders = {tuple(n % 8 for n in found[i : i + 8]) for i in (0, 8, 16)}
-    assert len(orders) == 3
-
-
 def test_the_order_depends_on_the_seed_only(data):
-    """The order does not depend on the batch size or on reading ahead."""
     one, two = data([5, 6], 2, shuffle=True, seed=4), data([5, 6], 11, shuffle=True, seed=4)
     assert numbers(one, 11) == numbers(two, 2)
     assert numbers(data([5, 6], 11, shuffle=True, seed=5), 2) != numbers(data([5, 6], 11, shuffle=True, seed=4), 2)
@@ -102,7 +93,6 @@ def test_state_and_restore_go_on_with_the_next_row(data, shuffle, done):
 
 
 def test_other_data_start_from_their_first_row(data):
-    """If the data have changed, reading starts at the first row."""
     net = data([5, 6], 4)
     numbers(net, 2)
     other = data([5, 4], 4)
@@ -130,7 +120,6 @@ def test_any_storage_is_read(data, options, kind, shuffle):
 
 
 def test_compressed_data(tmp_path, net_of):
-    """Compressed data sets are read."""
     with h5py.File(tmp_path / "c.h5", "w") as file:
         for name in ("x", "t"):
             file.create_dataset(name, data=np.arange(6.0), compression="gzip")
@@ -166,7 +155,6 @@ def test_a_row_by_its_number(data):
 
 
 def test_an_array_taken_from_a_top_is_good_until_the_next_forward(data):
-    """Reading ahead does not change an array that forward returned."""
     net = data([50], 10)
     for _ in range(20):
         x = net.forward()["t"]
@@ -228,7 +216,6 @@ def cut_to(folder, keep):
 
 
 def of_two_shapes(folder):
-    """Write two files with other shapes of rows."""
     write_hdf5(folder / "b.h5", x=np.zeros((3, 4)), t=np.zeros(3))
     listed(folder, "a.h5", "b.h5", x=np.zeros((3, 2)), t=np.zeros(3))
 
@@ -357,19 +344,6 @@ def test_data_that_are_overwritten_in_place(tmp_path, net_of, row):
     with pytest.raises(netlib.DataError, match=r"a\.h5: was changed while in use; restore the file and run again"):
         for _ in range(2):
             net.forward()
-
-
-def test_a_batch_that_nobody_wants(data, tmp_path):
-    """A failure to read ahead is not an error if reading continues elsewhere; reading that row is."""
-    net = data([4, 4, 4], 4)
-    numbers(net, 1)
-    read_ahead(net)
-    cut(tmp_path / "2.h5")
-    assert numbers(net, 1) == [4, 5, 6, 7]
-    net.layer_dict["d"].rewind()
-    assert numbers(net, 2) == [0, 1, 2, 3, 4, 5, 6, 7]
-    with pytest.raises(netlib.DataError, match=r"2\.h5: was cut to"):
-        net.layer_dict["d"].row(9)
 
 
 def test_a_file_that_takes_the_place_of_another(data, tmp_path):

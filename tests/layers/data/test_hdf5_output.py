@@ -69,16 +69,6 @@ def test_a_file_that_is_read_is_not_replaced(tmp_path, net_of, name):
     assert (tmp_path / "in.h5").read_bytes() == before
 
 
-def test_it_can_be_read_by_hdf5data(tmp_path, net_of, rng):
-    """HDF5Data reads the file if its tops are named data and label."""
-    x = rng.normal(size=(2, 3)).astype(np.float32)
-    net_of(text(tmp_path / "out.h5")).forward(x=x)
-    (tmp_path / "list.txt").write_text("out.h5")
-    net = net_of(f'layer {{ name: "d" type: "HDF5Data" top: "data" top: "label" '
-                 f'hdf5_data_param {{ source: "{tmp_path}/list.txt" batch_size: 2 }} }}')
-    assert np.array_equal(net.forward()["data"].reshape(2, 3), x)
-
-
 @bad_inputs(netlib.LayerError, {
     "no folder": (("gone/out.h5", {}), "...: error: layer 'out': file_name '...gone/out.h5': ...gone is not a folder"),
     "a folder": (("", {}), "...: error: layer 'out': file_name '...' is not a file name"),
@@ -88,7 +78,6 @@ def test_it_can_be_read_by_hdf5data(tmp_path, net_of, rng):
              "...: error: layer 'out': bottom 'x' (2, 2, 2, 2, 2) has more than four axes"),
 })
 def test_mistakes(tmp_path, net_of, given, rejected):
-    """Invalid names and shapes raise an error when the net is built."""
     with rejected:
         net_of(text(f"{tmp_path}/{given[0]}", **given[1]))
 

@@ -24,12 +24,10 @@ def pictures(tmp_path, rng):
 
 
 def write_list(folder, numbers):
-    """Write a list of the images with these numbers."""
     (folder / "list.txt").write_text("".join(f"picture {i}.png {10 + i}\n" for i in numbers))
 
 
 def text(folder, options="", more=""):
-    """Return a layer that reads the list."""
     return (f'layer {{ name: "d" type: "ImageData" top: "x" top: "t" image_data_param '
             f'{{ source: "{folder}/list.txt" {options} }} {more} }}')
 
@@ -69,7 +67,6 @@ def test_resized(tmp_path, pictures, net_of, color):
 
 
 def test_a_batch_has_the_size_of_its_first_picture(tmp_path, pictures, net_of):
-    """The batch and the following layers have the size of its first image."""
     write_list(tmp_path, [0, 3, 4])
     net = net_of(text(tmp_path) + 'layer { name: "r" type: "ReLU" bottom: "x" top: "y" }')
     for i in (0, 3, 4, 0):
@@ -195,7 +192,6 @@ AT = "net.prototxt:1:...: error: layer 'd': "
                      "the first of its batch (3, 4, 6); expected the same number of channels, and without ..."),
 })
 def test_mistakes(tmp_path, pictures, net_of, given, rejected):
-    """Errors in the list, the images or the options are one line."""
     content, options = given
     (tmp_path / "list.txt").unlink()
     (tmp_path / "empty").touch()

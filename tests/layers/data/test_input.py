@@ -25,13 +25,11 @@ def test_one_shape_for_all_tops_or_one_for_each(net_of):
                  "net.prototxt:1:57: error: layer 'in': shape (-2,) has a negative size"),
 })
 def test_mistakes(net_of, given, rejected):
-    """A number of shapes that matches neither one nor the tops, and a negative size, are errors with the position."""
     with rejected:
         net_of(f'layer {{ name: "in" type: "Input" {given} }}')
 
 
 def test_a_shape_keeps_what_the_caller_set(net_of):
-    """Reshaping the net keeps a shape that the caller has set."""
     net = net_of('layer { name: "in" type: "Input" top: "a" input_param { shape { dim: 2 } } }')
     net.blobs["a"].reshape(7)
     net.reshape()

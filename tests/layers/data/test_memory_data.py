@@ -81,7 +81,6 @@ def giving(shape, labels):
         ("none", lambda net: net.forward(), "has no data; call set_input_arrays(data, labels) before forward"))
 })
 def test_mistakes(net_of, given, rejected):
-    """Missing data, labels that are not numbers and other shapes raise an error."""
     with rejected:
         given(net_of(NET))
 

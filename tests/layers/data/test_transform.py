@@ -23,7 +23,6 @@ def transformer(options, phase="TRAIN", source="<test>", dtype=np.float64):
 
 
 def transformed(made, image):
-    """Transform one image."""
     y = np.full(made.shape(image, "x"), np.nan, made.layer.dtype)
     made.transform(image, y, "x")
     return y
@@ -63,7 +62,6 @@ def test_scale_comes_after_the_mean(image):
 @pytest.mark.parametrize("phase", ["TRAIN", "TEST"])
 @pytest.mark.parametrize("mirror", [False, True])
 def test_crop_mirror_and_mean_image_together(tmp_path, image, rng, phase, mirror):
-    """The mean of a pixel is that of its position before cropping and mirroring."""
     mean = rng.normal(size=image.shape).astype(np.float32)
     write_blob(tmp_path / "mean.binaryproto", mean[None])
     options = f'crop_size: 3 scale: 0.25 mean_file: "mean.binaryproto" mirror: {str(mirror).lower()}'
@@ -87,7 +85,6 @@ def test_crop_mirror_and_mean_image_together(tmp_path, image, rng, phase, mirror
 
 @pytest.mark.parametrize(("size", "top", "left"), [(2, 1, 2), (4, 0, 1), (5, 0, 1)])
 def test_the_middle_is_rounded_to_the_top_and_left(image, size, top, left):
-    """In TEST the centre crop is rounded towards the top left."""
     y = transformed(transformer(f"crop_size: {size}", "TEST"), image)
     assert np.array_equal(y, image[:, top : top + size, left : left + size])
 
@@ -120,7 +117,6 @@ def test_the_same_state_gives_the_same_crops(image):
     "unknown": ("crop: 3", netlib.PrototxtError, "...:1:48: error: unknown field 'crop' (did you mean 'crop_size'?)"),
 })
 def test_mistakes(tmp_path, image, given, rejected):
-    """The error states the position or the image, and the expected value."""
     write_blob(tmp_path / "m", np.zeros((1, 3, 5, 6)))
     write_blob(tmp_path / "flat", np.zeros(3))
     with rejected:

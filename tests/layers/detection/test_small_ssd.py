@@ -20,13 +20,11 @@ from netlib.proto import messages, prototxt, wire
 pytestmark = pytest.mark.both_engines
 
 NET, RECORDED = (Path(__file__).with_name(f"small_ssd.{ending}") for ending in ("prototxt", "npz"))
-SHARED = Path(__file__).parents[3].parent / "shared" / "data" / "nets"  # public nets, on machines that have them
 DETECTIONS = ("shared", "own", "corners")
 
 
 @pytest.fixture
 def recorded():
-    """The recorded arrays."""
     with np.load(RECORDED) as file:
         return {name: file[name].astype(np.float32) for name in file.files}
 
@@ -77,15 +75,12 @@ def test_other_batch_sizes(net, recorded):
     assert all(len(twice[name][0, 0]) == 2 * len(together[name]) for name in DETECTIONS)
 
 
-@pytest.mark.parametrize("path", [NET, SHARED / "mobilenet_ssd.prototxt"], ids=lambda path: path.stem)
-def test_text_and_binary_are_equivalent(path):
+def test_text_and_binary_are_equivalent():
     """Encoded and decoded, the options of the fork are unchanged; protobuf's classes give the same bytes."""
-    if not path.exists():
-        pytest.skip("the public nets are not here")
     google = pytest.importorskip("google.protobuf.text_format")
     from netlib.caffe.proto import caffe_pb2
 
-    text = path.read_text(encoding="utf-8")
+    text = NET.read_text(encoding="utf-8")
     tree = prototxt.parse(text)
     data = wire.encode(tree, messages.NetParameter)
     assert wire.encode(wire.decode(data, messages.NetParameter), messages.NetParameter) == data
@@ -103,14 +98,3 @@ def test_a_net_with_weights_is_written_unchanged(net, tmp_path):
     assert (tmp_path / "a.caffemodel").read_bytes() == (tmp_path / "b.caffemodel").read_bytes()
     tree = wire.decode((tmp_path / "a.caffemodel").read_bytes(), messages.NetParameter)
     assert "confidence_threshold: 0.2" in str(tree)
-
-
-def test_mobilenet_ssd_runs():
-    """The public MobileNet-SSD finds the hundred best of its random boxes."""
-    path = SHARED / "mobilenet_ssd.prototxt"
-    if not path.exists():
-        pytest.skip("the public nets are not here")
-    net = netlib.Net(path, netlib.TEST, seed=1)
-    y = net.forward(data=np.random.default_rng(0).normal(size=(1, 3, 300, 300)))["detection_out"]
-    assert y.shape[:2] == (1, 1) and 1 <= y.shape[2] <= 100 and y.shape[3] == 7
-    assert net.blobs["mbox_priorbox"].shape == (1, 2, 1917 * 4)

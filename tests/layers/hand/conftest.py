@@ -33,7 +33,6 @@ def arm_joints(inputs: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="session")
 def arm_text() -> str:
-    """The text of the arm's skeleton file."""
     return ARM
 
 

@@ -155,15 +155,6 @@ def test_the_force_along_a_bone_worked_by_hand(body, arm_text):
     assert np.allclose(made.backward_bones(pose, dX), [[2, 5, 0]])
 
 
-def test_bones_in_float32(hand, rng):
-    """In float32 the gradient of bone lengths has float32 precision."""
-    inputs, dX = rng.normal(0, 0.5, (20, 47)).astype(np.float32), rng.normal(size=(20, 31, 3)).astype(np.float32)
-    single = kinematics_of(HAND, np.float32)
-    got = single.backward_bones(single.forward(inputs), dX)
-    assert got.dtype == np.float32
-    assert np.allclose(got, Kinematics(HAND).backward_bones(Kinematics(HAND).forward(inputs), dX), rtol=0, atol=2e-5)
-
-
 # ---------------------------------------------------------------------------------------------- the hand
 
 
@@ -201,7 +192,6 @@ def test_moving_the_root_moves_all_joints_alike(hand, pose, shift):
 
 @given(poses, st.floats(-3, 3))
 def test_turning_the_root_keeps_all_distances(hand, pose, angle):
-    """Rotating the root keeps the distances between all joints."""
     turned = pose.copy()
     turned[3:6] += angle
     before, after = hand.joints(np.stack([pose, turned]))
@@ -231,22 +221,6 @@ def test_float32_costs_digits_of_float32_only(hand, rng):
     assert np.allclose(gradient, hand.backward(exact, dX), rtol=0, atol=1e-5)
 
 
-def test_bodies_of_several_roots(body, rng):
-    """Two arms in one file move as two files of one arm do."""
-    one_arm = """
-        dof {{ name: "x{0}" }} dof {{ name: "y{0}" }} dof {{ name: "turn{0}" }} dof {{ name: "elbow{0}" }}
-        joint {{ name: "base{0}" translate {{ axis: X dof: "x{0}" }} translate {{ axis: Y dof: "y{0}" }}
-                 rotate {{ axis: Z dof: "turn{0}" }} bone {{ axis: X length: 0.2 }} }}
-        joint {{ name: "hand{0}" parent: "base{0}" rotate {{ axis: Z dof: "elbow{0}" }} bone {{ axis: X length: 1 }} }}
-    """
-    one, two = body(one_arm.format("")), body(one_arm.format("_a") + one_arm.format("_b"))
-    inputs, dX = rng.normal(size=(20, 8)), rng.normal(size=(20, 4, 3))
-    pose, parts = two.forward(inputs), [one.forward(inputs[:, :4]), one.forward(inputs[:, 4:])]
-    assert np.allclose(pose.joints, np.concatenate([part.joints for part in parts], axis=1))
-    gradients = [one.backward(part, dX[:, 2 * i : 2 * i + 2]) for i, part in enumerate(parts)]
-    assert np.allclose(two.backward(pose, dX), np.concatenate(gradients, axis=1))
-
-
 @pytest.mark.parametrize("N", [3, 20])
 def test_a_body_of_which_one_root_has_a_child(body, rng, N):
     """Bodies with equal roots and with a root that does not rotate agree with their closed form."""
@@ -269,7 +243,6 @@ def test_a_body_of_which_one_root_has_a_child(body, rng, N):
 
 
 def test_a_body_without_free_motions(body):
-    """A body without free DoFs has an empty Jacobian."""
     made = body(
         'dof { name: "u" fixed: true } joint { name: "a" rotate { axis: Z dof: "u" } bone { axis: X length: 1 } }'
     )

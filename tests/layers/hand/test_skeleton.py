@@ -41,7 +41,6 @@ def test_parents_come_first_and_motions_know_their_rows(skeleton, arm_text):
 
 
 def test_the_hand_has_26_free_dofs_of_47_and_31_joints():
-    """The numbers of DoFs and joints are those of the paper."""
     assert (len(HAND.dof_names), int((~HAND.fixed).sum()), len(HAND.joint_names)) == (47, 26, 31)
     assert HAND.fixed.nonzero()[0].tolist() == [*range(6, 15), *range(19, 31)]
     assert np.count_nonzero(HAND.parents < 0) == 1
@@ -114,7 +113,6 @@ LIMITS = "lower: -1 upper: 1"
     )
 })
 def test_mistakes_in_a_skeleton_file(skeleton, arm_text, given, rejected):
-    """Errors have their position and the nearest known name."""
     assert given[0] in arm_text
     with rejected:
         skeleton(arm_text.replace(*given))

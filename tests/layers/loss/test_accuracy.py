@@ -45,7 +45,6 @@ def test_per_class(run):
 
 
 def test_ignored_labels_do_not_count(run):
-    """Ignored labels do not count and need not be classes."""
     assert run('type: "Accuracy" accuracy_param { ignore_label: 255 }', SCORES, [0, 255, 255, 1]).y == 0.5
     assert run('type: "Accuracy" accuracy_param { ignore_label: 9 }', SCORES, [9, 9, 9, 9]).y == 0
 

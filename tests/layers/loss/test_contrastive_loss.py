@@ -10,7 +10,6 @@ SIMILAR = [1, 0, 0, 0]  # distances to the origin are 5, 5, 1 and sqrt 2
 
 
 def text(margin=2.0, legacy="false"):
-    """Return a layer with these options."""
     return f'type: "ContrastiveLoss" contrastive_loss_param {{ margin: {margin} legacy_version: {legacy} }}'
 
 

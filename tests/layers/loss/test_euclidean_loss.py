@@ -18,10 +18,3 @@ def test_by_hand(run):
 def test_only_items_and_values_an_item_must_agree(run):
     """Only the number of items and of values per item must match, such as (2, 3, 2) and (2, 6), as in Caffe."""
     assert run('type: "EuclideanLoss"', np.ones((2, 3, 2)), np.zeros((2, 6))).y == 3
-
-
-def test_gradient(check, rng):
-    """The gradients of both bottoms, and of one alone, agree with differences."""
-    a, b = rng.normal(size=(2, 3, 4))
-    check('type: "EuclideanLoss"', a, b)
-    check('type: "EuclideanLoss"', a, b, wanted=[True, False])

@@ -35,10 +35,3 @@ def test_the_label_pushes_the_other_way(run):
 def test_the_norm_is_an_enum_from_1(run):
     """In numbers L1 is 1 and L2 is 2, as in caffe.proto."""
     assert run('type: "HingeLoss" hinge_loss_param { norm: 2 }', X, LABELS).y == 2.25
-
-
-@pytest.mark.parametrize("text", ['type: "HingeLoss"', L2])
-def test_gradient(check, rng, text):
-    """The gradient of the scores agrees with differences; the classes may take several axes."""
-    check(text, rng.normal(size=(4, 3)), [0, 2, 1, 1], wanted=[True, False])
-    check(text, rng.normal(size=(2, 3, 2)), [[5], [0]], wanted=[True, False])

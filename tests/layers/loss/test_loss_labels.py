@@ -11,7 +11,6 @@ pytestmark = pytest.mark.both_engines
 
 
 def loss_param(text):
-    """Return the message of a layer's loss_param."""
     return schema.read(prototxt.parse(text, "<test>"), LossParameter)
 
 

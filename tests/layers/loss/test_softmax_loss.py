@@ -9,7 +9,6 @@ X = np.log([[1.0, 2, 5], [4, 2, 2]])  # probabilities 1/8 2/8 5/8 and 4/8 2/8 2/
 
 
 def text(options=""):
-    """Return a layer with these options of loss_param."""
     return f'type: "SoftmaxWithLoss" loss_param {{ {options} }}'
 
 
@@ -22,7 +21,6 @@ def test_by_hand(run):
 
 
 def test_the_second_top_has_the_probabilities(run):
-    """The second top contains the probabilities."""
     done = run('type: "SoftmaxWithLoss"', X, [2, 0], tops=2)
     assert np.allclose(done.ys[1], np.exp(X) / 8)
 
@@ -58,14 +56,6 @@ def test_the_loss_of_no_labels_is_zero_without_sign(run):
     done = run('type: "SoftmaxWithLoss" loss_param { ignore_label: 1 }', np.ones((2, 3)), [1, 1])
     assert done.y == 0
     assert not np.signbit(done.y)
-
-
-@pytest.mark.parametrize("options", ["", "ignore_label: 1", "normalization: NONE"])
-def test_gradient(check, rng, options):
-    """The gradient of the scores agrees with differences, for one label per pixel."""
-    check(text(options), rng.normal(size=(2, 3, 4)), rng.integers(0, 3, (2, 4)), wanted=[True, False])
-    classes_last = 'type: "SoftmaxWithLoss" softmax_param { axis: 2 }'
-    check(classes_last, rng.normal(size=(2, 3, 4)), rng.integers(0, 4, (2, 3)), wanted=[True, False])
 
 
 def test_an_impossible_label_costs_a_lot_but_not_infinity(run):

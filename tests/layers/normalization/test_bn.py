@@ -12,7 +12,6 @@ PSPNET = 'slope_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
 
 
 def text(options):
-    """Return a layer with these options."""
     return f'type: "BN" bn_param {{ {options} }}'
 
 

@@ -7,7 +7,6 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(**options):
-    """Return a layer with these options."""
     return f'type: "LRN" lrn_param {{ {" ".join(f"{k}: {v}" for k, v in options.items())} }}'
 
 
@@ -46,9 +45,3 @@ def test_any_size_gives_what_plain_loops_give(run, rng, size, region):
             s[n, c, h, w] += 0.7 / size**2 * (near**2).sum()
     done = run(text(local_size=size, alpha=0.7, beta=0.6, norm_region=region), x)
     assert np.allclose(done.y, x / s**0.6)
-
-
-@pytest.mark.parametrize("options", [{"local_size": 3, "k": 2}, {"local_size": 7}, WITHIN], ids=str)
-def test_gradient(check, rng, options):
-    """The gradients of both kinds of region agree with differences."""
-    check(text(**options), rng.normal(size=(2, 4, 3, 4)))

@@ -8,7 +8,6 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(outputs=3, options=""):
-    """Return a layer with random weights and biases."""
     fillers = 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
     return f'type: "LSTM" recurrent_param {{ num_output: {outputs} {fillers} {options} }}'
 
@@ -73,16 +72,6 @@ def test_it_gives_what_plain_loops_give(run, rng, item, with_static):
     assert np.allclose(done.y, y)
     done.layer.forward(done.bottom, done.top)
     assert np.allclose(done.y, loops(x, CONT, params, static if with_static else None, h, c)[0])
-
-
-def test_gradient(check, rng):
-    """The gradients of x and all weights agree with differences, for sequences that start within the batch."""
-    check(text(), rng.normal(size=(4, 2, 5)), CONT, wanted=[True, False])
-
-
-def test_gradient_with_static_features(check, rng):
-    """The gradient of static features agrees with differences."""
-    check(text(), rng.normal(size=(4, 2, 2, 2)), CONT, rng.normal(size=(2, 3)), wanted=[True, False, True])
 
 
 def test_exposed_states(run, rng):

@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 import pytest
 
 pytestmark = pytest.mark.both_engines
@@ -47,30 +46,3 @@ def test_a_new_sequence_forgets(run):
     assert dc_before[0, 1, 0] > 0
     assert dx[0, 0, 1] == 0
     assert dx[0, 1, 1] > 0
-
-
-def test_gradient(check, rng):
-    """The gradients of the cell and of the gates agree with differences, with one of three streams restarting."""
-    check(TEXT, rng.normal(size=(1, 3, 2)), rng.normal(size=(1, 3, 8)), [[1, 0, 1]], tops=2, wanted=[True, True, False])
-
-
-def test_lstm_is_a_row_of_units(run, rng):
-    """One step of an LSTM equals a unit that is given its states and the product of its weights."""
-    x, h, c, cont = rng.normal(size=(1, 2, 5)), *rng.normal(size=(2, 1, 2, 3)), np.array([[1, 0]])
-    options = 'num_output: 3 expose_hidden: true weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
-    whole = run(f'type: "LSTM" recurrent_param {{ {options} }}', x, cont, h, c, tops=3)
-    w_x, b, w_h = (blob.data for blob in whole.layer.blobs)
-    z = x @ w_x.T + b + (cont[:, :, None] * h) @ w_h.T
-    unit = run(TEXT, c, z, cont, tops=2)
-    assert np.allclose(whole.ys[1], unit.ys[1])  # h
-    assert np.allclose(whole.ys[2], unit.ys[0])  # c
-    dh = rng.normal(size=(1, 2, 3))
-    dx = whole.backward(dh, wanted=[True, False, False, False])[0]
-    dz = unit.backward(np.zeros((1, 2, 3)), dh, wanted=[True, True, False])[1]
-    assert np.allclose(dx, dz @ w_x)
-
-
-def test_a_gradient_of_the_sequence_marks(run):
-    """force_backward does not request a gradient of cont."""
-    done = run(TEXT, np.zeros((1, 2, 3)), np.zeros((1, 2, 12)), np.ones((1, 2)), tops=2)
-    assert [done.layer.allow_force_backward(i) for i in range(3)] == [True, True, False]

@@ -14,7 +14,6 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(**options):
-    """Return a layer with these options and random weights and biases."""
     options = {"num_output": 2, **options}
     fields = " ".join(f"{name}: {value}" for name, value in options.items())
     fillers = 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
@@ -69,21 +68,6 @@ def forward_backward(text, x, w, b):
     return top[0].data, bottom[0].diff, layer.blobs[0].diff, layer.blobs[1].diff, dy
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"kernel_size": 3}, {"kernel_size": 1}, {"kernel_size": 3, "pad": 1, "stride": 2},
-        {"kernel_size": 2, "dilation": 2}, {"num_output": 4, "kernel_size": 2, "group": 2},
-        {"kernel_size": 2, "bias_term": "false"},
-        {"kernel_size": "[2, 3]", "stride": "[1, 2]", "pad": "[0, 1]"},
-    ],
-    ids=str,
-)
-def test_gradient(check, rng, options):
-    """The gradients of x, w and b agree with differences."""
-    check(text(**options), rng.normal(size=(2, 2, 5, 6)))
-
-
 def test_several_bottoms_share_the_kernel(run, rng):
     """Each bottom has one top; the gradients of the shared kernel are added."""
     a, b = rng.normal(size=(2, 2, 1, 4, 4))
@@ -129,16 +113,9 @@ SHAPES = [(2, 3), (2, 3, 7), (2, 3, 6, 5), (1, 2, 5, 4, 6), (1, 1, 3, 4, 3, 4)]
 @pytest.mark.parametrize("options", [{}, {"stride": 2, "pad": 1}, {"pad": 1, "dilation": 2}], ids=str)
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: f"{len(shape) - 2}-D")
 def test_any_number_of_spatial_axes(run, rng, shape, options):
-    """The values agree with the definition for zero to four spatial axes."""
     done = run(text(kernel_size=2, bias_term="false", **options), rng.normal(size=shape))
     assert done.layer.blobs[0].shape == (2, shape[1], *[2] * (len(shape) - 2))
     assert np.allclose(done.y, direct(done.bottom[0].data, done.layer.blobs[0].data, **options))
-
-
-@pytest.mark.parametrize("shape", [(2, 4), (2, 4, 5), (1, 4, 3, 2, 3)], ids=str)
-def test_gradient_in_any_number_of_axes(check, rng, shape):
-    """The gradients agree with differences for zero, one and three spatial axes, with groups."""
-    check(text(num_output=4, kernel_size=2, group=2, pad=1), rng.normal(size=shape))
 
 
 def test_each_axis_has_its_own_numbers(run, rng):
@@ -151,7 +128,6 @@ def test_each_axis_has_its_own_numbers(run, rng):
 
 
 def test_without_spatial_axes_it_is_an_inner_product(run, rng):
-    """Without spatial axes the layer equals InnerProduct and needs no kernel_size."""
     done = run(text(), rng.normal(size=(3, 4)))
     assert np.allclose(done.y, done.bottom[0].data @ done.layer.blobs[0].data.T + done.layer.blobs[1].data)
 

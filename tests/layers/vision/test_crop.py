@@ -7,7 +7,6 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(options=""):
-    """Return a layer with these options."""
     return f'type: "Crop" crop_param {{ {options} }}'
 
 
@@ -34,8 +33,3 @@ def test_any_axis_may_be_the_first(run):
     x = np.arange(12.0).reshape(2, 3, 2)
     assert run(text("axis: 1 offset: 1 offset: 0"), x, np.zeros((9, 2, 1))).y.tolist() == [[[2], [4]], [[8], [10]]]
     assert run(text("axis: -1 offset: 1"), x, np.zeros((9, 9, 1))).y.tolist() == x[..., 1:].tolist()
-
-
-def test_gradient(check, rng):
-    """The gradient agrees with differences; that of the size bottom is 0."""
-    check(text("axis: 1 offset: 1"), rng.normal(size=(2, 3, 4, 3)), rng.normal(size=(2, 2, 2, 1)))

@@ -7,7 +7,6 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(kind="Deconvolution", **options):
-    """Return a layer with these options and random weights and biases."""
     fields = " ".join(f"{name}: {value}" for name, value in {"num_output": 2, **options}.items())
     fillers = 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
     return f'type: "{kind}" convolution_param {{ {fields} {fillers} }}'
@@ -28,18 +27,6 @@ OPTIONS = [
     {"kernel_size": 2, "dilation": 2}, {"num_output": 4, "kernel_size": 2, "group": 2},
     {"kernel_size": "[2, 3]", "stride": "[1, 2]", "pad": "[0, 1]"}, {"kernel_size": 2, "bias_term": "false"},
 ]
-
-
-@pytest.mark.parametrize("options", OPTIONS, ids=str)
-def test_gradient(check, rng, options):
-    """The gradients of x, w and b agree with differences."""
-    check(text(**options), rng.normal(size=(2, 2, 3, 4)))
-
-
-@pytest.mark.parametrize("shape", [(2, 4), (2, 4, 3), (1, 4, 2, 3, 2)], ids=str)
-def test_gradient_in_any_number_of_axes(check, rng, shape):
-    """The gradients agree with differences for zero, one and three spatial axes."""
-    check(text(num_output=4, kernel_size=3, group=2, stride=2, pad=1), rng.normal(size=shape))
 
 
 @pytest.mark.parametrize("options", OPTIONS[:-1], ids=str)

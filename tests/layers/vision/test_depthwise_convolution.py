@@ -5,15 +5,12 @@ import logging
 import numpy as np
 import pytest
 
-from tests.support.nets import inputs
-
 pytestmark = pytest.mark.both_engines
 
 FILLERS = 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
 
 
 def text(kind, **options):
-    """Return a layer with these options and random weights and biases."""
     return f'type: "{kind}" convolution_param {{ {" ".join(f"{k}: {v}" for k, v in options.items())} {FILLERS} }}'
 
 
@@ -59,35 +56,11 @@ def test_several_outputs_per_channel(run, rng):
     assert np.allclose(done.y, x[:, [0, 0, 1, 1]] * done.layer.blobs[0].data[:, 0])
 
 
-@pytest.mark.parametrize("options", OPTIONS, ids=str)
-@pytest.mark.parametrize("kind", ["DepthwiseConvolution", "ConvolutionDepthwise"])
-def test_gradient(check, rng, kind, options):
-    """The gradients of x, w and b agree with differences."""
-    more = {"num_output": 4, "group": 2} if kind == "DepthwiseConvolution" else {}
-    check(text(kind, **more, **options), rng.normal(size=(2, 2, 4, 5)))
-
-
 def test_several_bottoms(run, rng):
     """DepthwiseConvolution applies the same kernels to every bottom, as Convolution does."""
     x = rng.normal(size=(2, 3, 4, 4))
     done = run(text("DepthwiseConvolution", num_output=3, group=3, kernel_size=3), x, x[:1], tops=2)
     assert np.allclose(done.ys[1], done.ys[0][:1])
-
-
-def test_the_weights_of_a_grouped_convolution_fit(net_of, rng):
-    """A net with Convolution and group gives its weights to one with either type."""
-    nets = [
-        net_of(
-            inputs(x=(1, 3, 5, 5))
-            + f'layer {{ name: "dw" bottom: "x" top: "y" {text(kind, num_output=3, group=3, kernel_size=3)} }}'
-        )
-        for kind in ("Convolution", "DepthwiseConvolution", "ConvolutionDepthwise")
-    ]
-    x = rng.normal(size=(1, 3, 5, 5))
-    for net in nets[1:]:
-        net.share_params(nets[0])
-    want, *others = (net.forward(x=x)["y"].copy() for net in nets)
-    assert all(np.allclose(other, want, atol=1e-6) for other in others)
 
 
 def test_convolution_depthwise_ignores_outputs_and_group_with_a_warning(run, caplog):

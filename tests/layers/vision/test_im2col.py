@@ -7,7 +7,6 @@ pytestmark = pytest.mark.both_engines
 
 
 def text(options):
-    """Return a layer with these options."""
     return f'type: "Im2col" convolution_param {{ {options} }}'
 
 
@@ -27,9 +26,3 @@ def test_a_product_with_the_kernel_is_a_convolution(run, rng, shape):
     columns = run(text(windows), x).y
     y = run(f'type: "Convolution" convolution_param {{ {windows} }}', x, params=[w]).y
     assert np.allclose(np.einsum("ok,nk...->no...", w.reshape(4, -1), columns), y)
-
-
-@pytest.mark.parametrize("options", ["kernel_size: 2 stride: 2", "kernel_size: 3 pad: 1", "kernel_size: 2 axis: 2"])
-def test_gradient(check, rng, options):
-    """The gradient agrees with differences with overlap, with padding and with two axes of items."""
-    check(text(options), rng.normal(size=(2, 2, 3, 4)))
