@@ -62,7 +62,7 @@ WHOLE = datum(np.arange(6, dtype=np.uint8).reshape(1, 2, 3), 3)
     "no data": (WHOLE[:6], "d: a Datum with channels, height, width (1, 2, 3) has 0 values"),
     "empty": (b"", "d: a Datum with channels, height, width (0, 0, 0) has 0 values"),
     "a long number": (b"\xff" * 20, "d: byte 0: malformed: a number of more than ten bytes; expected a Datum"),
-    "no number": (b"\x0b", "d: byte 1: truncated: the message ends within a number; expected a Datum"),
+    "no number": (b"\x08", "d: byte 1: truncated: the message ends within a number; expected a Datum"),
     "a number as data": (number(4, 5), "d: a Datum with channels, height, width (0, 0, 0) has 0 values"),
     "three bytes": (content(6, b"abc"),
                     "d: byte 0: malformed: 3 bytes of 'float_data' are no float32 array; expected a Datum"),
