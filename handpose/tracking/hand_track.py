@@ -173,7 +173,7 @@ class HandTrack:
         best = _best(estimates)
         self.sides = {side: SideState(estimate, time) for side, estimate in best.items()}
         self._seen = self._asked = self._looked = time
-        self._pause = PAUSE
+        self._pause, self._try_at = PAUSE, time
         self.presence, self._found = presence, time
         self.place = _mean_joint(estimates[0]) if place is None else place
         self.chance = max(estimate.chance for estimate in estimates)
@@ -181,7 +181,7 @@ class HandTrack:
         self.is_crowded = min(best.values(), key=lambda one: one.selection_cost).is_alone
         self.usual_cost = min(estimate.selection_cost for estimate in estimates)
         self._evidence, self._compared, self._begun = side_prior, 0, time
-        self._compare(best, time)
+        self._compare(estimates, time)
         self._keep_side()
 
     def identify(self, id: int, before: HandTrack | None = None) -> None:
@@ -222,9 +222,9 @@ class HandTrack:
 
     def regions(self, time: float, frame: FrameHands) -> list[SearchRegion]:
         """The search regions in a frame; with and without the network, whose last use is recorded."""
-        if self._rests(time):
+        if self.is_only_present:
             return []
-        troubled = self.time < self._seen or self.best.estimate.selection_cost > TROUBLE * self.usual_cost
+        troubled = not self.is_sure or self.time < self._seen or self.best.estimate.selection_cost > TROUBLE * self.usual_cost
         asked = troubled or not self.is_decided or time - self._asked >= ASK
         self._asked = time if asked else self._asked
         regions = []
@@ -241,16 +241,12 @@ class HandTrack:
 
         These are the last pose, and the hand that the finder finds there, or else the palm predicted by the network.
         """
-        if self._rests(time):
+        if self.is_only_present:
             return []
         camera = self._estimator.camera
         sure = max((estimate.chance for estimate in estimates), default=0.0)
         cost = min((estimate.selection_cost for estimate in estimates), default=np.inf)
         alarmed = cost > ALARM * self.usual_cost
-        if sure < ENOUGH and self.credit <= 0 and (near := self._look(frame, self.place, time)):
-            self.place, self._looked = near.middle, time
-            center = camera.project(near.middle)
-            return [SearchRegion(center, side, size=self.size, alone=frame.alone(near)) for side in self.sides]
         pause = COMPARE if not self.is_decided else SOON if alarmed else self._pause
         if (self.is_decided and sure >= SURE and not alarmed) or time - self._looked < pause:
             return []
@@ -259,15 +255,27 @@ class HandTrack:
         for estimate in estimates:
             side, near = estimate.hand, self._look(frame, estimate.center_mm, time)
             center = self._estimator.palm_by_network(estimate) if near is None else camera.project(near.middle)
-            alone = frame.alone(near) if near else None
-            regions.append(SearchRegion(center, side, self.sides[side].estimate.body, self.size, alone=alone))
+            shown = frame.alone(near) if near else None
+            regions.append(SearchRegion(center, side, self.sides[side].estimate.body, self.size, alone=shown))
             if near and sure < ENOUGH:
                 regions.append(replace(regions[-1], before=None))
         return regions or [self._region(side, seen.estimate.body) for side, seen in self.sides.items()]
 
-    def _rests(self, time: float) -> bool:
-        """Whether a hand without a sure pose, and without credit, keeps its last one in a frame, to save time."""
-        return not self.is_sure and self.credit <= 0 and 0 < time - self._looked < COMPARE
+    @property
+    def is_only_present(self) -> bool:
+        """Whether the finder alone says that the hand is there: it has no sure pose, and no credit."""
+        return not self.is_sure and self.credit <= 0
+
+    def look_again(self, frame: FrameHands, time: float) -> FoundHand | None:
+        """For a hand that is only present: where the finder sees it, if a new pose is to be tried there."""
+        if time - self._looked >= COMPARE:
+            self._looked = time
+            near = self._look(frame, self.place, time)
+            if near is not None and time >= self._try_at:
+                self._pause = min(2 * self._pause, MAX_PAUSE)
+                self._try_at = time + self._pause
+                return near
+        return None
 
     def _look(self, frame: FrameHands, place: Array, time: float) -> FoundHand | None:
         """The hand that the finder finds near a place (3,) in mm; remembers whether there is one."""
@@ -282,13 +290,13 @@ class HandTrack:
     def take(self, estimates: Sequence[Hand], others: Sequence[Hand], time: float) -> bool:
         """Add the poses found in its regions and in others, the best for each side; True if one is good enough."""
         seconds, self._seen = time - self._seen, time
-        if self._rests(time):
-            self.time = time
-            return True
+        if self.is_only_present:
+            self.time = time if time - self._found < PRESENT_S + COMPARE else self.time
+            return self.time == time
         first, second = _best(estimates), _best(others)
         before = min((estimate.selection_cost for estimate in first.values()), default=np.inf)
         best = _best([*first.values(), *second.values()])
-        self._compare(best, time)
+        self._compare([*estimates, *others], time)
         own = [best[side] for side in self.sides if side in best]
         if second and self.is_decided:
             better = min(estimate.selection_cost for estimate in own) < BETTER * before
@@ -301,24 +309,34 @@ class HandTrack:
         self.credit = min(self.credit + 2 * seconds, MOST_CREDIT) if sure else self.credit - seconds
         self.chance = max((estimate.chance for estimate in own), default=0.0)
         present = time - self._found < PRESENT_S
-        if not sure and present and (self.credit > 0 or not own):  # the last sure pose is kept for a while
+        if not sure and present:  # the last sure pose is kept for a while
             self.time = time
             return True
-        if not own or not (sure or present):
+        if not sure:
             return False
         for estimate in own:
-            if sure:
-                self.sides[estimate.hand].take(estimate, time)
-            else:  # no motion follows from poses that are not sure
-                self.sides[estimate.hand] = SideState(estimate, time)
-        if sure:
-            self.place = self.best.estimate.xyz.mean(axis=0)
+            self.sides[estimate.hand].take(estimate, time)
+        self.place = self.best.estimate.xyz.mean(axis=0)
         self.time = time
         self._keep_side()
         self.usual_cost += HABIT * (self.best.estimate.selection_cost - self.usual_cost)
         if self.is_decided and self.best.estimate.chance >= SURE:
             self._pause = PAUSE
         return True
+
+    def begin_again(self, estimates: Sequence[Hand], time: float) -> None:
+        """Continue a hand that is only present with new poses: no motion follows from them, and its side is open."""
+        best = _best(estimates)
+        self.sides = {side: SideState(estimate, time) for side, estimate in best.items()}
+        self.chance = max(estimate.chance for estimate in estimates)
+        self.is_sure, self.time = self.chance >= ENOUGH, time
+        lowest = min(best.values(), key=lambda estimate: estimate.selection_cost)
+        self.is_crowded, self.usual_cost = lowest.is_alone, lowest.selection_cost
+        if self.is_sure:
+            self.place, self._pause, self._try_at = lowest.xyz.mean(axis=0), PAUSE, time
+        self._evidence = float(self.decided == "right") - float(self.decided == "left")
+        self._compared, self._begun = 0, time
+        self._compare(estimates, time)
 
     def _keep_side(self) -> None:
         if self.is_decided:
@@ -327,9 +345,9 @@ class HandTrack:
     def _region(self, side: Side, body: WorldPose) -> SearchRegion:
         return SearchRegion(self._estimator.center_of(body, side), side, body, self.size)
 
-    def _compare(self, best: dict[Side, Hand], time: float) -> None:
+    def _compare(self, estimates: Sequence[Hand], time: float) -> None:
         """Add the evidence of a frame while the side is undecided, and decide it."""
-        ratio = _evidence_of(best)
+        ratio = _evidence_of(estimates)
         if self.is_decided or ratio is None:
             return
         self._evidence += ratio
@@ -354,9 +372,17 @@ def _best(estimates: Sequence[Hand]) -> dict[Side, Hand]:
     return best
 
 
-def _evidence_of(best: dict[Side, Hand]) -> float | None:
-    """The evidence of one frame for a right hand; None without a visible hand of either side."""
-    if len(best) < 2 or max(estimate.chance for estimate in best.values()) < ENOUGH:
+def _evidence_of(estimates: Sequence[Hand]) -> float | None:
+    """The evidence of one frame for a right hand; None without a visible hand of either side.
+
+    The costs of fits with and without what is around a hand are not compared.
+    """
+    kinds = [_best([one for one in estimates if one.is_alone == alone]) for alone in (False, True)]
+    pairs = [kind for kind in kinds if len(kind) == 2]
+    if not pairs:
+        return None
+    best = min(pairs, key=lambda pair: min(one.selection_cost for one in pair.values()))
+    if max(estimate.chance for estimate in best.values()) < ENOUGH:
         return None
     right, left = (best[side].cost if np.isfinite(best[side].uncertainty) else np.inf for side in SIDES)
     return side_evidence(right, left)

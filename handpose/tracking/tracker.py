@@ -136,8 +136,13 @@ class Tracker:
 
         readings  the image with those readings that are nearer than the camera measures
         """
-        tracks = self.tracks
         depth = found.depth
+        for track in self.tracks:
+            hand = track.look_again(found, time) if track.is_only_present else None
+            if hand is not None and (seen := self._seen_at(hand, found, readings, track.size)):
+                track.begin_again(seen, time)
+        tracks = [track for track in self.tracks if track.time < time]
+        tracks = self.tracks
         regions = {track.id: track.regions(time, found) for track in tracks}
         estimates = self._estimates(depth, readings, regions)
         others = {track.id: track.other_regions(found, estimates[track.id], time) for track in tracks}
@@ -183,25 +188,31 @@ class Tracker:
             self._begin(hand, found, readings, time)
 
     def _begin(self, hand: FoundHand, found: FrameHands, readings: NDArray[np.float32], time: float) -> None:
-        """Follow a found hand, by the best pose of each side, with and without what is around it.
+        """Follow a found hand."""
+        seen = self._seen_at(hand, found, readings, self.size)
+        if not seen:
+            return
+        track = HandTrack(self.estimator, seen, time, self.size, self._side_prior(time), hand.presence, hand.middle)
+        id = self._id_of(track.hand, time)
+        track.identify(id, self.known.get(id))
+        self.known[id] = track
+
+    def _seen_at(
+        self, hand: FoundHand, found: FrameHands, readings: NDArray[np.float32], size: float | None
+    ) -> list[Hand]:
+        """The poses of a found hand, of each side, with and without what is around it.
 
         The crops are about the middle that the finder gives, and about the palm that the network predicts there.
         """
         sides = self.predictor.sides if hand.side is None else (hand.side,)
         center = self.camera.project(hand.middle)
-        regions = [SearchRegion(center, side, size=self.size, alone=alone)
+        regions = [SearchRegion(center, side, size=size, alone=alone)
                    for side in sides for alone in (None, found.alone(hand))]
         first = self.estimator.estimate(found.depth, regions, FAST, readings)
         moved = [dataclasses.replace(region, center_uvd=self.estimator.palm_by_network(one))
                  for region, one in zip(regions, first) if one is not None]
         every = self.estimator.estimate(found.depth, [*regions, *moved], ACCURATE, readings)
-        if not (seen := [one for one in every if one is not None]):
-            return
-        track = HandTrack(self.estimator, seen, time, self.size, self._side_prior(time), hand.presence,
-                          hand.middle)
-        id = self._id_of(track.hand, time)
-        track.identify(id, self.known.get(id))
-        self.known[id] = track
+        return [one for one in every if one is not None]
 
     def _report(self, number: int, time: float) -> TrackedFrame:
         """The hands that were seen in this frame, however sure, and those that are lost."""
