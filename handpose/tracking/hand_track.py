@@ -34,6 +34,7 @@ ASK = 0.2  # s between runs of the network, whose pose competes with the tracked
 MOST_CREDIT = 1.0
 NEAR_MM = 100.0  # between the expected middle of a hand and that of a found one
 MOST_FOUND = 8  # hands in a frame
+KEPT_SIDE_S = 2.0  # s for which a decided side is kept without a sure pose
 PRESENT_S = 0.1  # s for which a hand that the finder saw is there, however uncertain its poses
 AHEAD_S = 0.4  # s by which a motion is extended at most
 KEPT = 0.7  # damping of the expected motion
@@ -118,10 +119,12 @@ class FrameHands:
         self.depth, self._camera = depth, camera
         self._find = functools.cache(lambda: finder.hands(depth, camera, min_presence, MOST_FOUND))
         self._alone: dict[int, NDArray[np.float32]] = {}
+        self.is_known = False
 
     @property
     def hands(self) -> list[FoundHand]:
         """The hands, the most certain first."""
+        self.is_known = True
         return self._find()
 
     def near(self, place: Array) -> FoundHand | None:
@@ -173,7 +176,7 @@ class HandTrack:
         best = _best(estimates)
         self.sides = {side: SideState(estimate, time) for side, estimate in best.items()}
         self._seen = self._asked = self._looked = time
-        self._pause, self._try_at = PAUSE, time
+        self._pause, self._try_at, self._sure_at = PAUSE, time, time
         self.presence, self._found = presence, time
         self.place = _mean_joint(estimates[0]) if place is None else place
         self.chance = max(estimate.chance for estimate in estimates)
@@ -314,6 +317,7 @@ class HandTrack:
             return True
         if not sure:
             return False
+        self._sure_at = time
         for estimate in own:
             self.sides[estimate.hand].take(estimate, time)
         self.place = self.best.estimate.xyz.mean(axis=0)
@@ -325,15 +329,17 @@ class HandTrack:
         return True
 
     def begin_again(self, estimates: Sequence[Hand], time: float) -> None:
-        """Continue a hand that is only present with new poses: no motion follows from them, and its side is open."""
+        """Continue a hand that is only present with new poses: no motion follows from them, and its side is open again later."""
         best = _best(estimates)
+        if time - self._sure_at < KEPT_SIDE_S and self.decided in best:
+            best = {side: estimate for side, estimate in best.items() if side == self.decided}
         self.sides = {side: SideState(estimate, time) for side, estimate in best.items()}
-        self.chance = max(estimate.chance for estimate in estimates)
+        self.chance = max(estimate.chance for estimate in best.values())
         self.is_sure, self.time = self.chance >= ENOUGH, time
         lowest = min(best.values(), key=lambda estimate: estimate.selection_cost)
         self.is_crowded, self.usual_cost = lowest.is_alone, lowest.selection_cost
         if self.is_sure:
-            self.place, self._pause, self._try_at = lowest.xyz.mean(axis=0), PAUSE, time
+            self.place, self._pause, self._try_at, self._sure_at = lowest.xyz.mean(axis=0), PAUSE, time, time
         self._evidence = float(self.decided == "right") - float(self.decided == "left")
         self._compared, self._begun = 0, time
         self._compare(estimates, time)

@@ -112,7 +112,7 @@ class Tracker:
         found = FrameHands(self.finder, depth, self.camera, STILL * self.min_presence)
         self._follow(found, readings, time)
         self._drop_doubles()
-        due = time - self._searched >= SEARCH_S or time - before > AHEAD_S
+        due = found.is_known or time - self._searched >= SEARCH_S or time - before > AHEAD_S
         if due and sum(track.is_sure for track in self.tracks) < self.limit:
             self._searched = time
             self._search(found, readings, time)
@@ -142,7 +142,6 @@ class Tracker:
             if hand is not None and (seen := self._seen_at(hand, found, readings, track.size)):
                 track.begin_again(seen, time)
         tracks = [track for track in self.tracks if track.time < time]
-        tracks = self.tracks
         regions = {track.id: track.regions(time, found) for track in tracks}
         estimates = self._estimates(depth, readings, regions)
         others = {track.id: track.other_regions(found, estimates[track.id], time) for track in tracks}
@@ -181,8 +180,8 @@ class Tracker:
             if any(np.linalg.norm(hand.middle - track.place) < APART_MM for track in tracks):
                 continue
             if len(tracks) == self.limit:
-                last = min(tracks, key=lambda track: (track.is_sure, track.presence))
-                if last.is_sure or last.presence >= hand.presence:
+                last = min(tracks, key=lambda track: (not track.is_only_present, track.presence))
+                if not last.is_only_present or last.presence >= hand.presence:
                     return
                 last.end("another place looks more like a hand")
             self._begin(hand, found, readings, time)
