@@ -31,11 +31,9 @@ HABIT = 0.1  # weight of the last frame in the average selection cost
 BETTER = 0.9  # ratio of selection costs that counts as an improvement
 ASK = 0.2  # s between runs of the network, whose pose competes with the tracked one
 # A second with poses earns two of credit, one without costs one; a hand without credit is lost.
-MOST_CREDIT = 1.0
+FIRST_CREDIT, MOST_CREDIT = 0.4, 1.0
 NEAR_MM = 100.0  # between the expected middle of a hand and that of a found one
 MOST_FOUND = 8  # hands in a frame
-KEPT_SIDE_S = 2.0  # s for which a decided side is kept without a sure pose
-PRESENT_S = 0.1  # s for which a hand that the finder saw is there, however uncertain its poses
 AHEAD_S = 0.4  # s by which a motion is extended at most
 KEPT = 0.7  # damping of the expected motion
 NEW = 0.6  # weight of the last two frames in the velocity
@@ -113,6 +111,7 @@ class FrameHands:
 
     depth         (height, width) mm
     min_presence  of a hand
+    is_known      True once it has looked
     """
 
     def __init__(self, finder: Finder, depth: NDArray[np.float32], camera: Camera, min_presence: float) -> None:
@@ -153,9 +152,6 @@ class HandTrack:
     since       s, when it was reported last
     reason      why it was lost
     usual_cost  the average selection cost of its poses
-    place       (3,) mm, camera axes: the mean of its joints; the finder's while its pose is not sure
-    chance      confidence of the best pose in the last frame in which it was looked at
-    is_sure     True if that is enough
     presence    probability that it is a hand, by the finder, when it looked last
     is_crowded  True if its poses are better without what is around it
     """
@@ -163,25 +159,21 @@ class HandTrack:
     def __init__(
         self, estimator: PoseEstimator, estimates: Sequence[Hand], time: float, size: float | None = None,
         side_prior: float = 0.0, presence: float = 1.0,
-        place: Array | None = None,
     ) -> None:
         """``side_prior``: prior evidence for a right hand (above 0) or a left one."""
         self.id, self.is_tracked = -1, True
         self.time = self.since = time
-        self.credit = 0.0
+        self.credit = FIRST_CREDIT
         self.size, self.sizes = size, SizeKeeper(estimator)
         self.decided: Side | None = None
         self.reason = ""
         self._estimator = estimator
         best = _best(estimates)
         self.sides = {side: SideState(estimate, time) for side, estimate in best.items()}
-        self._seen = self._asked = self._looked = time
-        self._pause, self._try_at, self._sure_at = PAUSE, time, time
-        self.presence, self._found = presence, time
-        self.place = _mean_joint(estimates[0]) if place is None else place
-        self.chance = max(estimate.chance for estimate in estimates)
-        self.is_sure = self.chance >= ENOUGH
+        self.presence = presence
         self.is_crowded = min(best.values(), key=lambda one: one.selection_cost).is_alone
+        self._seen = self._asked = self._looked = time
+        self._pause = PAUSE
         self.usual_cost = min(estimate.selection_cost for estimate in estimates)
         self._evidence, self._compared, self._begun = side_prior, 0, time
         self._compare(estimates, time)
@@ -223,30 +215,31 @@ class HandTrack:
         mean = abs(self._evidence) / max(self._compared, MIN_COMPARED)
         return min(side_chance(mean), MAX_SIDE_CONFIDENCE)
 
+    @property
+    def place(self) -> Array:
+        """The mean (3,) of its joints in mm, camera axes."""
+        return np.asarray(self.best.estimate.xyz.mean(axis=0))
+
     def regions(self, time: float, frame: FrameHands) -> list[SearchRegion]:
         """The search regions in a frame; with and without the network, whose last use is recorded."""
-        if self.is_only_present:
-            return []
-        troubled = not self.is_sure or self.time < self._seen or self.best.estimate.selection_cost > TROUBLE * self.usual_cost
+        troubled = self.time < self._seen or self.best.estimate.selection_cost > TROUBLE * self.usual_cost
         asked = troubled or not self.is_decided or time - self._asked >= ASK
         self._asked = time if asked else self._asked
         regions = []
         for side, seen in self.sides.items():
             region = self._region(side, seen.expected(time))
             middle = self._estimator.camera.unproject(region.center_uvd)
-            if self.is_crowded and (near := self._look(frame, middle, time)):
-                region = replace(region, alone=frame.alone(near))
+            if self.is_crowded and (near := frame.near(middle)):
+                self.presence, region = near.presence, replace(region, alone=frame.alone(near))
             regions.append(region if asked else replace(region, moved_mm=seen.estimate.moved_mm))
         return regions
 
     def other_regions(self, frame: FrameHands, estimates: Sequence[Hand], time: float) -> list[SearchRegion]:
         """Further search regions for a full fit, if the pose or the side is uncertain.
 
-        These are the last pose, and the hand that the finder finds there, or else the palm predicted by the network.
+        These are the last pose, and the hand that the finder finds, as it is and without what is around it, or else the
+        palm predicted by the network.
         """
-        if self.is_only_present:
-            return []
-        camera = self._estimator.camera
         sure = max((estimate.chance for estimate in estimates), default=0.0)
         cost = min((estimate.selection_cost for estimate in estimates), default=np.inf)
         alarmed = cost > ALARM * self.usual_cost
@@ -254,48 +247,20 @@ class HandTrack:
         if (self.is_decided and sure >= SURE and not alarmed) or time - self._looked < pause:
             return []
         self._looked = time
-        regions: list[SearchRegion] = []
+        regions = []
         for estimate in estimates:
-            side, near = estimate.hand, self._look(frame, estimate.center_mm, time)
-            center = self._estimator.palm_by_network(estimate) if near is None else camera.project(near.middle)
-            shown = frame.alone(near) if near else None
-            regions.append(SearchRegion(center, side, self.sides[side].estimate.body, self.size, alone=shown))
-            if near and sure < ENOUGH:
-                regions.append(replace(regions[-1], before=None))
+            side, near = estimate.hand, frame.near(estimate.center_mm)
+            center = self._estimator.palm_by_network(estimate)
+            before = self.sides[side].estimate.body
+            if near is not None:
+                self.presence, center = near.presence, self._estimator.camera.project(near.middle)
+                regions.append(SearchRegion(center, side, before, self.size, alone=frame.alone(near)))
+            regions.append(SearchRegion(center, side, before, self.size))
         return regions or [self._region(side, seen.estimate.body) for side, seen in self.sides.items()]
-
-    @property
-    def is_only_present(self) -> bool:
-        """Whether the finder alone says that the hand is there: it has no sure pose, and no credit."""
-        return not self.is_sure and self.credit <= 0
-
-    def look_again(self, frame: FrameHands, time: float) -> FoundHand | None:
-        """For a hand that is only present: where the finder sees it, if a new pose is to be tried there."""
-        if time - self._looked >= COMPARE:
-            self._looked = time
-            near = self._look(frame, self.place, time)
-            if near is not None and time >= self._try_at:
-                self._pause = min(2 * self._pause, MAX_PAUSE)
-                self._try_at = time + self._pause
-                return near
-        return None
-
-    def _look(self, frame: FrameHands, place: Array, time: float) -> FoundHand | None:
-        """The hand that the finder finds near a place (3,) in mm; remembers whether there is one."""
-        near = frame.near(place)
-        self.presence = 0.0 if near is None else near.presence
-        if near is not None:
-            self._found = time
-            if not self.is_sure:
-                self.place = near.middle
-        return near
 
     def take(self, estimates: Sequence[Hand], others: Sequence[Hand], time: float) -> bool:
         """Add the poses found in its regions and in others, the best for each side; True if one is good enough."""
         seconds, self._seen = time - self._seen, time
-        if self.is_only_present:
-            self.time = time if time - self._found < PRESENT_S + COMPARE else self.time
-            return self.time == time
         first, second = _best(estimates), _best(others)
         before = min((estimate.selection_cost for estimate in first.values()), default=np.inf)
         best = _best([*first.values(), *second.values()])
@@ -304,45 +269,21 @@ class HandTrack:
         if second and self.is_decided:
             better = min(estimate.selection_cost for estimate in own) < BETTER * before
             self._pause = PAUSE if better else min(2 * self._pause, MAX_PAUSE)
-        masked = [one.selection_cost for one in second.values()]
-        if masked and any(one.is_alone for one in others):
-            self.is_crowded = min(masked) < BETTER * before or (self.is_crowded and min(masked) <= before / BETTER)
-        sure = max((estimate.chance for estimate in own), default=0.0) >= ENOUGH
-        self.is_sure = sure
-        self.credit = min(self.credit + 2 * seconds, MOST_CREDIT) if sure else self.credit - seconds
-        self.chance = max((estimate.chance for estimate in own), default=0.0)
-        present = time - self._found < PRESENT_S
-        if not sure and present:  # the last sure pose is kept for a while
-            self.time = time
-            return True
-        if not sure:
+        alone, among = ([one.selection_cost for one in [*estimates, *others] if one.is_alone == kind]
+                        for kind in (True, False))
+        if alone and among:
+            self.is_crowded = min(alone) < (1 if self.is_crowded else BETTER) * min(among)
+        if max((estimate.chance for estimate in own), default=0.0) < ENOUGH:
+            self.credit -= seconds
             return False
-        self._sure_at = time
         for estimate in own:
             self.sides[estimate.hand].take(estimate, time)
-        self.place = self.best.estimate.xyz.mean(axis=0)
-        self.time = time
+        self.time, self.credit = time, min(self.credit + 2 * seconds, MOST_CREDIT)
         self._keep_side()
         self.usual_cost += HABIT * (self.best.estimate.selection_cost - self.usual_cost)
         if self.is_decided and self.best.estimate.chance >= SURE:
             self._pause = PAUSE
         return True
-
-    def begin_again(self, estimates: Sequence[Hand], time: float) -> None:
-        """Continue a hand that is only present with new poses: no motion follows from them, and its side is open again later."""
-        best = _best(estimates)
-        if time - self._sure_at < KEPT_SIDE_S and self.decided in best:
-            best = {side: estimate for side, estimate in best.items() if side == self.decided}
-        self.sides = {side: SideState(estimate, time) for side, estimate in best.items()}
-        self.chance = max(estimate.chance for estimate in best.values())
-        self.is_sure, self.time = self.chance >= ENOUGH, time
-        lowest = min(best.values(), key=lambda estimate: estimate.selection_cost)
-        self.is_crowded, self.usual_cost = lowest.is_alone, lowest.selection_cost
-        if self.is_sure:
-            self.place, self._pause, self._try_at, self._sure_at = lowest.xyz.mean(axis=0), PAUSE, time, time
-        self._evidence = float(self.decided == "right") - float(self.decided == "left")
-        self._compared, self._begun = 0, time
-        self._compare(estimates, time)
 
     def _keep_side(self) -> None:
         if self.is_decided:

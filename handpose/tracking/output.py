@@ -52,7 +52,7 @@ def _as_sides(
         TrackedHand(
             id=track.id,
             hand=hand.hand,
-            confidence=chances[n] * (float(quality.confidence[n]) if track.is_sure else track.chance),
+            confidence=chances[n] * float(quality.confidence[n]),
             error_mm=float(quality.error_mm[n]),
             inputs=inputs[n],
             bones=model.skeleton.bones * float(np.exp(x[n, SIZE])),
@@ -65,8 +65,7 @@ def _as_sides(
             finger_error_mm=quality.finger_error_mm[n],
             raw_xyz=raw_xyz[n],
             poses=TrackedPoses(hand.body, seen.smooth, hand.error_mm, track.size) if smooth else None,
-            presence=np.fmax(track.presence, quality.confidence[n] if track.is_sure else 0.0),
-            place=None if track.is_sure else track.place,
+            presence=np.fmax(track.presence, quality.confidence[n]),
         )
         for n, (hand, seen) in enumerate(zip(found, sides))
     ]

@@ -31,21 +31,21 @@ from handpose.frames.cameras import Camera
 from handpose.frames.crops import check_size
 from handpose.frames.images import check_unit, depth_image, without_dropouts
 from handpose.frames.recording import DepthFrame
-from handpose.tracking.hand_track import AHEAD_S, FrameHands, HandTrack
+from handpose.tracking.hand_track import AHEAD_S, ENOUGH, FrameHands, HandTrack
 from handpose.tracking.output import tracked_hand
 from handpose.tracking.pose_estimator import PoseEstimator
-from handpose.tracking.reasons import reason
+from handpose.tracking.present_hands import MAX_PAUSE, PRESENT_S, PresentHands
+from handpose.tracking.reasons import reason, uncertain
 from handpose.tracking.sizing import checked
 from handpose.tracking.sure_hands import SureHands
-from handpose.tracking.track import LostHand, TrackedFrame, TrackHeader
+from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackHeader
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 
 MAX_HANDS = 100  # larger numbers of hands are invalid
 STILL = 0.5  # part of the minimum presence that is enough for a hand that is followed
-SEARCH_S = 0.2  # s between searches for further hands
+SEARCH_S = 0.1  # s between searches for further hands
 SAME_MM = 70.0  # palms closer together are the same hand
-APART_MM = 110.0  # a found hand this close to one that is followed is the same
 AGAIN = dataclasses.replace(ACCURATE, quarters=(0,))  # of a tracked hand: its last pose replaces the turned crops
 
 
@@ -82,6 +82,7 @@ class Tracker:
         self.size = None if size is None else checked(size)
         self.estimator = PoseEstimator(predictor, self.camera)
         self.finder, self.min_presence = predictor.finder, min_presence
+        self.present, self._next_id = PresentHands(), 0
         self._searched = -np.inf  # s, when further hands were searched for
         self.known: dict[int, HandTrack] = {}  # all hands of the recording by their ids
         self._sure = SureHands(min_confidence)
@@ -113,7 +114,7 @@ class Tracker:
         self._follow(found, readings, time)
         self._drop_doubles()
         due = found.is_known or time - self._searched >= SEARCH_S or time - before > AHEAD_S
-        if due and sum(track.is_sure for track in self.tracks) < self.limit:
+        if due and len(self.tracks) < self.limit:
             self._searched = time
             self._search(found, readings, time)
         return self._sure(self._report(frame.number, time))
@@ -136,12 +137,7 @@ class Tracker:
 
         readings  the image with those readings that are nearer than the camera measures
         """
-        depth = found.depth
-        for track in self.tracks:
-            hand = track.look_again(found, time) if track.is_only_present else None
-            if hand is not None and (seen := self._seen_at(hand, found, readings, track.size)):
-                track.begin_again(seen, time)
-        tracks = [track for track in self.tracks if track.time < time]
+        tracks, depth = self.tracks, found.depth
         regions = {track.id: track.regions(time, found) for track in tracks}
         estimates = self._estimates(depth, readings, regions)
         others = {track.id: track.other_regions(found, estimates[track.id], time) for track in tracks}
@@ -172,29 +168,24 @@ class Tracker:
                     other.end("another hand is tracked at its position")
 
     def _search(self, found: FrameHands, readings: NDArray[np.float32], time: float) -> None:
-        """Begin to follow the hands that the finder finds apart from those that are followed."""
-        for hand in found.hands:
-            tracks = self.tracks
-            if hand.presence < self.min_presence:
-                return
-            if any(np.linalg.norm(hand.middle - track.place) < APART_MM for track in tracks):
+        """Begin to follow the hands that the finder sees and that have a sure pose."""
+        followed = [track.place for track in self.tracks]
+        self.present.see(found.hands, followed, time, self.min_presence, self._next_id)
+        self._next_id = max([self._next_id, *(1 + place.id for place in self.present.places)])
+        for place in list(self.present.places):
+            if len(self.tracks) == self.limit:
+                break
+            if time < place.try_at or place.time < time:
                 continue
-            if len(tracks) == self.limit:
-                last = min(tracks, key=lambda track: (not track.is_only_present, track.presence))
-                if not last.is_only_present or last.presence >= hand.presence:
-                    return
-                last.end("another place looks more like a hand")
-            self._begin(hand, found, readings, time)
-
-    def _begin(self, hand: FoundHand, found: FrameHands, readings: NDArray[np.float32], time: float) -> None:
-        """Follow a found hand."""
-        seen = self._seen_at(hand, found, readings, self.size)
-        if not seen:
-            return
-        track = HandTrack(self.estimator, seen, time, self.size, self._side_prior(time), hand.presence, hand.middle)
-        id = self._id_of(track.hand, time)
-        track.identify(id, self.known.get(id))
-        self.known[id] = track
+            place.pause = min(2 * place.pause, MAX_PAUSE)
+            place.try_at = time + place.pause
+            seen = self._seen_at(place.hand, found, readings, self.size)
+            if max((one.chance for one in seen), default=0.0) >= ENOUGH:
+                track = HandTrack(self.estimator, seen, time, self.size, self._side_prior(time), place.hand.presence)
+                id = self._id_of(track.hand, time, place.id)
+                track.identify(id, self.known.get(id))
+                self.known[id] = track
+                self.present.places.remove(place)
 
     def _seen_at(
         self, hand: FoundHand, found: FrameHands, readings: NDArray[np.float32], size: float | None
@@ -224,7 +215,10 @@ class Tracker:
             if track.is_decided:
                 track.size = track.size or track.sizes.take(track.best.estimate, time)
             hands.append(tracked_hand(track, self.estimator.model, smooth=self.smooth, surface=self.surface))
-        return TrackedFrame(number, time, tuple(hands), tuple(lost))
+        left = [place for place in self.present.places if time - place.time < PRESENT_S][: self.limit - len(self.tracks)]
+        present = [PresentHand(place.id, place.hand.side, place.hand.presence, 0.0, tuple(place.hand.middle.tolist()),
+                               uncertain(0.0)) for place in left]
+        return TrackedFrame(number, time, tuple(hands), tuple(lost), tuple(present))
 
     def _missing(self, time: float) -> list[int]:
         """The ids of known hands that are not found in this frame."""
@@ -235,10 +229,10 @@ class Tracker:
         sides = [self.known[id].decided for id in self._missing(time)]
         return float("right" in sides) - float("left" in sides)
 
-    def _id_of(self, side: Side, time: float) -> int:
-        """The id of a new hand: that of the last lost hand of this side, otherwise a new one."""
+    def _id_of(self, side: Side, time: float, new: int) -> int:
+        """The id of a new hand: that of the last lost hand of this side, otherwise a ``new`` one."""
         lost = [id for id in self._missing(time) if self.known[id].decided in (side, None)]
-        return max(lost, key=lambda id: self.known[id].since) if lost else len(self.known)
+        return max(lost, key=lambda id: self.known[id].since) if lost else new
 
     def _middle(self, track: HandTrack) -> Array:
         """The hand's position (3,) in mm, camera axes."""
