@@ -21,7 +21,7 @@ from handpose import Recording
 from handpose.frames import camera_file
 from handpose.frames.formats.folder import PICTURES, FolderRecording
 from handpose.output.drawing.sheets import ContactSheet
-from handpose.output.drawing.tracks import Painter
+from handpose.output.drawing.tracks import HEAD, Painter
 from handpose.output.drawing.video_file import VideoFile
 from handpose.output.live.messages import LINES, VIEWS, Messages
 from handpose.output.live.page import page
@@ -52,7 +52,7 @@ def add_output_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--gestures", action="store_true",
                         help="gesture of each hand and its confidence, in --json and --csv")
     parser.add_argument("--video", metavar="FILE.mp4", type=name_in(".mp4"),
-                        help="skeleton and surface on the depth image, and hands in space")
+                        help="skeleton and surface on the depth image")
     parser.add_argument("--sheet", metavar="FILE.png", type=name_in(".png", ".jpg"),
                         help="contact sheet of the track")
     parser.add_argument("--serve", metavar="HOST:PORT", nargs="?", const=(LOCAL, 0), type=_served,
@@ -172,7 +172,7 @@ class Outputs:
             image = painter.picture(depth, frame)
             self._video.write(image, frame.time)
             if self._sheet:
-                self._sheet.add(frame.time, lambda: image[painter.depth_part])
+                self._sheet.add(frame.time, lambda: image[HEAD:])
         elif painter and self._sheet:
             self._sheet.add(frame.time, lambda: painter.seen(depth, frame))
         if self._live:
