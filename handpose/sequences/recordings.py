@@ -27,9 +27,8 @@ from handpose.body.sides import Side, other_side
 from handpose.frames.cameras import NYU, UNIT_MM, Camera
 from handpose.frames.recording import DepthFrame, Recording
 from handpose.sequences.acts import Act, Actor
-from handpose.sequences.gestures import SHOWN
 from handpose.sequences.movements import HandPose, Movement
-from handpose.sequences.person import Person
+from handpose.sequences.person import SHOWN, Person
 from handpose.sequences.surroundings import NOWHERE_MM, Volume, draw_desk, draw_surroundings
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler

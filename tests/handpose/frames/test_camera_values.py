@@ -1,4 +1,4 @@
-"""handpose/frames/camera_values.py and documents.py: cameras in the files of other programs."""
+"""handpose/frames/camera_values.py and camera_file.py: cameras in the files of other programs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from handpose.frames import camera_file, documents
+from handpose.frames import camera_file
 from handpose.frames.camera_values import AZURE_MODES, find
 from handpose.frames.cameras import Camera
 from handpose.frames.lens import Lens
@@ -246,7 +246,7 @@ def test_the_calibration_of_an_azure_kinect(
 ])
 def test_yaml(text: str) -> None:
     yaml = pytest.importorskip("yaml")
-    assert documents.parse(text, "x") == yaml.safe_load(text)
+    assert camera_file.parse_document(text, "x") == yaml.safe_load(text)
 
 
 @bad_inputs(DataError, {

@@ -1,4 +1,4 @@
-"""handpose/scoring/fitted_angles.py"""
+"""handpose/scoring/published_predictions.py"""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from handpose.body.nyu import EVALUATION_JOINTS
-from handpose.scoring.fitted_angles import compare_angles
+from handpose.scoring.published_predictions import compare_angles
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons

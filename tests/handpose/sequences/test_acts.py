@@ -7,9 +7,8 @@ import pytest
 
 from handpose.frames.cameras import ICVL, NYU
 from handpose.sequences.acts import FINGER_SPEED, HAND_SPEED, Act, Actor, Choices
-from handpose.sequences.gestures import fingers_of, poses
 from handpose.sequences.movements import Movement
-from handpose.sequences.person import Person
+from handpose.sequences.person import Person, fingers_of, poses
 from handpose.sequences.surroundings import Volume
 from handpose.synthetic.pose_prior import BodySampler
 

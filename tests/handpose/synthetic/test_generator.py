@@ -23,8 +23,8 @@ from handpose.frames.crops import (
     window,
 )
 from handpose.synthetic import prior_file, recipes
+from handpose.synthetic.files import generate, processes
 from handpose.synthetic.generator import BLOCK, VERSION, Generator, Recipe, View
-from handpose.synthetic.many import generate, processes
 from handpose.synthetic.places import PlaceGenerator
 from handpose.synthetic.prior_file import NormalParameter, RangeParameter
 from netlib.errors import DataError

@@ -1,12 +1,12 @@
-"""handpose/synthetic/many.py"""
+"""handpose/synthetic/files.py"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from handpose.datasets.frames import Frames
+from handpose.synthetic.files import generate
 from handpose.synthetic.generator import BLOCK, Generator
-from handpose.synthetic.many import generate
 from tests.handpose.synthetic.same_frames import assert_equal
 
 

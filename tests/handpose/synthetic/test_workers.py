@@ -1,4 +1,4 @@
-"""handpose/synthetic/many.py"""
+"""handpose/synthetic/files.py"""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from handpose.synthetic.many import no_interrupt, processes
+from handpose.synthetic.files import no_interrupt, processes
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -39,7 +39,7 @@ def test_workers_do_not_outlive_their_parent(tmp_path: Path) -> None:
     script = tmp_path / "parent.py"
     script.write_text(
         "import os, sys\n"
-        "from handpose.synthetic.many import processes\n"
+        "from handpose.synthetic.files import processes\n"
         "if __name__ == '__main__':\n"
         "    with processes(1) as pool:\n"
         "        print(pool.submit(os.getpid).result(), flush=True)\n"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handpose.body.gestures import GESTURES, NUMBERS, scores
-from handpose.sequences.gestures import SHOWN
+from handpose.sequences.person import SHOWN
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand.kinematics import Kinematics

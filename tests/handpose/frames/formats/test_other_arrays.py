@@ -1,4 +1,4 @@
-"""handpose/frames/formats/other_arrays.py: times and cameras under the names that people give them."""
+"""handpose/frames/formats/stack.py: times and cameras under the names that people give them."""
 
 from __future__ import annotations
 
