@@ -18,37 +18,18 @@ from tests.handpose.frames.conftest import CAMERA, hand_sized
 class Taken(Recording):
     """A recording of given images."""
 
-    def __init__(
-        self, images: Sequence[np.ndarray], camera: Camera = CAMERA, unit_mm: float = 1.0, step: float = 1 / 30
-    ) -> None:
-        self.step = step
+    def __init__(self, images: Sequence[np.ndarray], camera: Camera = CAMERA, unit_mm: float = 1.0) -> None:
         self.name, self.images, self.camera, self.unit_mm, self.count = "take", images, camera, unit_mm, len(images)
         self.remarks = ("a remark",)
 
     def __iter__(self) -> Iterator[DepthFrame]:
         for i, image in enumerate(self.images):
-            yield DepthFrame(i, i * self.step, image.astype(np.float32))
+            yield DepthFrame(i, i / 30, image.astype(np.float32))
 
 
 def moving(factor: float = 1.0) -> list[np.ndarray]:
     """Images of an object 500 mm away and 100 mm wide, if the factor is right."""
     return [hand_sized(distance=500 + i) * float(factor) for i in range(3)]
-
-
-@pytest.mark.parametrize("step", [33.3, 1.2, 1e-9])
-def test_times_that_are_no_seconds(step: float) -> None:
-    (warning,) = inspect(Taken(moving(), step=step)).warnings
-    assert warning == f"a frame comes every {step:g} s; check --time-unit or --rate"
-
-
-def test_a_rate_that_is_not_that_of_the_times() -> None:
-    """A given rate that contradicts the frames' times gives a warning."""
-    taken = Taken(moving(), step=1 / 30)
-    taken.rate = 60.0
-    (warning,) = inspect(taken).warnings
-    assert warning == "60 frames per second given, but 30 by their times; the times are used"
-    taken.rate = 28.0
-    assert not inspect(taken).warnings
 
 
 def test_what_is_seen() -> None:
@@ -133,26 +114,6 @@ def test_a_person_is_no_hand() -> None:
     image[18:28, 26:38] = 600
     found = inspect(Taken([image + i for i in range(3)]))
     assert (found.warnings, found.doubt) == ((), "")
-
-
-def noisy(distance: float, unit_mm: float = 1.0, seed: int = 0) -> np.ndarray:
-    """Stored values of a sloping object before a wall, with noise of 2 mm."""
-    rng = np.random.default_rng(seed)
-    image = np.full((48, 64), 2.5 * distance) + np.arange(64) * 3
-    image[16:30, 24:40] = distance + np.arange(16)
-    image[:3] = 0
-    return np.where(image > 0, np.rint((image + rng.normal(0, 2, image.shape)) / unit_mm), 0).astype(np.uint16)
-
-
-def test_a_median_beyond_all_cameras() -> None:
-    """A plausible object before a scene of 20 m gives a warning, but not if these values mean no reading."""
-    image = noisy(450)
-    image[32:] = 20000 + np.arange(64)
-    image[:16] = 21000 + np.arange(64)
-    (warning,) = warnings_of(image.astype(np.float32), CAMERA, 1.0)
-    assert "the median depth is 20" in warning
-    image[image > 15000] = 65535
-    assert warnings_of(image.astype(np.float32), CAMERA, 1.0) == []
 
 
 @pytest.mark.parametrize(
