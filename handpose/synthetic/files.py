@@ -207,7 +207,8 @@ class DataSet:
     """
 
     def __init__(self, out: Path, sources: Sequence[tuple[Source[Any], int]], force: bool = False) -> None:
-        parts.check_rows(out, [(count, generator.columns()) for generator, count in sources])  # at once
+        self._rows = [(count, generator.columns()) for generator, count in sources]
+        parts.check_space(out, self._rows)  # at once
         pieces = {generator.split: pieces_of(generator, count, out) for generator, count in sources}
         every = [piece for some in pieces.values() for piece in some]
         self.out = out
@@ -234,7 +235,7 @@ class DataSet:
         advance  called with the number of further frames; its exceptions end the run and keep complete files only.
         """
         if self.missing:
-            parts.check_space(self.out, [piece.part for piece in self.missing], self.missing[0].generator.columns())
+            parts.check_space(self.out, self._rows)
             for path in self.lists:
                 path.unlink(missing_ok=True)  # no list may name files of two kinds
             self._write_parts(workers, advance)

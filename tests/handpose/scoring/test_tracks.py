@@ -48,7 +48,7 @@ def test_the_truth_is_without_fault() -> None:
     scores = score(HEADER, TRUTH, TRUTH)
     assert scores.found == 1 and scores.invented == 0 and scores.id_switches == 0 and scores.frames == 90
     for own in scores.hands.values():
-        assert own.missed == own.wrong_side == own.gone == own.side_after == 0
+        assert own.missed == own.wrong_side == own.gone == 0
         assert own.errors.mean == own.errors14.median == 0
         assert own.lag_ms == pytest.approx(0, abs=0.01)
         assert max(own.bone_change_mm) < 1e-9 and np.isnan(own.jitter_mm)
@@ -80,13 +80,10 @@ def test_ids_may_have_any_number_but_must_not_change() -> None:
 
 
 def test_sides() -> None:
-    """The time until the side is right, wrong frames and switches are counted."""
     sides = ["left"] * 3 + ["right"] * 50 + ["left"] + ["right"] * 36
     tracked = frames([[hand(0, RIGHT, side, n / 30)] for n, side in enumerate(sides)])
     own = score(HEADER, tracked, TRUTH).hands[0]
-    assert (own.side_after, own.wrong_side, own.side_switches) == (3, 4, 3)
-    wrong = frames([[hand(0, RIGHT, "left", n / 30)] for n in range(90)])
-    assert np.isnan(score(HEADER, wrong, TRUTH).hands[0].side_after)
+    assert (own.wrong_side, own.side_switches) == (4, 3)
 
 
 def test_a_hand_far_from_all_is_invented() -> None:
@@ -95,7 +92,7 @@ def test_a_hand_far_from_all_is_invented() -> None:
     scores = score(HEADER, tracked, TRUTH)
     assert scores.found == 0 and scores.invented == 90
     assert scores.hands[0].missed == scores.hands[1].missed == 90 and scores.hands[0].bone_change_mm == ()
-    assert np.isnan(scores.hands[0].errors.mean) and np.isnan(scores.hands[0].side_after)
+    assert np.isnan(scores.hands[0].errors.mean)
     assert score(HEADER, tracked, TRUTH, bound_mm=150).found == 0.5
 
 

@@ -1,4 +1,4 @@
-"""handpose/output/tracks/writing.py: writers by the ending, and files that are complete or the old one after an error"""
+"""handpose/output/tracks/writing.py: writers by the ending; after any error, a file is complete or the old one"""
 
 from __future__ import annotations
 
