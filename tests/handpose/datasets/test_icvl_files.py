@@ -35,7 +35,6 @@ def test_labels_of_two_sequences(tmp_path: Path) -> None:
     "x y z": ("a.png " + "-300.5 " * 48, "...the palm is mostly at -300.5 -300.5 -300.5, expected u v d..."),
 })
 def test_broken_labels(tmp_path: Path, given: str, rejected: Any) -> None:
-    """The error names the line of the file and what is wrong with it."""
     (tmp_path / "labels.txt").write_text(given)
     with rejected:
         icvl_files.read_annotation([tmp_path / "labels.txt"])

@@ -62,7 +62,6 @@ def test_what_else_a_file_holds(tmp_path):
 
 
 def test_joints_that_are_not_seen(tmp_path):
-    """Joints on or beyond the faces of the cube, or NaN, are returned as stored and marked as not seen."""
     joints = np.array([[0.5, -0.5, 0, 0.9, -0.9, 0], [0, 0, 1, 0, -1, 0], [0, 0, 0, np.nan, 0, 0], [0, 2, 0, 0, 0, 0]])
     found = labels.read(write_hdf5(tmp_path / "a.h5", joint=joints), [2])
     assert np.array_equal(found.joints.reshape(4, 6), joints, equal_nan=True)
@@ -175,6 +174,5 @@ def test_the_camera_follows_from_the_centers(tmp_path):
 
 
 def test_a_file_that_is_not_there(tmp_path):
-    """A missing file raises an error of one line."""
     with pytest.raises(DataError, match=r"^.*a\.h5: cannot read the HDF5 file: No such file or directory$"):
         labels.read(tmp_path / "a.h5", [2])

@@ -45,7 +45,6 @@ def test_a_moving_hand_is_a_hand_that_moves() -> None:
 
 
 def test_rest_is_rest() -> None:
-    """During a rest nothing moves."""
     movement = played(Act("rest", 3), Act("gestures", 4), seconds=7)
     early, late, then = (movement.pose_at(t).xyz for t in (0.0, 3.0, 6.0))
     np.testing.assert_array_equal(early, late)
@@ -85,7 +84,6 @@ def test_away(first: bool) -> None:
 
 
 def test_a_wave_turns_the_palm_to_and_fro() -> None:
-    """The palm turns about the camera's axis to both sides."""
     movement = played(Act("wave", 4), seconds=4)
     start = movement.palm.at(0.0)
     turned = [float((movement.palm.at(t) * start.inv()).as_rotvec()[2]) for t in np.arange(0, 4, 0.05)]
@@ -93,7 +91,6 @@ def test_a_wave_turns_the_palm_to_and_fro() -> None:
 
 
 def test_elbows_stay_on_their_side() -> None:
-    """The forearm stays on the hand's side, so that it does not cross the other hand."""
     for side, outward in (("right", -1.0), ("left", 1.0)):
         movement = played(Act("moving", 6), seconds=6, side=side, outward=outward)
         for time in np.arange(0, 6, 0.5):

@@ -73,7 +73,6 @@ def test_the_truth_is_what_is_seen() -> None:
 
 
 def test_rate_and_length_do_not_change_the_movement() -> None:
-    """Frames at the same time are equal for any rate and length."""
     slow, fast = (SyntheticRecording("moving", ICVL, rate=rate, seconds=1, sensor=None) for rate in (10, 60))
     longer = SyntheticRecording("moving", ICVL, rate=10, seconds=3, sensor=None)
     np.testing.assert_array_equal(slow.frame(8).depth, fast.frame(48).depth)
@@ -94,7 +93,6 @@ def test_a_hand_that_leaves_is_lost_until_it_returns() -> None:
 
 
 def test_a_hand_that_never_was_there_is_not_lost() -> None:
-    """A hand that has not been in sight yet is not lost."""
     script = Script(3, (Role("left", (Act("away", 2.5), Act("rest", 1))),))
     truths = list(SyntheticRecording(script, ICVL, rate=10).truths())
     assert not truths[0].hands and not truths[0].lost and truths[-1].hands[0].hand == "left"
@@ -116,7 +114,6 @@ def test_two_hands_of_one_person_and_of_two() -> None:
 
 
 def test_hands_may_hide_each_other_if_that_is_allowed() -> None:
-    """Unless hands are kept apart, a hidden hand is lost or partly in sight."""
     lively = (Act("moving", 20),)
     script = Script(20, (Role("right", lively), Role("left", lively)), apart=False)
     truths = SyntheticRecording(script, ICVL, rate=3, seed=1).truths()
@@ -124,7 +121,6 @@ def test_hands_may_hide_each_other_if_that_is_allowed() -> None:
 
 
 def test_a_body_stands_behind() -> None:
-    """With ``body``, a body is behind the hands; without it, there is only background."""
     body, arms = (
         SyntheticRecording(replace(SCRIPTS["rest"], body=own), NYU, rate=1, sensor=None) for own in (True, False)
     )
@@ -151,7 +147,6 @@ def test_scripts(name: str) -> None:
 
 
 def test_cameras() -> None:
-    """Any camera can be used, and depths are multiples of its unit."""
     own = SyntheticRecording("rest", Camera("own", 400, 400, 100, 90, 0, 0), seconds=0.1)
     assert own.frame(0).depth.shape == (180, 200) and own.truth(0).hands
     coded = SyntheticRecording("rest", SR305, seconds=0.1)
@@ -173,7 +168,6 @@ RANGE = "expected more than 0 and at most 36000 s, the seed 0 or more"
        for u0 in (-3.0, 0.0, 1e6)},
 })
 def test_what_cannot_be_recorded(given: Any, rejected: Any) -> None:
-    """Invalid arguments raise an error with the expected values."""
     script, camera, options = given
     with rejected:
         SyntheticRecording(script, *([camera] if camera else []), **options)

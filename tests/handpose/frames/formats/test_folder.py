@@ -34,14 +34,12 @@ def test_frames_by_number(folder: Path) -> None:
 
 
 def test_the_rate_is_assumed_and_said(folder: Path) -> None:
-    """The rate is assumed if it is not given and the names contain no times."""
     recording = open_folder(folder, replace(GIVEN, rate=None))
     assert [frame.time for frame in recording] == [0, 1 / 30, 0.1]
     assert recording.remarks[-1].startswith("rate unknown: 30 frames per second assumed")
 
 
 def test_times_in_names(tmp_path: Path) -> None:
-    """Times in names are used, and the rate is ignored."""
     for stamp in (1616799936125, 1616799936175):
         put(tmp_path / f"{stamp}.png", hand_sized())
     recording = open_folder(tmp_path, replace(GIVEN, rate=None))
@@ -65,7 +63,6 @@ def test_a_given_unit_of_the_times(tmp_path: Path) -> None:
 
 
 def test_a_pattern_and_a_name(tmp_path: Path) -> None:
-    """A pattern or a file name selects one of several sequences."""
     for name in ("a_1", "a_2", "b_1"):
         put(tmp_path / f"{name}.png", hand_sized())
     with pytest.raises(DataError, match="holds 2 sequences"):
@@ -112,7 +109,6 @@ def test_a_damaged_frame_is_left_out_and_said(folder: Path) -> None:
 
 
 def test_all_frames_are_damaged(folder: Path) -> None:
-    """If all frames are damaged, the error is that of the first one."""
     for path in folder.iterdir():
         path.write_bytes(b"nothing")
     with pytest.raises(DataError, match=r"1\.png: not an image that OpenCV can decode"):
@@ -142,7 +138,6 @@ def test_another_kind_of_picture_is_no_damage(folder: Path, given: np.ndarray, r
 
 
 def test_the_packing_of_nyu(tmp_path: Path) -> None:
-    """NYU's packing is that of its camera."""
     image = pack_depth(np.full((480, 640), 700))
     for name in ("depth_1_0000001", "rgb_1_0000001"):
         put(tmp_path / f"{name}.png", image)

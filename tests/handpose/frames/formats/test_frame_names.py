@@ -71,7 +71,6 @@ def test_a_given_unit(names: list[str], unit: str, times: tuple[int, ...], ticks
 
 
 def test_natural_order() -> None:
-    """9 comes before 10."""
     assert in_order(["10.png", "9.png", "08.png"], "here").names == ("08.png", "9.png", "10.png")
 
 

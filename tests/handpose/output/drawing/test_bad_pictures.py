@@ -38,6 +38,5 @@ PICTURE, DEPTH = np.ones((128, 128), np.uint8), np.zeros((480, 640), np.float32)
                         "expected a name in .json, .jsonl or .csv, or - for standard output"),
 })
 def test_what_cannot_be_drawn(given: Callable[[], object], rejected: Any) -> None:
-    """Joints, pictures and depth images of another shape, and tracks of too many frames, raise an error."""
     with rejected:
         given()

@@ -1,4 +1,4 @@
-"""handpose/output/drawing/sheets.py"""
+"""handpose/output/drawing/sheets.py and strokes.py"""
 
 from __future__ import annotations
 
@@ -39,7 +39,6 @@ def test_moments_evenly_apart(frames: int, columns: int, rows: int) -> None:
 
 
 def test_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each picture is reduced to the requested width, with its time in seconds above it."""
     received = {}
     monkeypatch.setattr(sheets.strokes, "sheet", lambda *given: received.update(given=given))
     sheet = ContactSheet(2, 2, width=100)
@@ -52,7 +51,6 @@ def test_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_page_can_be_drawn() -> None:
-    """A page has only as many cells as there are pictures."""
     sheet = ContactSheet(2, 2)
     sheet.add(0.0, picture)
     assert sheet.page().shape == (3 + 22 + 16, 4 + 16, 3)
@@ -81,3 +79,12 @@ def test_an_annotation_of_other_joints_is_not_drawn(joints: Array) -> None:
     few = sheets.two_views(CROPS, joints, joints[:, :16], SKELETON, titles)
     assert few.shape == sheets.two_views(CROPS, joints, joints, SKELETON, titles).shape
     assert not np.array_equal(few, sheets.two_views(CROPS, joints, joints, SKELETON, titles))
+
+
+def test_sheet() -> None:
+    pictures = [np.full((60, 40), 10, np.uint8), np.full((30, 80, 3), 20, np.uint8), np.full((60, 80), 30, np.uint8)]
+    page = strokes.sheet(pictures, 2, ["one", "a title that is far too long for its cell", "three"])
+    assert page.shape == (2 * (60 + 22 + 8) + 8, 2 * (80 + 8) + 8, 3)
+    for value, picture in zip((10, 20, 30), pictures, strict=True):
+        assert (page == value).all(axis=2).sum() >= picture.shape[0] * picture.shape[1]
+    assert strokes.sheet(pictures[:1], 4).shape == (60 + 16, 40 + 16, 3)

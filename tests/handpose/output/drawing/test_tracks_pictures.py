@@ -39,7 +39,6 @@ def where(one: Image, other: Image) -> tuple[slice, slice]:
 
 @pytest.mark.parametrize("hand", [RIGHT, LEFT], ids=["right", "left"])
 def test_joints_are_where_the_camera_sees_them(hand: TrackedHand) -> None:
-    """The pixel of each fingertip has the finger's colour, for a right and a left hand."""
     picture = annotated(DEPTH, of(RIGHT, LEFT))[HEAD:]
     for finger, colour in hands.COLOURS.items():
         u, v, _ = CAMERA.project(hand.xyz[HEADER.skeleton.joint_names.index(f"{finger}_tip")])
@@ -74,7 +73,6 @@ def test_surface_lies_over_the_depth_that_it_explains() -> None:
 
 
 def test_the_part_around_a_hand_is_shown() -> None:
-    """The picture shows the hand large."""
     part = annotated(seen([RIGHT]), of(RIGHT))[HEAD:]
     assert np.array_equal(part, Painter(HEADER).seen(seen([RIGHT]), of(RIGHT)))
     whole = Painter(HEADER).seen(seen([RIGHT]), of())
@@ -104,7 +102,6 @@ def test_a_lost_hand_is_said_to_be_lost_and_why() -> None:
 
 
 def test_a_hand_partly_or_wholly_beside_the_image_does_no_harm() -> None:
-    """Hands partly or entirely outside the image, or near the camera, are drawn without error."""
     for at in ((-330, 0, 600), (5000, 0, 600), (0, 0, 60)):
         hand = tracked("right", at)
         assert annotated(seen([]), of(hand)).shape == (HEAD + MAX_HEIGHT, MAX_WIDTH, 3)

@@ -30,7 +30,6 @@ def test_by_the_ending(tmp_path: Path, name: str) -> None:
 
 
 def test_standard_output(capsys: pytest.CaptureFixture[str]) -> None:
-    """The name - stands for standard output."""
     with open_writer("-", HAND) as writer:
         writer.write(any_track(HAND, 1)[0])
     assert capsys.readouterr().out.count("\n") == 2
@@ -118,7 +117,6 @@ def test_a_shown_piece_that_was_not_written_whole(tmp_path: Path, monkeypatch: p
 
 
 def test_before_the_first_piece_the_old_file_stays(tmp_path: Path) -> None:
-    """An interruption before the first piece leaves the old file."""
     (tmp_path / "a.txt").write_text("old")
     with pytest.raises(KeyboardInterrupt), GrowingFile(tmp_path / "a.txt", b"<", b">"):
         raise KeyboardInterrupt
@@ -128,7 +126,6 @@ def test_before_the_first_piece_the_old_file_stays(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["folder", "none/a.txt"])
 def test_where_no_file_can_be(tmp_path: Path, name: str) -> None:
-    """A folder of that name, or a missing folder, raises an error at the start."""
     (tmp_path / "folder").mkdir()
     with pytest.raises(OSError) as caught, GrowingFile(tmp_path / name):
         pytest.fail("began all the same")
