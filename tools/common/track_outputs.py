@@ -26,7 +26,8 @@ from handpose.output.drawing.video_file import VideoFile
 from handpose.output.live.messages import LINES, VIEWS, Messages
 from handpose.output.live.page import page
 from handpose.output.live.server import LiveServer, checked_token
-from handpose.output.tracks.writing import TrackWriter, open_writer
+from handpose.output.tracks.growing import TrackWriter
+from handpose.output.tracks.writing import open_writer
 from handpose.tracking.track import TrackedFrame, TrackHeader
 from netlib.errors import NetlibError, reason_of
 from netlib.files import atomic

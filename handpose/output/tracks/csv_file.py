@@ -29,8 +29,8 @@ from handpose.body.gestures import GestureReader
 from handpose.body.joint_formats.formats import FormatName
 from handpose.body.joint_formats.frames import hand_frames
 from handpose.output.tracks import joint_values
+from handpose.output.tracks.growing import GrowingFile, TrackWriter
 from handpose.output.tracks.json_values import free_dofs
-from handpose.output.tracks.writing import GrowingFile, TrackWriter
 from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array

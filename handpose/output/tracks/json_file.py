@@ -59,8 +59,8 @@ from typing import Any, NamedTuple
 
 from handpose.body.joint_formats.formats import FormatName
 from handpose.frames.json_fields import Fields, parsed
+from handpose.output.tracks.growing import GrowingFile, TrackWriter
 from handpose.output.tracks.json_values import FrameValues, header_of, header_values
-from handpose.output.tracks.writing import GrowingFile, TrackWriter
 from handpose.tracking.track import TrackedFrame, TrackHeader
 from netlib import files
 from netlib.errors import DataError

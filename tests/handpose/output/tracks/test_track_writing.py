@@ -1,4 +1,4 @@
-"""handpose/output/tracks/writing.py: writers by the ending; after any error, a file is complete or the old one"""
+"""handpose/output/tracks/writing.py and growing.py: after any error, a file is complete or the old one"""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from handpose.output.tracks.growing import GrowingFile
 from handpose.output.tracks.json_file import read_track
-from handpose.output.tracks.writing import GrowingFile, open_writer
+from handpose.output.tracks.writing import open_writer
 from layers.hand.skeleton import load
 from tests.support.made_tracks import any_track, header_of
 
