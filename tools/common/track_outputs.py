@@ -193,9 +193,7 @@ class Outputs:
             except Exception as one:
                 failure = failure or one
         self.written += [str(path) for writer in self._writers for path in writer.files]
-        if self._video and self._video.note:
-            self.written.append(self._video.note)
-        elif self._video and Path(self._args.video).exists():
+        if self._video and Path(self._args.video).exists():
             self.written.append(self._args.video)
         if failure is not None and failure is not error:
             raise failure

@@ -26,7 +26,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from handpose.frames import camera_file, camera_values
-from handpose.frames.formats.frame_names import FRAMES, TICKS, since_1970
+from handpose.frames.formats.folder import FRAMES, TICKS, since_1970
 from handpose.frames.raw import RATE, calibration_of, check_values
 from handpose.frames.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
 from netlib import files
