@@ -108,9 +108,6 @@ def test_a_damaged_first_frame(copy: Path, image: np.ndarray | None, reported: s
     ("name", "reported"),
     [
         ("train/joint_data.mat", "NYU hand pose data set; use the command prepare_nyu"),
-        ("P0/1/joint.txt", "MSRA15"),
-        ("test_groundtruth_uvd.txt", "only text files"),
-        ("Training.tar.gz", "not unpacked"),
         ("Depth/a.png", "is itself a split; give the folder above it, which holds Training and Testing"),
     ],
 )

@@ -42,14 +42,6 @@ def test_the_rate_is_assumed_and_said(folder: Path) -> None:
     assert recording.remarks[-1].startswith("rate unknown: 30 frames per second assumed")
 
 
-def test_times_in_names(tmp_path: Path) -> None:
-    for stamp in (1616799936125, 1616799936175):
-        put(tmp_path / f"{stamp}.png", hand_sized())
-    recording = open_folder(tmp_path, replace(GIVEN, rate=None))
-    assert [frame.time for frame in recording] == [0, 0.05]
-    assert recording.rate is None and "in ms since 1970" in recording.remarks[0]
-
-
 def test_a_given_unit_of_the_times(tmp_path: Path) -> None:
     """Times that show no unit are numbers of frames, unless their unit is given, here or in camera.json."""
     for stamp in (5000, 5100, 5200):
@@ -235,10 +227,6 @@ def test_what_names_tell(names: list[str], times: tuple[int, ...], ticks: int, i
 def test_a_given_unit(names: list[str], unit: str, times: tuple[int, ...], ticks: int) -> None:
     found = in_order(names, "here", unit)
     assert (found.times, found.ticks) == (times, ticks)
-
-
-def test_natural_order() -> None:
-    assert in_order(["10.png", "9.png", "08.png"], "here").names == ("08.png", "9.png", "10.png")
 
 
 @bad_inputs(DataError, {
