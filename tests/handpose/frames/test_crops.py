@@ -102,13 +102,6 @@ def test_crops_together(seed: int) -> None:
     np.testing.assert_array_equal(together, [crop(depth, center, 300.0, camera, 64) for center in centers])
 
 
-def test_outside_the_image_is_background() -> None:
-    """For a centre at the image's corner, three quarters of the crop are background."""
-    made = crop(np.full((480, 640), 800, np.uint16), (0, 0, 800), 300)
-    assert (made[:63] == 1).all() and (made[:, :63] == 1).all()
-    assert (made[66:, 66:126] == 0).all()
-
-
 def test_window_is_square_in_space() -> None:
     """With a smaller fy the aspect is kept: the shorter side is padded equally on both ends."""
     wide = Camera("wide", 600.0, 300.0, 320.0, 240.0, 640, 480)

@@ -65,16 +65,6 @@ def test_to_the_last_value(
 
 
 @pytest.mark.parametrize("name", ["take", "take.npz"])
-@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
-def test_what_was_done_is_kept(tmp_path: Path, name: str, error: type[BaseException]) -> None:
-    with pytest.raises(error), RecordingWriter(tmp_path / name, SMALL, 1.0) as writer:
-        for frame in frames(2):
-            writer.write(frame)
-        raise error
-    assert len(list(open_recording(tmp_path / name))) == 2
-
-
-@pytest.mark.parametrize("name", ["take", "take.npz"])
 @bad_inputs(DataError, {
     "too far": (DepthFrame(9, 1.0, np.full((3, 4), 70000, np.float32)),
                 "...: frame 9: depth from 70000 to 70000 mm does not fit into 16 bits of 1 mm; expected 0 to ..."),

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from handpose.output.drawing import hands, sheets, strokes
-from handpose.output.drawing.sheets import PAGES, ContactSheet
+from handpose.output.drawing.sheets import PAGES, PLACES, ContactSheet
 from handpose.output.drawing.strokes import Image
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
@@ -22,36 +22,37 @@ def picture(value: int = 0) -> Image:
     return np.full((3, 4, 3), value % 256, np.uint8)
 
 
-@given(frames=st.integers(1, 2000), columns=st.integers(1, 4), rows=st.integers(1, 4))
-def test_moments_evenly_apart(frames: int, columns: int, rows: int) -> None:
+@given(frames=st.integers(1, 2000))
+def test_moments_evenly_apart(frames: int) -> None:
     """Moments span the whole sequence for any number of frames; few pictures are kept, and few are drawn."""
-    sheet, drawn = ContactSheet(columns, rows), []
+    sheet, drawn = ContactSheet(), []
     for n in range(frames):
         sheet.add(n, lambda n=n: drawn.append(n) or picture(n))
-        assert len(sheet._kept) <= PAGES * columns * rows
+        assert len(sheet._kept) <= PAGES * PLACES
     times = sheet.times()
-    assert len(times) == min(frames, columns * rows) and times[0] == 0
+    assert len(times) == min(frames, PLACES) and times[0] == 0
     gaps = np.diff(times)
     if len(gaps):
         assert gaps.min() >= 1 and gaps.max() <= 2 * gaps.min()
         assert frames - times[-1] <= gaps.max() + 1
-    assert len(drawn) <= PAGES * columns * rows * (1 + np.log2(max(frames, 2)) / 2)
+    assert len(drawn) <= PAGES * PLACES * (1 + np.log2(max(frames, 2)) / 2)
 
 
 def test_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
     received = {}
     monkeypatch.setattr(sheets.strokes, "sheet", lambda *given: received.update(given=given))
-    sheet = ContactSheet(2, 2, width=100)
+    sheet = ContactSheet()
     for n in range(3):
-        sheet.add(n / 30, lambda n=n: np.full((150, 200, 3), n, np.uint8))
+        sheet.add(n / 30, lambda n=n: np.full((300, 960, 3), n, np.uint8))
     sheet.page()
     images, columns, titles = received["given"]
-    assert [image.shape for image in images] == [(75, 100, 3)] * 3 and [image[0, 0, 0] for image in images] == [0, 1, 2]
-    assert columns == 2 and titles == ["0.00 s", "0.03 s", "0.07 s"]
+    assert [image.shape for image in images] == [(150, 480, 3)] * 3
+    assert [image[0, 0, 0] for image in images] == [0, 1, 2]
+    assert columns == 4 and titles == ["0.00 s", "0.03 s", "0.07 s"]
 
 
 def test_a_page_can_be_drawn() -> None:
-    sheet = ContactSheet(2, 2)
+    sheet = ContactSheet()
     sheet.add(0.0, picture)
     assert sheet.page().shape == (3 + 22 + 16, 4 + 16, 3)
 
