@@ -50,9 +50,9 @@ class _Shown:
     """The gestures of the first role of a recording, each with the time at which its fingers come to rest."""
 
     def __init__(self, recording: SyntheticRecording) -> None:
-        stage, role = recording.stage, recording.script.roles[0]
+        stage = recording.stage
         self._movement: Movement = stage.movements[0]
-        fingers = {name: fingers_of(name, stage.people[role.person], stage.sampler) for name in GESTURES}
+        fingers = {name: fingers_of(name, stage.person, stage.sampler) for name in GESTURES}
         keys = self._movement.fingers.keys
         self._names = [next((name for name, own in fingers.items() if np.array_equal(own, key)), "") for key in keys]
 
