@@ -192,7 +192,7 @@ def test_cameras_for_frames_of_several_sizes() -> None:
 @pytest.mark.parametrize(("name", "value", "unit"), [
     ("depth_scale", 0.00025, 0.25), ("depth_scale", 1000.0, 1.0), ("png_depth_scale", 5000, 0.2),
     ("depth_scale", 0.1, 0.1), ("DepthMapFactor", 5000.0, 0.2), ("unit", "m", 1000.0),
-    ("units", 0.1, 0.1),
+    ("units", 0.1, 0.1), ("depth_units", 0.000125, 0.125), ("depth_unit", "cm", 10.0), ("unit", "Meters", 1000.0),
 ])
 def test_units(name: str, value: Any, unit: float) -> None:
     """A scale of metres, of mm, or the number of values per metre; a word."""

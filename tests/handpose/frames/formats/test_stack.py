@@ -87,11 +87,6 @@ def test_every_word_of_a_camera_json(tmp_path: Path) -> None:
     assert all(name in found.warnings[0].partition(" are not used")[0] for name in ("'name'", "'model'", "'width'"))
 
 
-def test_camera_json_beside(tmp_path: Path) -> None:
-    camera_file.write(tmp_path / "take.camera.json", GIVEN)
-    assert open_stack(save(tmp_path / "take.npy")).unit_mm == 0.5
-
-
 @pytest.mark.parametrize("suffix", [".npy", ".npz"])
 def test_one_image(tmp_path: Path, suffix: str) -> None:
     for time in ({}, {} if suffix == ".npy" else {"time": TIMES[:1]}):
@@ -166,9 +161,7 @@ def test_what_is_no_stack(tmp_path: Path, given: Callable[[Path], Path], rejecte
 
 @bad_inputs(DataError, {
     name: (others, f"...take.npz: {line}") for name, others, line in (
-        ("a time before", {"time": [0.0, 2.0, 1.0]}, "time[2] is 1; expected finite times, each after ..."),
         ("no time", {"time": [0.0, 1.0, np.nan]}, "time[2] is nan; expected finite times, each after the one before"),
-        ("two times", {"time": [0.0, 1.0]}, "time is float64 (2,), expected (3,): a time for each frame"),
         ("fx alone", {"fx": 60.0}, "has fx, but not fy and u0 and v0"),
         ("two units", {"unit_mm": [1.0, 2.0]}, "unit_mm is [1.0, 2.0]; expected a number more than 1e-06 and ..."),
         ("a text as rate", {"rate": "fast"}, 'rate is "fast"; expected a number more than 1e-06 and at most 10000'),
@@ -301,16 +294,6 @@ def test_four_arrays(tmp_path: Path, cx: str, cy: str) -> None:
     """They have precedence over a matrix, which may be of another camera."""
     recording = opened(tmp_path, UNKNOWN, fx=60, fy=61, **{cx: 31.5, cy: 23.5}, K=2 * MATRIX, unit_mm=1)
     assert recording.camera == CAMERA and "array 'K' is not used" in recording.warnings[0]
-
-
-@pytest.mark.parametrize(("name", "value", "mm"), [
-    ("depth_scale", 0.001, 1.0), ("depth_units", 0.000125, 0.125), ("unit_mm", 0.25, 0.25), ("unit", "mm", 1.0),
-    ("units", "m", 1000.0), ("depth_unit", "cm", 10.0), ("unit", "Meters", 1000.0), ("unit", 0.5, 0.5),
-])
-def test_units_of_depth(tmp_path: Path, name: str, value: Any, mm: float) -> None:
-    recording = opened(tmp_path, CameraInfo(CAMERA), **{name: value})
-    assert recording.unit_mm == pytest.approx(mm)
-    assert recording.remarks[0] == f"unit from {name!r}" and recording.warnings == ()
 
 
 def test_a_unit_of_something_else(tmp_path: Path) -> None:

@@ -19,8 +19,9 @@ from handpose.output.hand_page.assembly import page
 from handpose.output.hand_page.content import body, content, hand
 from layers.hand import skeleton as skeletons
 from layers.hand.kinematics import Kinematics
-from tests.handpose.output.hand_page.conftest import ARM, skeleton_of
+from tests.handpose.output.hand_page.conftest import ARM
 from tests.support.chromium_tabs import picture
+from tests.support.made_tracks import skeleton_of
 
 Visit = Callable[..., Any]
 HAND = skeletons.load()
