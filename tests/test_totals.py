@@ -30,19 +30,19 @@ ROOMS = {
     "experiments": Size(1950, 1179, 31.6),
     "export": Size(1335, 823, 29.6),
     "fast": Size(5207, 3169, 35.6),
-    "handpose": Size(20165, 11619, 34.3),
+    "handpose": Size(19863, 11408, 34.4),
     "layers": Size(7477, 4272, 38.7),
     "netlib": Size(9632, 5619, 32.8),
     "setup.py": Size(40, 16, 40.0),
-    "tests": Size(47391, 26809, 27.0),
+    "tests": Size(46752, 26522, 26.7),
     "tests/support": Size(1483, 813, 28.2),  # a part of the row above
-    "tools": Size(5341, 3314, 29.4),
+    "tools": Size(5338, 3312, 29.4),
 }
 LINES = {  # of files that are not Python, by their patterns
     ("prototxt/*.prototxt", "models/*.prototxt"): 3766,
     ("*.js", "*.css", "*.html"): 2842,
 }
-WORDS = 68615  # of all documents
+WORDS = 68588  # of all documents
 
 
 def tracked(*patterns: str) -> list[Path]:

@@ -11,8 +11,8 @@ import pytest
 from handpose.frames.cameras import Camera
 from handpose.frames.places import CUBE_MM, SIZE
 from handpose.synthetic import places, scenes
+from handpose.synthetic.files import generate
 from handpose.synthetic.generator import BLOCK
-from handpose.synthetic.many import generate
 from handpose.synthetic.places import BEYOND_MM, PER_SCENE, UNKNOWN, WITHIN_MM, PlaceGenerator, PlaceRows
 from handpose.synthetic.recipes import any_roll
 
