@@ -30,19 +30,19 @@ ROOMS = {
     "experiments": Size(1950, 1179, 31.6),
     "export": Size(1340, 823, 29.3),
     "fast": Size(5241, 3188, 35.5),
-    "handpose": Size(19873, 11414, 34.4),
+    "handpose": Size(19863, 11408, 34.4),
     "layers": Size(7511, 4295, 38.6),
     "netlib": Size(9939, 5749, 32.4),
     "setup.py": Size(40, 16, 40.0),
-    "tests": Size(50978, 28621, 27.4),
+    "tests": Size(50929, 28596, 27.4),
     "tests/support": Size(1490, 817, 28.3),  # a part of the row above
-    "tools": Size(5358, 3321, 29.4),
+    "tools": Size(5357, 3321, 29.4),
 }
 LINES = {  # of files that are not Python, by their patterns
     ("prototxt/*.prototxt", "models/*.prototxt"): 3766,
     ("*.js", "*.css", "*.html"): 2842,
 }
-WORDS = 84635  # of all documents
+WORDS = 84634  # of all documents
 
 
 def tracked(*patterns: str) -> list[Path]:
