@@ -42,7 +42,7 @@ LINES = {  # of files that are not Python, by their patterns
     ("prototxt/*.prototxt", "models/*.prototxt"): 3766,
     ("*.js", "*.css", "*.html"): 2842,
 }
-WORDS = 68618  # of all documents
+WORDS = 68637  # of all documents
 
 
 def tracked(*patterns: str) -> list[Path]:
