@@ -15,7 +15,8 @@ from netlib.training import solver_parameter
 pytestmark = pytest.mark.both_engines
 
 PROTOTXT = Path(__file__).resolve().parents[1] / "prototxt"
-LEARNED = {"Convolution": "convolution_param", "InnerProduct": "inner_product_param"}
+LEARNED = {"Convolution": "convolution_param", "Deconvolution": "convolution_param",
+           "InnerProduct": "inner_product_param"}
 
 
 def learned(net: str, phase: Phase) -> dict[str, str]:
@@ -37,11 +38,12 @@ def test_weights_fit_the_net_that_predicts(net: str) -> None:
     assert wanted.items() <= learned(net, "TRAIN").items()
 
 
-def test_the_locator_that_is_trained_is_the_one_that_looks() -> None:
-    """The packaged locator has the same layers with weights as its training net."""
-    wanted = learned("../models/hand_locator/deploy.prototxt", "TEST")
-    assert len(wanted) == 6
-    assert learned("locator_train_test.prototxt", "TEST") == learned("locator_train_test.prototxt", "TRAIN") == wanted
+@pytest.mark.parametrize(("name", "layers"), [("locator", 6), ("finder", 22)])
+def test_the_net_that_is_trained_is_the_one_that_looks(name: str, layers: int) -> None:
+    """The packaged net has the same layers with weights as its training net."""
+    wanted = learned(f"../models/hand_{name}/deploy.prototxt", "TEST")
+    assert len(wanted) == layers
+    assert learned(f"{name}_train_test.prototxt", "TEST") == learned(f"{name}_train_test.prototxt", "TRAIN") == wanted
 
 
 PAPER = """

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.body.sides import SoughtSide
+from handpose.estimate.finder import Finder
 from handpose.estimate.hand import MIN_CONFIDENCE
 from handpose.estimate.locator import Locator
 from handpose.estimate.nets import Unfilled, best_fit, cube_of, hand_layer, trained
@@ -36,6 +37,7 @@ from netlib.snapshots import snapshot
 SYNTHETIC_HAND = ROOT / "models" / "synthetic_hand"
 PAPER_HAND = ROOT / "models" / "paper_hand"  # the paper's network, for the book
 HAND_LOCATOR = ROOT / "models" / "hand_locator"
+HAND_FINDER = ROOT / "models" / "hand_finder"
 KEYS = ("name", "caffemodel", "license", "sha256", "net_sha256")
 
 
@@ -100,6 +102,12 @@ def load_locator(folder: Path = HAND_LOCATOR, *, engine: str | None = None) -> L
     """The packaged locator. Raises NetlibError."""
     card = read_card(folder)
     return Locator(trained(checked_net(card), checked_content(card), engine))
+
+
+def load_finder(folder: Path = HAND_FINDER, *, engine: str | None = None) -> Finder:
+    """The packaged finder. Raises NetlibError."""
+    card = read_card(folder)
+    return Finder(trained(checked_net(card), checked_content(card), engine))
 
 
 def load_predictor(

@@ -7,8 +7,8 @@ the number of the next block, so a resumed training sees the same scenes as one 
 
 top[0]  frame  (BLOCK, 4, H, W)        ``channels_of``
 top[1]  class  (BLOCK, 1, H/2, W/2)    OTHER, HAND, PERSON, or UNKNOWN
-top[2]  heat   (BLOCK, 1, H/4, W/4)    1 at a palm's middle, less around it, or UNKNOWN
-top[3]  vote   (BLOCK, 3, H/4, W/4)    from the pixel's surface to the palm's middle, in VOTE_MM; 0 elsewhere
+top[2]  heat   (BLOCK, 1, H/4, W/4)    1 at a hand's middle, less around it, or UNKNOWN
+top[3]  vote   (BLOCK, 3, H/4, W/4)    from the pixel's surface to the hand's middle, in VOTE_MM; 0 elsewhere
 top[4]  own    (BLOCK, 3, H/4, W/4)    1 at the pixels that vote, else 0
 top[5]  right  (BLOCK, 1, H/4, W/4)    1 for a right hand, 0 for a left one, UNKNOWN elsewhere
 """
@@ -19,17 +19,15 @@ from typing import Any
 
 import numpy as np
 
-from handpose.body.render import Floats
-from handpose.synthetic.whole_scenes import BLOCK, FOCAL_PX, HEIGHT, WIDTH, SceneGenerator, Scenes
+from handpose.estimate.finder import FOCAL_PX, VOTE_MM, channels_of
+from handpose.synthetic.whole_scenes import BLOCK, HEIGHT, WIDTH, SceneGenerator, Scenes
 from netlib import TEST, Layer
 from netlib.blob import Array, Blobs
 
 UNKNOWN = -1
 TEST_BLOCKS = 16
-VOTE_MM = 100.0
 LONGEST_VOTE = 2.5  # a farther surface is an error of the sensor
-PALM_MM = 22.0  # deviation of the heat around a palm
-BEYOND_MM, MIDDLE_MM = 4000.0, 600.0
+WIDE_MM = 22.0  # deviation of the heat around a hand's middle
 
 
 class FinderScenes(Layer):
@@ -68,26 +66,6 @@ class FinderScenes(Layer):
         self.number = int(state.get("number", 0))
 
 
-def channels_of(depth: Floats, focal: float = FOCAL_PX) -> Floats:
-    """Frames (N, H, W) in mm as the net's input (N, 4, H, W): read or not, logarithm of depth, slopes across and down.
-
-    A slope is the sine of the surface's angle to the image plane; 0 if a neighbouring pixel has no reading.
-    """
-    read = (depth > 0) & (depth < BEYOND_MM)
-    z = np.where(read, depth, np.float32(MIDDLE_MM))
-    out = np.zeros((len(depth), 4, *depth.shape[1:]), np.float32)
-    out[:, 0] = read
-    out[:, 1] = np.clip(np.log(z / MIDDLE_MM), -1.5, 1.5)
-    for channel, axis in ((2, 2), (3, 1)):
-        before, at, after = ([slice(None)] * 3 for _ in range(3))
-        before[axis], at[axis], after[axis] = slice(None, -2), slice(1, -1), slice(2, None)
-        first, here, last = tuple(before), tuple(at), tuple(after)
-        slope = (z[last] - z[first]) * (0.5 * focal) / z[here]
-        slope /= np.sqrt(1 + slope * slope)
-        out[:, channel][here] = slope * (read[first] & read[here] & read[last])
-    return out
-
-
 def targets_of(scenes: Scenes) -> tuple[Array, Array, Array, Array, Array]:
     """The class, heat, vote, own and right of the layer's tops."""
     half = scenes.depth[:, ::2, ::2] > 0
@@ -96,14 +74,14 @@ def targets_of(scenes: Scenes) -> tuple[Array, Array, Array, Array, Array]:
     row, column = np.indices(depth.shape[1:])
     heat = np.zeros(depth.shape)
     for k in range(2):
-        u, v = (np.round(scenes.palm_px[:, k, axis, None, None] / 4) for axis in (0, 1))
-        wide = np.clip(FOCAL_PX * PALM_MM / np.maximum(scenes.palm[:, k, 2], 100) / 4, 0.7, 4)[:, None, None]
+        u, v = (np.round(scenes.middle_px[:, k, axis, None, None] / 4) for axis in (0, 1))
+        wide = np.clip(FOCAL_PX * WIDE_MM / np.maximum(scenes.middle[:, k, 2], 100) / 4, 0.7, 4)[:, None, None]
         near = np.exp(-((column - u) ** 2 + (row - v) ** 2) / (2 * wide**2))
         heat = np.where(scenes.present[:, k, None, None], np.maximum(heat, near), heat)
         heat = np.where(scenes.doubtful[:, k, None, None] & (near > 0.05), UNKNOWN, heat)
     points = np.concatenate([scenes.slopes[:, ::4, ::4], np.ones((*depth.shape, 1))], axis=-1) * depth[..., None]
     frame, hand = np.arange(len(depth))[:, None, None], np.maximum(which - 1, 0)
-    vote = (scenes.palm[frame, hand] - points) / VOTE_MM
+    vote = (scenes.middle[frame, hand] - points) / VOTE_MM
     own = (which > 0) & (depth > 0) & (np.linalg.norm(vote, axis=-1) < LONGEST_VOTE)
     right = np.where(own, scenes.side[frame, hand] > 0, UNKNOWN)
     every = np.repeat(own[:, None], 3, axis=1)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.body.render import Capsules, Floats, in_front, render
+from handpose.estimate.finder import FOCAL_PX
 from handpose.synthetic import prior_file
 from handpose.synthetic.frame_errors import measure
 from handpose.synthetic.generator import Split, check_source, numbers_of
@@ -24,7 +25,7 @@ from handpose.synthetic.surface_prior import SurfacePrior, draw_capsules
 from netlib.blob import Array
 
 OTHER, HAND, PERSON = 0, 1, 2  # classes of pixels
-HEIGHT, WIDTH, FOCAL_PX = 128, 160, 160.0
+HEIGHT, WIDTH = 128, 160
 BLOCK = 16  # scenes that share a random generator
 STREAM = 2  # apart from the random numbers of hands and of places
 
@@ -52,8 +53,8 @@ class Scenes(NamedTuple):
     depth      (N, HEIGHT, WIDTH) mm, 0 where nothing was read
     classes    (N, HEIGHT, WIDTH) OTHER, HAND or PERSON
     which      (N, HEIGHT, WIDTH) 1 or 2 at the pixels of the first or second hand, else 0
-    palm       (N, 2, 3) mm, the middle of each hand's palm
-    palm_px    (N, 2, 2) its column and row
+    middle     (N, 2, 3) mm, the mean of each hand's joints without the wrist
+    middle_px  (N, 2, 2) its column and row
     side       (N, 2) 1 for a right hand, -1 for a left one
     present    (N, 2) whether the hand is to be found
     doubtful   (N, 2)
@@ -63,8 +64,8 @@ class Scenes(NamedTuple):
     depth: Floats
     classes: NDArray[np.int8]
     which: NDArray[np.int8]
-    palm: Array
-    palm_px: Array
+    middle: Array
+    middle_px: Array
     side: Array
     present: NDArray[np.bool_]
     doubtful: NDArray[np.bool_]
@@ -106,6 +107,7 @@ class Hands(NamedTuple):
     across: Array  # along the row of knuckles
     distal: Array  # from the wrist to the knuckles
     tips: Array  # (N, 4, 3)
+    middle: Array  # of the joints without the wrist
     scale: Array  # (N,)
     side: Array  # (N,)
 
@@ -117,7 +119,7 @@ class Hands(NamedTuple):
         own = self.own._replace(a=turned(self.own.a), b=turned(self.own.b)).moved(place)
         directions = {name: turned(getattr(self, name)) for name in ("palmar", "across", "distal")}
         return self._replace(own=own, wrist=turned(self.wrist) + place, elbow=turned(self.elbow) + place,
-                             tips=turned(self.tips) + place[:, None], **directions)
+                             tips=turned(self.tips) + place[:, None], middle=turned(self.middle) + place, **directions)
 
 
 class View(NamedTuple):
@@ -196,11 +198,12 @@ def draw_scenes(rng: np.random.Generator, sampler: BodySampler, count: int) -> t
     is_hand = np.isfinite(hand) & (hand <= depth + TOLERANCE_MM)
     is_person = np.isfinite(depth) & (people <= depth)
     x, y = rays
+    middles = np.stack([first.middle, second.middle], axis=1)
     scenes = Scenes(
         depth=depth,
         classes=np.select([is_hand, is_person], [HAND, PERSON], OTHER).astype(np.int8),
         which=np.where(is_hand, np.where(hands[1] < hands[0], 2, 1), 0).astype(np.int8),
-        palm=palms, palm_px=view.pixels(palms), side=np.stack([first.side, second.side], axis=1),
+        middle=middles, middle_px=view.pixels(middles), side=np.stack([first.side, second.side], axis=1),
         present=shown & np.stack([_mostly_seen(one, is_hand & (one == hand)) for one in hands], axis=1),
         doubtful=shown,
         slopes=np.stack(np.broadcast_arrays(x[:, None, :], -y[:, :, None]), axis=-1),
@@ -229,7 +232,7 @@ def _draw_hands(rng: np.random.Generator, sampler: BodySampler, side: Array) -> 
     return Hands(whole.chosen(~surface.limbs), whole.a[:, limb], whole.b[:, limb],
                  np.stack([whole.radius_a[:, limb], whole.radius_b[:, limb]], axis=1), palmar, _unit(index - little),
                  _unit(middle - wrist), joints[:, [row[f"{f}_tip"] for f in ("index", "middle", "ring", "little")]],
-                 bodies.scale, side)
+                 joints[:, [not name.startswith("wrist") for name in row]].mean(1), bodies.scale, side)
 
 
 def _people(
@@ -542,8 +545,8 @@ def _mostly_seen(whole: Floats, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 def _judged(scenes: Scenes) -> Scenes:
     """The scenes with those hands present that are read well enough too, and the others doubtful."""
-    u, v = np.moveaxis(scenes.palm_px, -1, 0)
-    z = scenes.palm[..., 2]
+    u, v = np.moveaxis(scenes.middle_px, -1, 0)
+    z = scenes.middle[..., 2]
     inside = (u > 1) & (u < WIDTH - 2) & (v > 1) & (v < HEIGHT - 2)
     seen, read = (np.stack([(part == hand).sum((1, 2)) for hand in (1, 2)], axis=1)
                   for part in (scenes.which, np.where(scenes.depth > 0, scenes.which, 0)))

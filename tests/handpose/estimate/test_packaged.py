@@ -20,6 +20,7 @@ from handpose.estimate.packaged import (
     HAND_LOCATOR,
     SYNTHETIC_HAND,
     checked_weights,
+    load_finder,
     load_locator,
     load_predictor,
     read_card,
@@ -60,7 +61,7 @@ def test_the_packaged_locator() -> None:
     assert not ignored and not missing
 
 
-@pytest.mark.parametrize("load", [load_predictor, load_locator])
+@pytest.mark.parametrize("load", [load_predictor, load_locator, load_finder])
 def test_weights_are_read_once(
     monkeypatch: pytest.MonkeyPatch, forget_weights: Callable[[], None], load: Callable[[], object]
 ) -> None:

@@ -28,11 +28,11 @@ def test_the_labels_agree_with_each_other(scenes: Scenes) -> None:
     np.testing.assert_array_equal(scenes.classes == HAND, scenes.which > 0)
     assert not (scenes.present & scenes.doubtful).any() and scenes.present.sum() > 8
     for n, k in np.argwhere(scenes.present):
-        column, row = scenes.palm_px[n, k]
+        column, row = scenes.middle_px[n, k]
         assert 0 < column < WIDTH and 0 < row < HEIGHT
         pixels = (scenes.which[n] == k + 1) & (scenes.depth[n] > 0)
         points = np.concatenate([scenes.slopes[n], np.ones((HEIGHT, WIDTH, 1))], axis=-1) * scenes.depth[n][..., None]
-        apart = np.linalg.norm(points[pixels] - scenes.palm[n, k], axis=1)
+        apart = np.linalg.norm(points[pixels] - scenes.middle[n, k], axis=1)
         assert np.median(apart) < 130
 
 

@@ -1,0 +1,214 @@
+"""Recall of the finder of hands, at numbers of false hands a frame, and whether their sides are right.
+
+    python -m experiments finder snapshots/finder_iter_75000.caffemodel.h5
+    python -m experiments finder WEIGHTS --recording take left=take_left.npy right=take_right.npy --part odd
+
+Synthetic scenes are those of the training's generator with other random numbers ("test"), and those of another
+generator, handpose.synthetic.scenes, with other cameras and distances, half of them mirrored ("other"). Labels of a
+recording are joints (frames, ..., 3) in mm, x right, y down, z away, NaN where there is none; the middle of a hand's
+joints is its place. A hand is found within 80 mm of it; each further answer is false. "side" is the share of the hands
+found whose side is right or unknown, with the threshold at one false hand a frame; "unknown" those without an answer.
+
+--part chooses the frames with even or odd numbers, so that choices are made on one half and reported on the other.
+"""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import io
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from handpose.body.sides import SIDES, Side, side_of
+from handpose.estimate.finder import Finder, FoundHand
+from handpose.estimate.nets import trained
+from handpose.frames.cameras import KINECT2, NYU, SR305, Camera
+from handpose.frames.opening import open_recording
+from handpose.synthetic.prior_file import RangeParameter
+from handpose.synthetic.scenes import draw_scenes, prior_of
+from handpose.synthetic.sensor import sensor_of
+from handpose.synthetic.whole_scenes import BLOCK, HEIGHT, WIDTH, SceneGenerator
+from netlib import files
+from netlib.blob import Array
+from netlib.errors import DataError
+from netlib.files.paths import ROOT
+from tools.common.arguments import add_engine, count, seed
+from tools.common.console import DONE, aligned
+
+DEPLOY = ROOT / "models" / "hand_finder" / "deploy.prototxt"
+WITHIN_MM = 80.0
+RATES = (0.5, 1.0, 2.0)  # false hands a frame
+LOWEST, MOST = 0.01, 12  # presence and number of the answers that are counted
+MADE = (NYU, KINECT2, SR305)
+
+
+class Labelled(NamedTuple):
+    """A frame with its hands; those that may be found or not are ``doubtful``."""
+
+    depth: Array
+    camera: Camera
+    hands: list[tuple[Array, Side]]
+    doubtful: Sequence[Array] = ()
+
+
+class Answer(NamedTuple):
+    """One found hand of a frame: of a labelled hand, or false."""
+
+    presence: float
+    true: bool
+    side: Side | None = None
+    right_side: bool = False
+    off_mm: float = 0.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    parser.add_argument("weights", metavar="WEIGHTS", help="weights of the finder, *.caffemodel.h5")
+    parser.add_argument("--model", metavar="NET", default=str(DEPLOY), help="default: models/hand_finder")
+    parser.add_argument("--scenes", type=count, default=160, metavar="N", help="of each kind (default: %(default)s)")
+    parser.add_argument("--seed", type=seed, default=1000, metavar="N", help="of the scenes (default: %(default)s)")
+    parser.add_argument("--recording", nargs="+", action="append", default=[], metavar=("SOURCE", "SIDE=LABELS.npy"),
+                        help="frames, and the joints of their hands; may be given several times")
+    parser.add_argument("--part", choices=("all", "even", "odd"), default="all", help="frames (default: all)")
+    add_engine(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure the finder. Raises NetlibError."""
+    finder = Finder(trained(args.model, args.weights, args.engine))
+    sources: dict[str, Callable[[], Iterator[Labelled]]] = {
+        "test": functools.partial(drawn_scenes, args.seed, args.scenes),
+        "other": functools.partial(other_scenes, args.seed, args.scenes)}
+    for source, *labels in args.recording:
+        sources[Path(source).name] = functools.partial(recorded, source, labels_of(labels), args.part)
+    rows = [["frames of", "count", "hands", *(f"recall at {rate:g}" for rate in RATES), "side", "unknown", "mm",
+             "CPU ms"]]
+    for name, frames in sources.items():
+        rows.append([name, *cells_of(finder, frames())])
+    print(aligned(rows))
+    return DONE
+
+
+def cells_of(finder: Finder, frames: Iterator[Labelled]) -> list[str]:
+    """Figures of the frames. Raises NetlibError."""
+    answers: list[Answer] = []
+    total, number, seconds = 0, 0, 0.0
+    for frame in frames:
+        begun = time.process_time()
+        found = finder.hands(frame.depth, frame.camera, LOWEST, MOST)
+        seconds += time.process_time() - begun
+        answers += judged(found, frame)
+        total += len(frame.hands)
+        number += 1
+    if not number:
+        return ["0"]
+    recalls, threshold = recalls_of(answers, total, number)
+    kept = [one for one in answers if one.true and one.presence >= threshold]
+    sides = [one.right_side or one.side is None for one in kept]
+    unknown = [one.side is None for one in kept]
+    shares = [f"{np.mean(part):.0%}" if part else "" for part in (sides, unknown)]
+    off = f"{np.median([one.off_mm for one in kept]):.0f}" if kept else ""
+    return [str(number), str(total), *(f"{part:.0%}" for part in recalls), *shares, off,
+            f"{1000 * seconds / number:.0f}"]
+
+
+def judged(found: Sequence[FoundHand], frame: Labelled) -> list[Answer]:
+    """The answers of a frame; of several near one labelled hand, the most certain one is true. Doubtful ones go."""
+    left, answers = list(frame.hands), []
+    for hand in found:
+        off = [float(np.linalg.norm(hand.middle - place)) for place, _ in left]
+        if off and min(off) < WITHIN_MM:
+            _, side = left.pop(int(np.argmin(off)))
+            answers.append(Answer(hand.presence, True, hand.side, hand.side == side, min(off)))
+        elif not any(np.linalg.norm(hand.middle - place) < WITHIN_MM for place in frame.doubtful):
+            answers.append(Answer(hand.presence, False))
+    return answers
+
+
+def recalls_of(answers: Sequence[Answer], total: int, frames: int) -> tuple[list[float], float]:
+    """Recall at each of ``RATES``, and the least presence of the answers that count at the second."""
+    order = sorted(answers, key=lambda one: -one.presence)
+    false = np.cumsum([not one.true for one in order])
+    true = np.cumsum([one.true for one in order])
+    recalls, threshold = [], 0.0
+    for n, rate in enumerate(RATES):
+        last = int(np.searchsorted(false, rate * frames, side="right")) - 1  # the last with no more false ones
+        recalls.append(float(true[last]) / max(total, 1) if last >= 0 else 0.0)
+        if n == 1:
+            threshold = order[last].presence if last >= 0 else 2.0
+    return recalls, threshold
+
+
+# ---------------------------------------------------------------------------------------------- labelled frames
+
+
+def drawn_scenes(number: int, scenes: int) -> Iterator[Labelled]:
+    """Scenes of the training's generator that no training saw."""
+    generator = SceneGenerator(number, "test")
+    for block in range(-(-scenes // BLOCK)):
+        drawn = generator.block(block)
+        for n in range(min(BLOCK, scenes - block * BLOCK)):
+            x, y = drawn.slopes[n, 0, :, 0].astype(float), drawn.slopes[n, :, 0, 1].astype(float)
+            focal = (WIDTH - 1) / (x[-1] - x[0])
+            camera = Camera("scene", focal, focal, -x[0] * focal, y[0] * focal, WIDTH, HEIGHT, 60.0)
+            sides: list[Side] = ["right" if side > 0 else "left" for side in drawn.side[n]]
+            hands = [(drawn.middle[n, k], sides[k]) for k in np.flatnonzero(drawn.present[n])]
+            yield Labelled(drawn.depth[n], camera, hands, [*drawn.middle[n, drawn.doubtful[n]]])
+
+
+def other_scenes(number: int, scenes: int) -> Iterator[Labelled]:
+    """Scenes of another generator, with one hand each."""
+    rng = np.random.default_rng(number)
+    for n in range(scenes):
+        camera = MADE[n % len(MADE)]
+        drawn = draw_scenes(rng, 1, camera, sensor_of(camera), prior_of(RangeParameter(400.0, 1200.0)), first=n // 2)
+        depth, place = drawn.depth[0], drawn.joints[0].mean(0)
+        if n % 2:
+            mirrored = Camera(camera.name, camera.fx, camera.fy, camera.width - 1 - camera.u0, camera.v0, camera.width,
+                              camera.height)
+            yield Labelled(depth[:, ::-1], mirrored, [(place * (-1, 1, 1), "left")])
+        else:
+            yield Labelled(depth, camera, [(place, "right")])
+
+
+def labels_of(words: Sequence[str]) -> dict[Side, Path]:
+    """The files of labels on the command line, SIDE=FILE. Raises DataError."""
+    found: dict[Side, Path] = {}
+    for word in words:
+        side, _, name = word.partition("=")
+        if side not in SIDES or not name:
+            raise DataError(f"--recording: {word!r}, expected left=LABELS.npy or right=LABELS.npy after the frames")
+        found[side_of(side)] = Path(name)
+    return found
+
+
+def recorded(source: str, labels: dict[Side, Path], part: str) -> Iterator[Labelled]:
+    """The frames of a recording, or those with even or odd numbers. Raises NetlibError."""
+    joints = {side: _joints(path) for side, path in labels.items()}
+    with open_recording(source) as recording:
+        for n, frame in enumerate(recording):
+            if part != "all" and (n % 2 == 0) != (part == "even"):
+                continue
+            hands = []
+            for side, values in joints.items():
+                points = values[n].reshape(-1, 3) if n < len(values) else np.empty((0, 3))
+                points = points[np.isfinite(points).all(axis=1)]
+                if len(points):
+                    hands.append((points.mean(0) * (1, -1, 1), side))
+            yield Labelled(frame.depth, recording.camera, hands)
+
+
+def _joints(path: Path) -> Array:
+    """The array (frames, ..., 3) of a file of labels. Raises DataError."""
+    try:
+        values = np.load(io.BytesIO(files.read_bytes(path, "the labels", DataError)), allow_pickle=False)
+    except ValueError:
+        raise DataError(f"{path}: not an array of numbers, expected an .npy of joints (frames, ..., 3)") from None
+    if not isinstance(values, np.ndarray) or values.ndim < 2 or values.shape[-1] != 3 or values.dtype.kind != "f":
+        raise DataError(f"{path}: {getattr(values, 'shape', 'several arrays')}, expected joints (frames, ..., 3) in mm")
+    return values

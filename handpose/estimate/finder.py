@@ -1,0 +1,235 @@
+"""Hands in whole depth frames, also beside bodies, tables and objects: where, which pixels, which side.
+
+A fully convolutional network sees the frame at a focal length of ``FOCAL_PX``. Each pixel on a hand votes for the
+middle of its joints; a found hand is a local maximum of the presence, placed by the votes around it. Pixels of a hand
+belong to the found middle that is nearest to their vote. Where nothing was read there are no votes and no mask.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.body.sides import Side
+from handpose.fit.rounding import PLACE_STEP_MM, rounded
+from handpose.frames.cameras import Camera
+from handpose.frames.images import depth_image
+from netlib.blob import Array
+from netlib.errors import DataError, NetlibError
+from netlib.net import Net
+
+Floats = NDArray[np.float32]
+
+FOCAL_PX = 160.0
+VOTE_MM = 100.0  # unit of the votes
+NEAREST_MM = 100.0  # minimum range of depth cameras
+BEYOND_MM, MIDDLE_MM = 4000.0, 600.0  # farther readings are ignored; depth with logarithm 0
+STRIDE = 32  # heights and widths of the net's input are multiples
+MAX_PIXELS = 1 << 19  # of the net's input; larger frames are seen smaller
+MIN_PRESENCE = 0.25  # 0.1 false hands a frame in scenes of the training's generator, one at a desk
+SURE_SIDE = 0.8
+CHANCE_STEP = 2.0**-10  # to which probabilities are rounded, so that processors agree
+MIN_VOTES = 1e-4  # sum of the weights around a maximum
+APART_MM = 70.0  # middles closer than this are one hand
+REACH_MM = 150.0  # from the middle to the farthest part of a hand
+AWAY_MM = 10_000.0
+AROUND_MM, NEAR_MM = 25.0, 90.0  # what a fit sees beside the mask: as far, and of depths as close to the middle's
+VOTERS_MM = 60.0  # votes that end this close to a middle decide about the side
+OUTPUTS = {"class": (3, 2), "presence": (1, 4), "votes": (3, 4), "right": (1, 4)}  # channels, part of the resolution
+
+
+class FoundHand(NamedTuple):
+    """A hand in a frame.
+
+    presence  from 0 to 1: how sure it is that this is a hand
+    middle    (3,) mm, the mean of its joints without the wrist, camera axes
+    right     probability of a right hand
+    mask      (height, width) the hand's pixels in the frame
+    """
+
+    presence: float
+    middle: Array
+    right: float
+    mask: NDArray[np.bool_]
+
+    @property
+    def side(self) -> Side | None:
+        """The side, or None if it is not clear."""
+        if self.right >= SURE_SIDE:
+            return "right"
+        return "left" if self.right <= 1 - SURE_SIDE else None
+
+    def alone(self, depth: NDArray[np.generic], camera: Camera) -> Floats:
+        """The depth frame (height, width) as if the hand were alone: readings of other things are far away.
+
+        A little of its edge and arm remains, and what is in front of the hand and may hide it.
+        """
+        readings, z = np.asarray(depth, np.float32), float(self.middle[2])
+        reach = 2 * round(AROUND_MM * camera.fx / z) + 1
+        around = cv2.dilate(self.mask.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach)))
+        own = self.mask | ((around > 0) & (np.abs(readings - z) < NEAR_MM)) | (readings < z - REACH_MM)
+        return np.where(own, readings, np.float32(AWAY_MM))
+
+
+class Finder:
+    """A net with the input frame (N, 4, H, W) and the outputs of ``OUTPUTS``. Raises NetlibError."""
+
+    def __init__(self, net: Net) -> None:
+        if "frame" not in net.blobs or net.blobs["frame"].shape[1:2] != (4,):
+            raise NetlibError(f"{net.source}: no blob 'frame' of shape (N, 4, H, W), the input of a finder")
+        height, width = net.blobs["frame"].shape[2:]
+        for name, (channels, part) in OUTPUTS.items():
+            found = net.blobs[name].shape[1:] if name in net.blobs else None
+            if found != (channels, height // part, width // part):
+                raise NetlibError(f"{net.source}: blob {name!r} of shape {found} an item, expected "
+                                  f"{(channels, height // part, width // part)} of a finder")
+        self.net = net
+
+    def hands(
+        self, depth: NDArray[np.generic], camera: Camera, min_presence: float = MIN_PRESENCE, most: int = 4
+    ) -> list[FoundHand]:
+        """The hands in a depth frame (height, width) in mm, 0 where there is no reading, the most certain first.
+
+        Raises DataError for a frame of another size than the camera's, NetlibError for outputs that are not finite.
+        """
+        image = depth_image(depth)
+        if image.shape != (camera.height, camera.width):
+            raise DataError(f"depth image of {image.shape[1]} x {image.shape[0]} px, expected {camera.width} x "
+                            f"{camera.height} px of the camera {camera.name}")
+        image = np.asarray(camera.in_range(image), np.float32)
+        scale = _scale(camera)
+        small = _scaled(image, scale)
+        slopes = _slopes(camera, scale, small.shape)
+        focal = float(camera.fx * scale[0])
+        said = self.net.forward(blobs=["votes", "class"], frame=channels_of(small[None], focal))
+        if not all(np.isfinite(said[name]).all() for name in OUTPUTS):
+            raise NetlibError(f"{self.net.source}: answers that are not finite; check its weights")
+        hand, presence, right = (rounded(said[name][0, n], CHANCE_STEP).astype(np.float32)
+                                 for name, n in (("class", 1), ("presence", 0), ("right", 0)))
+        z = small[::4, ::4].astype(np.float64)
+        z[z >= BEYOND_MM] = 0
+        points = np.concatenate([slopes[::4, ::4], np.ones((*z.shape, 1))], axis=-1) * z[..., None]
+        votes = points + rounded(VOTE_MM * np.moveaxis(said["votes"][0], 0, -1), PLACE_STEP_MM)
+        weight = (z > 0) * np.maximum(hand[::2, ::2], 1e-3)
+        peaks = [(chance, middle) for chance, middle in _peaks(presence, votes, weight, min_presence, most)
+                 if _in_sight(middle, camera)]
+        if not peaks:
+            return []
+        middles = np.stack([middle for _, middle in peaks])
+        apart = np.linalg.norm(votes[:, :, None] - middles, axis=-1)  # of the votes of pixels from middles
+        owner, near = apart.argmin(-1), apart.min(-1) < VOTERS_MM
+        masks = _masks(image, camera, scale, hand, owner, middles)
+        found = []
+        for k, (chance, middle) in enumerate(peaks):
+            voters = weight * (near & (owner == k)) + 1e-9 * (weight > 0)
+            found.append(FoundHand(chance, middle, float((voters * right).sum() / voters.sum()), masks[k]))
+        return found
+
+
+def channels_of(depth: Floats, focal: float = FOCAL_PX) -> Floats:
+    """Frames (N, H, W) in mm as the net's input (N, 4, H, W): read or not, logarithm of depth, slopes across and down.
+
+    A slope is the sine of the surface's angle to the image plane, 0 beside pixels without a reading.
+    """
+    read = (depth > 0) & (depth < BEYOND_MM)
+    z = np.where(read, depth, np.float32(MIDDLE_MM))
+    out = np.zeros((len(depth), 4, *depth.shape[1:]), np.float32)
+    out[:, 0] = read
+    out[:, 1] = np.clip(np.log(z / MIDDLE_MM), -1.5, 1.5)
+    for channel, axis in ((2, 2), (3, 1)):
+        before, at, after = ([slice(None)] * 3 for _ in range(3))
+        before[axis], at[axis], after[axis] = slice(None, -2), slice(1, -1), slice(2, None)
+        first, here, last = tuple(before), tuple(at), tuple(after)
+        slope = (z[last] - z[first]) * (0.5 * focal) / z[here]
+        slope /= np.sqrt(1 + slope * slope)
+        out[:, channel][here] = slope * (read[first] & read[here] & read[last])
+    return out
+
+
+def _scale(camera: Camera) -> Array:
+    """Factors of columns and rows from the camera's frames to the net's."""
+    scale = FOCAL_PX / np.array([camera.fx, camera.fy])
+    pixels = camera.width * camera.height * scale.prod()
+    return np.asarray(scale * min(1.0, (MAX_PIXELS / pixels) ** 0.5))
+
+
+def _scaled(image: Floats, scale: Array) -> Floats:
+    """The nearest pixels at the net's resolution, padded with 0 to multiples of ``STRIDE``."""
+    height, width = image.shape
+    columns, rows = (np.rint(np.arange(max(1, int(size * part))) / part).astype(int).clip(0, size - 1)
+                     for size, part in zip((width, height), scale))
+    out = np.zeros((-(-len(rows) // STRIDE) * STRIDE, -(-len(columns) // STRIDE) * STRIDE), np.float32)
+    out[: len(rows), : len(columns)] = image[np.ix_(rows, columns)]
+    return out
+
+
+def _slopes(camera: Camera, scale: Array, shape: tuple[int, ...]) -> Array:
+    """x / z and y / z (H, W, 2) of the rays through the pixels of ``_scaled``."""
+    x = (np.arange(shape[1]) / scale[0] - camera.u0) / camera.fx
+    y = (camera.v0 - np.arange(shape[0]) / scale[1]) / camera.fy
+    return np.stack(np.meshgrid(x, y), axis=-1)
+
+
+def _in_sight(middle: Array, camera: Camera) -> bool:
+    """Whether a place (3,) is in the image, not at the camera."""
+    if middle[2] < NEAREST_MM:
+        return False
+    u, v, _ = camera.project(middle)
+    return bool(0 <= u < camera.width and 0 <= v < camera.height)
+
+
+def _peaks(
+    presence: Floats, votes: Array, weight: Array, min_presence: float, most: int
+) -> list[tuple[float, Array]]:
+    """The highest maxima of the presence (h, w) and the middles (3,) that the votes (h, w, 3) around them mean."""
+    highest = cv2.dilate(presence, np.ones((3, 3), np.uint8))
+    rows, columns = np.nonzero((presence == highest) & (presence >= min_presence))
+    kept: list[tuple[float, Array]] = []
+    for n in np.argsort(-presence[rows, columns], kind="stable"):
+        around = tuple(slice(max(at - 2, 0), at + 3) for at in (int(rows[n]), int(columns[n])))
+        own = weight[around].ravel()
+        if own.sum() < MIN_VOTES:
+            continue
+        middle = _agreed(votes[around].reshape(-1, 3), own)
+        if all(np.linalg.norm(middle - other) > APART_MM for _, other in kept):
+            kept.append((float(presence[rows[n], columns[n]]), middle))
+        if len(kept) == most:
+            break
+    return kept
+
+
+def _agreed(votes: Array, weight: Array) -> Array:
+    """The mean (3,) of the votes (n, 3) near their median, so that those of a wall behind a hand do not count."""
+    order = votes.argsort(axis=0)
+    half = weight[order].cumsum(axis=0) >= weight.sum() / 2
+    median = np.take_along_axis(votes, order, axis=0)[half.argmax(axis=0), range(3)]
+    near = weight * (np.linalg.norm(votes - median, axis=1) < APART_MM)
+    return np.asarray(near @ votes / near.sum()) if near.any() else median
+
+
+def _masks(
+    image: Floats, camera: Camera, scale: Array, hand: Floats, owner: NDArray[np.intp], middles: Array
+) -> NDArray[np.bool_]:
+    """The pixels (K, height, width) of the frame that belong to each middle.
+
+    hand   (H/2, W/2) probability of hands
+    owner  (H/4, W/4) number of the middle that a pixel votes for
+    """
+    u, v = (np.arange(size, dtype=np.float32) * np.float32(part)
+            for size, part in zip((camera.width, camera.height), scale))
+    x, y = np.meshgrid(u / 2, v / 2)
+    chance = cv2.remap(np.ascontiguousarray(hand), x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    is_hand = (chance > 0.5) & (image > 0) & (image < BEYOND_MM)
+    rows, columns = np.nonzero(is_hand)
+    quarter = [np.minimum(np.rint(line[index] / 4).astype(int), size - 1)
+               for line, index, size in ((v, rows, owner.shape[0]), (u, columns, owner.shape[1]))]
+    own = owner[quarter[0], quarter[1]]
+    points = camera.unproject(np.stack([columns, rows, image[rows, columns]], axis=-1))
+    own = np.where(np.linalg.norm(points - middles[own], axis=1) < REACH_MM, own, -1)
+    masks = np.zeros((len(middles), *image.shape), bool)
+    for k in range(len(middles)):
+        masks[k, rows[own == k], columns[own == k]] = True
+    return masks

@@ -1,0 +1,1 @@
+"""A network that finds hands: the net, its weights, what they are worth."""
