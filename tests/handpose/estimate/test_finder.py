@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handpose.estimate.finder import AWAY_MM, VOTE_MM, Finder, FoundHand, channels_of
+from handpose.estimate.finder import VOTE_MM, Finder, FoundHand, channels_of
 from handpose.estimate.packaged import load_finder
 from handpose.frames.cameras import Camera
 from netlib.errors import DataError, NetlibError
@@ -68,18 +68,6 @@ def test_palms_sides_and_masks_of_two_hands() -> None:
         true = frame() == PALMS[side][2] - 20
         assert (hand.mask & ~true).sum() == 0 and hand.mask.sum() > 0.9 * true.sum()
     assert (first.presence, second.presence) == pytest.approx((0.9, 0.6), abs=1e-3)
-
-
-def test_a_hand_alone() -> None:
-    """What is around its mask is far away; what is in front of it stays, because it may hide a part of it."""
-    depth = frame()
-    depth[:4], depth[4:8] = 100, 0
-    hand = found_in(depth)[0]
-    alone = hand.alone(depth, CAMERA)
-    own = depth == PALMS["right"][2] - 20
-    np.testing.assert_array_equal(alone[own & hand.mask], depth[own & hand.mask])
-    assert (alone[:4] == 100).all() and (alone[depth == BEHIND_MM] == AWAY_MM).all()
-    assert (alone[depth == PALMS["left"][2] - 20] == AWAY_MM).all()
 
 
 def test_a_finer_camera_gives_the_same_hands_and_masks_of_its_own_size() -> None:
