@@ -42,7 +42,7 @@ LINES = {  # of files that are not Python, by their patterns
     ("prototxt/*.prototxt", "models/*.prototxt"): 4074,
     ("*.js", "*.css", "*.html"): 2842,
 }
-WORDS = 69023  # of all documents
+WORDS = 69032  # of all documents
 
 
 def tracked(*patterns: str) -> list[Path]:
