@@ -68,7 +68,8 @@ class Answer(NamedTuple):
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     parser.add_argument("weights", metavar="WEIGHTS", help="weights of the finder, *.caffemodel.h5")
-    parser.add_argument("--model", metavar="NET", default=str(HAND_FINDER / "deploy.prototxt"), help="default: models/hand_finder")
+    parser.add_argument("--model", metavar="NET", default=str(HAND_FINDER / "deploy.prototxt"),
+                        help="default: models/hand_finder")
     parser.add_argument("--scenes", type=count, default=160, metavar="N", help="of each kind (default: %(default)s)")
     parser.add_argument("--seed", type=seed, default=1000, metavar="N", help="of the scenes (default: %(default)s)")
     parser.add_argument("--recording", nargs="+", action="append", default=[], metavar=("SOURCE", "SIDE=LABELS.npy"),
