@@ -15,8 +15,8 @@ import h5py
 import numpy as np
 
 import netlib
+from handpose.synthetic.files import generate
 from handpose.synthetic.generator import Generator
-from handpose.synthetic.many import generate
 from netlib.blob import Array
 from netlib.files.paths import ROOT
 from netlib.net import Net

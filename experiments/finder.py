@@ -1,6 +1,6 @@
 """Recall of the finder of hands, at numbers of false hands a frame, and whether their sides are right.
 
-    python -m experiments finder snapshots/finder_iter_75000.caffemodel.h5
+    python -m experiments finder snapshots/finder_iter_18000.caffemodel.h5
     python -m experiments finder WEIGHTS --recording take left=take_left.npy right=take_right.npy --part odd
 
 Synthetic scenes are those of the training's generator with other random numbers ("test"), and those of another
@@ -27,6 +27,7 @@ import numpy as np
 from handpose.body.sides import SIDES, Side, side_of
 from handpose.estimate.finder import Finder, FoundHand
 from handpose.estimate.nets import trained
+from handpose.estimate.packaged import HAND_FINDER
 from handpose.frames.cameras import KINECT2, NYU, SR305, Camera
 from handpose.frames.opening import open_recording
 from handpose.synthetic.prior_file import RangeParameter
@@ -36,11 +37,9 @@ from handpose.synthetic.whole_scenes import BLOCK, HEIGHT, WIDTH, SceneGenerator
 from netlib import files
 from netlib.blob import Array
 from netlib.errors import DataError
-from netlib.files.paths import ROOT
 from tools.common.arguments import add_engine, count, seed
 from tools.common.console import DONE, aligned
 
-DEPLOY = ROOT / "models" / "hand_finder" / "deploy.prototxt"
 WITHIN_MM = 80.0
 RATES = (0.5, 1.0, 2.0)  # false hands a frame
 LOWEST, MOST = 0.01, 12  # presence and number of the answers that are counted
@@ -69,7 +68,8 @@ class Answer(NamedTuple):
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     parser.add_argument("weights", metavar="WEIGHTS", help="weights of the finder, *.caffemodel.h5")
-    parser.add_argument("--model", metavar="NET", default=str(DEPLOY), help="default: models/hand_finder")
+    parser.add_argument("--model", metavar="NET", default=str(HAND_FINDER / "deploy.prototxt"),
+                        help="default: models/hand_finder")
     parser.add_argument("--scenes", type=count, default=160, metavar="N", help="of each kind (default: %(default)s)")
     parser.add_argument("--seed", type=seed, default=1000, metavar="N", help="of the scenes (default: %(default)s)")
     parser.add_argument("--recording", nargs="+", action="append", default=[], metavar=("SOURCE", "SIDE=LABELS.npy"),

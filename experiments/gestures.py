@@ -18,8 +18,8 @@ import numpy as np
 
 from handpose import CAMERAS, Tracker, load_predictor
 from handpose.body.gestures import GESTURES, GestureReader
-from handpose.sequences.gestures import fingers_of
 from handpose.sequences.movements import Movement
+from handpose.sequences.person import fingers_of
 from handpose.sequences.recordings import SHOWING, SyntheticRecording
 from handpose.tracking.track import TrackedFrame, TrackHeader
 from tools.common.arguments import add_engine, seconds, seed
@@ -50,9 +50,9 @@ class _Shown:
     """The gestures of the first role of a recording, each with the time at which its fingers come to rest."""
 
     def __init__(self, recording: SyntheticRecording) -> None:
-        stage, role = recording.stage, recording.script.roles[0]
+        stage = recording.stage
         self._movement: Movement = stage.movements[0]
-        fingers = {name: fingers_of(name, stage.people[role.person], stage.sampler) for name in GESTURES}
+        fingers = {name: fingers_of(name, stage.person, stage.sampler) for name in GESTURES}
         keys = self._movement.fingers.keys
         self._names = [next((name for name, own in fingers.items() if np.array_equal(own, key)), "") for key in keys]
 

@@ -27,22 +27,22 @@ class Size(NamedTuple):
 ROOMS = {
     "docs": Size(1894, 1210, 29.4),
     "exercises": Size(2127, 889, 25.1),
-    "experiments": Size(1950, 1179, 31.6),
+    "experiments": Size(2164, 1325, 31.1),
     "export": Size(1335, 823, 29.6),
     "fast": Size(5207, 3169, 35.6),
-    "handpose": Size(20165, 11619, 34.3),
+    "handpose": Size(20074, 11544, 34.4),
     "layers": Size(7477, 4272, 38.7),
     "netlib": Size(9632, 5619, 32.8),
     "setup.py": Size(40, 16, 40.0),
-    "tests": Size(47391, 26809, 27.0),
+    "tests": Size(46970, 26679, 26.7),
     "tests/support": Size(1483, 813, 28.2),  # a part of the row above
-    "tools": Size(5341, 3314, 29.4),
+    "tools": Size(5338, 3312, 29.4),
 }
 LINES = {  # of files that are not Python, by their patterns
-    ("prototxt/*.prototxt", "models/*.prototxt"): 3766,
+    ("prototxt/*.prototxt", "models/*.prototxt"): 4074,
     ("*.js", "*.css", "*.html"): 2842,
 }
-WORDS = 68615  # of all documents
+WORDS = 69032  # of all documents
 
 
 def tracked(*patterns: str) -> list[Path]:

@@ -33,9 +33,8 @@ tools.begin(__name__)
 
 from handpose.body import nyu
 from handpose.scoring import published_predictions as published
-from handpose.scoring.fitted_angles import FittedAngles, compare_angles
 from handpose.scoring.metrics import joint_errors
-from handpose.scoring.published_predictions import BENCHMARKS, FORMATS, Benchmark, Score
+from handpose.scoring.published_predictions import BENCHMARKS, FORMATS, Benchmark, FittedAngles, Score, compare_angles
 from layers.hand import skeleton as skeletons
 from netlib.errors import DataError
 from tools.common import outputs, plots

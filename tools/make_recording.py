@@ -5,16 +5,15 @@
     python tools/make_recording.py moving --camera kinect2 --hand left --rate 60 --seconds 10 --seed 3 --out left.npz
 
 SCRIPT is one of
-    rest        a hand at rest, so that all changes are noise
-    gestures    a hand shows named gestures, and waves
-    moving      a hand moves freely through poses of the prior, with pauses
-    leaves      a hand leaves the image and returns, twice
-    two_hands   both hands of one person
-    two_people  the right hands of two persons
-    left        a left hand
-    body        a person is visible behind the hand
-    desk        both hands of a person at a table, seen from above
-    minute      all of these but desk
+    rest       a hand at rest, so that all changes are noise
+    gestures   a hand shows named gestures, and waves
+    moving     a hand moves freely through poses of the prior, with pauses
+    leaves     a hand leaves the image and returns, twice
+    two_hands  both hands of one person
+    left       a left hand
+    body       a person is visible behind the hand
+    desk       both hands of a person at a table, seen from above
+    minute     all of these but desk
 
 --out is a folder of 16-bit PNG or FILE.npz, as written by tools/record.py. The ground truth is a track in
 OUT.truth.json, as written by tools/track.py. Frames where it reports a hand as lost because it is "partly in sight"

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.datasets.published_frames import Flaw, PublishedFrames, read_centers, recognise
+from handpose.datasets.published_frames import Flaw, PublishedFrames, first_frame_flaws, read_centers, recognise
 from handpose.frames.cameras import ICVL
 from handpose.frames.images import WRONG_SIZE, BadFrameError, read_png
 from netlib.blob import Array
@@ -156,7 +156,7 @@ def check_split(root: Path, split: str) -> tuple[list[str], list[Flaw]]:
         text = f"{folder}: {len(missing)} of {count} depth frames are missing, the first is {missing[0]}"
         flaws.append(Flaw(text, fatal=len(missing) == count))
     else:
-        flaws += _first_frame(annotation.files[0])
+        flaws += first_frame_flaws(annotation.files[0], read_icvl_depth, ICVL)
     return [f"{folder}: {count} labelled frames, {count - len(missing)} of their depth frames"], flaws
 
 
@@ -171,13 +171,3 @@ def _no_labels(root: Path, folder: Path, labels: Path) -> str:
     advice = "; use the command prepare_nyu" if held and "NYU" in held else ""
     guess = f"looks like {held}{advice}" if held else "does not look like any data set known here"
     return f"{root}: no folder {folder.name!r} with ICVL labels; it {guess}"
-
-
-def _first_frame(path: Path) -> list[Flaw]:
-    try:
-        shape = read_icvl_depth(path).shape
-    except BadFrameError as error:
-        return [Flaw(str(error), fatal=error.kind == WRONG_SIZE)]
-    if shape != (ICVL.height, ICVL.width):
-        return [Flaw(f"{path}: {shape[1]} x {shape[0]} pixels, expected {ICVL.width} x {ICVL.height}")]
-    return []

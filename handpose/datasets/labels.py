@@ -22,10 +22,8 @@ from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.files.hdf5 import File
 
-ONE_CAMERA_PX = 0.5  # centres of one camera agree to rounding
-EXACTLY_PX, OFF_AXIS_PX = 0.01, 2.0  # without rounding; on the optical axis all cameras agree
+EXACTLY_PX, OFF_AXIS_PX = 0.01, 2.0  # to the rounding of float32; on the optical axis all cameras agree
 MAX_PX_OR_MM, MIN_MM = 1e6, 1.0  # bounds of a crop centre's coordinates, and of its depth
-APART_PX = 20.0  # centres closer together than this do not determine a camera
 
 
 @dataclass(frozen=True)
@@ -90,8 +88,7 @@ def read_half_cubes(file: File, usual: float = CUBE_MM / 2) -> Array:
 def read_crop_centers(files: Sequence[File]) -> tuple[Array, Camera]:
     """Crop centres (n, 3) of all frames, px, px, mm, and their camera. Raises DataError.
 
-    Files have each centre in pixels and in mm, which determines the camera: u = u0 + fx x / z, v = v0 - fy y / z. It is
-    one of ``CAMERAS`` if that maps the centres; otherwise its principal point is assumed in the middle of the image.
+    Files have each centre in pixels and in mm, which determines the camera: that of ``CAMERAS`` which maps them.
     """
     found = []
     for file in files:
@@ -107,27 +104,10 @@ def read_crop_centers(files: Sequence[File]) -> tuple[Array, Camera]:
     if far or not (np.isfinite(uvd).all() and np.isfinite(xyz).all() and (xyz[:, 2] > MIN_MM).all()):
         raise DataError(f"{files[0].path}: crop centres that are not finite, or not before the camera")
     known = [camera for camera in CAMERAS.values() if _maps(camera, xyz, uvd)]
-    if len(known) == 1:
-        return uvd, known[0]
-    numbers = []
-    for pixel, slope in ((uvd[:, 0], xyz[:, 0] / xyz[:, 2]), (uvd[:, 1], -xyz[:, 1] / xyz[:, 2])):
-        A = np.stack([np.ones(len(slope)), slope], axis=1)
-        (middle, focal), *_ = np.linalg.lstsq(A, pixel, rcond=None)
-        if np.abs(A @ (middle, focal) - pixel).max() > ONE_CAMERA_PX:
-            raise DataError(f"{files[0].path}: crop centres of several cameras; expected frames of one")
-        if np.ptp(pixel) < APART_PX:
-            raise DataError(f"{files[0].path}: its crop centres lie within {np.ptp(pixel):.3g} px of each "
-                            "other in a row or a column, which does not tell the camera; expected more frames, "
-                            f"with centres more than {APART_PX:g} px apart")
-        numbers += [float(focal), float(middle)]
-    fx, u0, fy, v0 = numbers
-    if not (fx > 0 and fy > 0):
-        raise DataError(f"{files[0].path}: crop centres from which focal lengths of {fx:g}, {fy:g} px follow; expected "
-                        "more than 0")
-    for camera in CAMERAS.values():
-        if np.allclose((fx, fy, u0, v0), (camera.fx, camera.fy, camera.u0, camera.v0), atol=0.5):
-            return uvd, camera
-    return uvd, Camera("own", fx, fy, u0, v0, round(2 * u0), round(2 * v0))
+    if len(known) != 1:
+        raise DataError(f"{files[0].path}: its crop centres in px and in mm fit {len(known) or 'none'} of the cameras "
+                        f"{', '.join(CAMERAS)}; expected frames of one of them, not all of them in the middle")
+    return uvd, known[0]
 
 
 def _maps(camera: Camera, xyz: Array, uvd: Array) -> bool:

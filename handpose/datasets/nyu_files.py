@@ -21,7 +21,7 @@ from handpose.body.nyu import (
     cube_of_test_frame,
     frame_name,
 )
-from handpose.datasets.published_frames import Flaw, PublishedFrames, read_centers, recognise
+from handpose.datasets.published_frames import Flaw, PublishedFrames, first_frame_flaws, read_centers, recognise
 from handpose.frames.cameras import NYU
 from handpose.frames.images import WRONG_SIZE, BadFrameError, read_png, unpack_depth
 from netlib.blob import Array
@@ -181,7 +181,7 @@ def check_split(root: Path, split: str) -> tuple[list[str], list[Flaw]]:
     if numbers and missing:
         flaws.append(Flaw(_missing(folder, split, len(annotation), missing), fatal=False))
     if numbers and not missing:
-        flaws += _first_frame(folder)
+        flaws += first_frame_flaws(folder / frame_name(0), read_nyu_depth, NYU)
     return [f"{folder}: {labelled}, {len(numbers)} depth frames of camera 1"], flaws
 
 
@@ -236,13 +236,3 @@ def _missing(folder: Path, split: str, labelled: int, missing: list[int]) -> str
             if gone.issuperset(subject):
                 return f"{text}; all of the {which} test subject's are"
     return text
-
-
-def _first_frame(folder: Path) -> list[Flaw]:
-    try:
-        shape = read_nyu_depth(folder / frame_name(0)).shape
-    except BadFrameError as error:
-        return [Flaw(str(error), fatal=error.kind == WRONG_SIZE)]
-    if shape != (NYU.height, NYU.width):
-        return [Flaw(f"{folder / frame_name(0)}: {shape[1]} x {shape[0]} pixels, expected {NYU.width} x {NYU.height}")]
-    return []

@@ -107,17 +107,6 @@ def row_bytes(columns: Columns) -> int:
     return sum(int(np.prod(a.shape[1:])) * a.dtype.itemsize for a in columns.values())
 
 
-def check_space(out: Path, parts: Sequence[Part], columns: Columns) -> None:
-    """Raise DataError before any work if the disk is too small."""
-    replaced = sum(part.path.stat().st_size for part in parts if part.path.is_file())
-    check_room(out, bytes_of(parts, columns) - replaced)
-
-
-def bytes_of(parts: Sequence[Part], columns: Columns) -> int:
-    """The size of parts on disk."""
-    return sum(part.rows * row_bytes(columns) + _PAGE for part in parts)
-
-
 def check_room(out: Path, need: int) -> None:
     """Raise DataError if the disk of a folder, which need not exist, has fewer than ``need`` free bytes."""
     free = shutil.disk_usage(next(place for place in (out, *out.absolute().parents) if exists(place))).free
@@ -125,8 +114,11 @@ def check_room(out: Path, need: int) -> None:
         raise DataError(f"{out}: needs {round(need, -6) // 10**6} MB, {free / 1e6:.0f} MB are free")
 
 
-def check_rows(out: Path, rows: Sequence[tuple[int, Columns]]) -> None:
-    """Check the disk space for numbers of rows, assuming that existing files are kept or replaced."""
+def check_space(out: Path, rows: Sequence[tuple[int, Columns]]) -> None:
+    """Raise DataError if the disk is too small for parts of these numbers of rows.
+
+    The files that are there are taken for parts that are kept or replaced.
+    """
     need = sum(count * row_bytes(columns) + -(-count // FRAMES_PER_FILE) * _PAGE for count, columns in rows)
     there = [out / name for name in names_in(out) if name.endswith(".h5")]
     check_room(out, need - sum(path.stat().st_size for path in there if path.is_file()))

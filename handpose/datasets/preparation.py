@@ -35,19 +35,9 @@ Chunk = tuple[int, Frames, list[tuple[int, BadFrameError]]]  # number of frames,
 class Outcome:
     """The result of preparing a split."""
 
-    parts: list[Part]
     index: list[int] = field(default_factory=list)  # numbers of the good frames
     bad: dict[int, str] = field(default_factory=dict)  # kind by index
     made: int = 0  # number of new good frames
-
-
-def parts_of(frames: PublishedFrames, out: Path) -> list[Part]:
-    """The parts of a split."""
-    parts = []
-    for i, start in enumerate(range(0, len(frames), files.FRAMES_PER_FILE)):
-        stop = min(start + files.FRAMES_PER_FILE, len(frames))
-        parts.append(Part(out / f"{frames.split}_{i:03d}.h5", stop - start, frames.recipe(start, stop)))
-    return parts
 
 
 def is_current(frames: PublishedFrames, part: Part) -> bool:
@@ -65,102 +55,6 @@ def _left_out(part: Part) -> list[tuple[int, str]]:
     return [(i, kind) for kind, indices in kinds.items() for i in indices]
 
 
-def write_parts(
-    frames: PublishedFrames,
-    parts: Sequence[Part],
-    missing: Sequence[Part],
-    workers: int,
-    advance: Callable[[int], None],
-    on_bad: Callable[[int, BadFrameError], None],
-) -> Outcome:
-    """Write the missing parts of a split and keep the others.
-
-    workers  number of threads
-    advance  is called with the number of further frames
-    on_bad   is called for every bad frame with its index, for those of parts that were kept, too
-
-    An exception of ``advance`` or ``on_bad`` ends the run and keeps whole parts only.
-    """
-    with ThreadPoolExecutor(workers, "prepare") as pool:
-        writer = _Writer(frames, Outcome(list(parts)), pool, _AHEAD * workers, advance, on_bad)
-        start = 0
-        for part in parts:
-            if part in missing:
-                writer.write(part, start)
-            else:
-                writer.recall(part)
-            start += part.rows
-    return writer.outcome
-
-
-@dataclass
-class _Writer:
-    """Writes one part after the other."""
-
-    frames: PublishedFrames
-    outcome: Outcome
-    pool: ThreadPoolExecutor
-    ahead: int  # number of chunks in progress
-    advance: Callable[[int], None]
-    on_bad: Callable[[int, BadFrameError], None]
-
-    def recall(self, part: Part) -> None:
-        """Read the result of a part from its file."""
-        with hdf5.opened(part.path, "the data") as file:
-            self.outcome.index += file["index"][...].tolist()
-        for i, kind in _left_out(part):
-            self.outcome.bad[i] = kind
-            self.on_bad(i, BadFrameError(self.frames.files[i], kind))
-
-    def write(self, part: Part, start: int) -> None:
-        """Write a part of the frames from ``start`` on."""
-        frames, index = self.frames, list[int]()
-        bad: dict[int, str] = {}
-
-        def pieces() -> Iterator[Columns]:
-            with contextlib.closing(self._chunks(start, start + part.rows)) as chunks:
-                for count, good, failed in chunks:
-                    for i, error in failed:
-                        bad[i] = error.kind
-                        self.on_bad(i, error)
-                    index.extend(good.index.tolist())
-                    yield good.arrays()
-                    self.advance(count)
-
-        def attributes() -> dict[str, object]:
-            kinds: dict[str, list[int]] = {}
-            for i, kind in bad.items():
-                kinds.setdefault(kind, []).append(i)
-            description = (
-                f"{frames.made_from} {frames.split} frames; crops {SIZE} x {SIZE} in [-1, 1] about {frames.centre}, "
-                "joints in half-cubes from there (camera axes, x right, y up, z away); lengths in mm."
-            )
-            # "bad": the frames that were left out
-            return {"made_from": frames.made_from, "description": description, "bad": json.dumps(kinds)}
-
-        write_part(part, frames.columns(), pieces(), attributes)
-        self.outcome.index += index
-        self.outcome.bad.update(bad)
-        self.outcome.made += len(index)
-
-    def _chunks(self, start: int, stop: int) -> Generator[Chunk, None, None]:
-        """All chunks in order; while OpenCV decodes for one, other threads run."""
-        begun: collections.deque[tuple[int, Future[Any]]] = collections.deque()
-        try:
-            for first in range(start, stop, _CHUNK):
-                last = min(first + _CHUNK, stop)
-                begun.append((last - first, self.pool.submit(self.frames.crops, first, last)))
-                if len(begun) > self.ahead:
-                    count, future = begun.popleft()
-                    yield count, *future.result()
-            while begun:
-                count, future = begun.popleft()
-                yield count, *future.result()
-        finally:
-            for _, future in begun:
-                future.cancel()
-
-
 class PreparedSplit:
     """One split in a folder.
 
@@ -172,28 +66,96 @@ class PreparedSplit:
 
     def __init__(self, frames: PublishedFrames, out: Path, force: bool = False) -> None:
         self.frames = frames
-        self.parts = parts_of(frames, out)
+        self.parts = []
+        for i, start in enumerate(range(0, len(frames), files.FRAMES_PER_FILE)):
+            stop = min(start + files.FRAMES_PER_FILE, len(frames))
+            self.parts.append(Part(out / f"{frames.split}_{i:03d}.h5", stop - start, frames.recipe(start, stop)))
         self.missing = [part for part in self.parts if force or not is_current(frames, part)]
         self.list, self.bad = out / f"{frames.split}.txt", out / f"bad_{frames.split}.txt"
 
     def write(
         self, workers: int, advance: Callable[[int], None], on_bad: Callable[[int, BadFrameError], None]
     ) -> Outcome:
-        """Write the missing parts, and name the bad frames; arguments as for ``write_parts``."""
-        named: list[str] = []
+        """Write the missing parts, and name the bad frames.
 
-        def name(i: int, error: BadFrameError) -> None:
+        workers  number of threads
+        advance  is called with the number of further frames
+        on_bad   is called for every bad frame with its index, for those of parts that were kept, too
+
+        An exception of ``advance`` or ``on_bad`` ends the run and keeps whole parts only.
+        """
+        outcome, named, start = Outcome(), list[str](), 0
+
+        def report(i: int, error: BadFrameError) -> None:
             on_bad(i, error)
+            outcome.bad[i] = error.kind
             named.append(f"frame {i}: {error}\n")
 
         if self.missing:
             self.list.unlink(missing_ok=True)  # no list may name files of two kinds
-        outcome = write_parts(self.frames, self.parts, self.missing, workers, advance, name)
+        with ThreadPoolExecutor(workers, "prepare") as pool:
+            for part in self.parts:
+                if part in self.missing:
+                    chunks = self._chunks(pool, _AHEAD * workers, start, part.rows)
+                    index = self._write_part(part, chunks, advance, report)
+                    outcome.made += len(index)
+                else:
+                    with hdf5.opened(part.path, "the data") as file:
+                        index = file["index"][...].tolist()
+                    for i, kind in _left_out(part):
+                        report(i, BadFrameError(self.frames.files[i], kind))
+                outcome.index += index
+                start += part.rows
         if named:
             atomic.replace_text(self.bad, "".join(named))
         else:
             self.bad.unlink(missing_ok=True)
         return outcome
+
+    def _write_part(
+        self, part: Part, chunks: Generator[Chunk, None, None], advance: Callable[[int], None],
+        on_bad: Callable[[int, BadFrameError], None],
+    ) -> list[int]:
+        """Write a part of these chunks; returns the numbers of its frames."""
+        frames, index, bad = self.frames, list[int](), dict[str, list[int]]()
+
+        def pieces() -> Iterator[Columns]:
+            with contextlib.closing(chunks):
+                for count, good, failed in chunks:
+                    for i, error in failed:
+                        bad.setdefault(error.kind, []).append(i)
+                        on_bad(i, error)
+                    index.extend(good.index.tolist())
+                    yield good.arrays()
+                    advance(count)
+
+        def attributes() -> dict[str, object]:
+            description = (
+                f"{frames.made_from} {frames.split} frames; crops {SIZE} x {SIZE} in [-1, 1] about {frames.centre}, "
+                "joints in half-cubes from there (camera axes, x right, y up, z away); lengths in mm."
+            )
+            # "bad": the frames that were left out
+            return {"made_from": frames.made_from, "description": description, "bad": json.dumps(bad)}
+
+        write_part(part, frames.columns(), pieces(), attributes)
+        return index
+
+    def _chunks(self, pool: ThreadPoolExecutor, ahead: int, start: int, rows: int) -> Generator[Chunk, None, None]:
+        """The chunks of frames from ``start`` on, in order; while OpenCV decodes for one, other threads run."""
+        begun: collections.deque[tuple[int, Future[Any]]] = collections.deque()
+        try:
+            for first in range(start, start + rows, _CHUNK):
+                last = min(first + _CHUNK, start + rows)
+                begun.append((last - first, pool.submit(self.frames.crops, first, last)))
+                if len(begun) > ahead:
+                    count, future = begun.popleft()
+                    yield count, *future.result()
+            while begun:
+                count, future = begun.popleft()
+                yield count, *future.result()
+        finally:
+            for _, future in begun:
+                future.cancel()
 
     def write_list(self, outcome: Outcome) -> None:
         """Write the list of the parts that have frames. Raises DataError if none has."""

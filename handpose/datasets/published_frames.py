@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from io import BufferedReader
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +65,17 @@ def _some(folder: Path) -> list[str]:
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         found += [entry.name for entry, _ in zip(entries, range(1000))]
     return found
+
+
+def first_frame_flaws(path: Path, read: Callable[[Path], NDArray[Any]], camera: Camera) -> list[Flaw]:
+    """The errors of the first frame of a split: damage, which is not fatal, or another size than the camera's."""
+    try:
+        shape = read(path).shape
+    except BadFrameError as error:
+        return [Flaw(str(error), fatal=error.kind == WRONG_SIZE)]
+    if shape != (camera.height, camera.width):
+        return [Flaw(f"{path}: {shape[1]} x {shape[0]} pixels, expected {camera.width} x {camera.height}")]
+    return []
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ NEAREST_MM = 100.0  # minimum range of depth cameras
 BEYOND_MM, MIDDLE_MM = 4000.0, 600.0  # farther readings are ignored; depth with logarithm 0
 STRIDE = 32  # heights and widths of the net's input are multiples
 MAX_PIXELS = 1 << 19  # of the net's input; larger frames are seen smaller
-MIN_PRESENCE = 0.25
+MIN_PRESENCE = 0.25  # 0.1 false hands a frame in scenes of the training's generator, one at a desk
 SURE_SIDE = 0.8
 CHANCE_STEP = 2.0**-10  # to which probabilities are rounded, so that processors agree
 MIN_VOTES = 1e-4  # sum of the weights around a maximum
@@ -37,7 +37,7 @@ APART_MM = 70.0  # middles closer than this are one hand
 REACH_MM = 150.0  # from the middle to the farthest part of a hand
 AWAY_MM = 10_000.0
 AROUND_MM, NEAR_MM = 25.0, 90.0  # what a fit sees beside the mask: as far, and of depths as close to the middle's
-VOTERS_MM = 60.0  # votes that end this close to a middle decide about the side
+VOTERS_MM = 60.0  # pixels whose votes end this close to a middle decide the side
 OUTPUTS = {"class": (3, 2), "presence": (1, 4), "votes": (3, 4), "right": (1, 4)}  # channels, part of the resolution
 
 

@@ -13,21 +13,32 @@ distortion      of the lens: as above, or the coefficients alone. RealSense's mo
 name            of the camera
 time_unit       of the times in the names of the frames or in their file: s, ms, us, ns, or frames for numbers
 
-Files of other programs are read by ``camera_values`` from whatever ``documents`` can load.
+Files of other programs are read, too: JSON, YAML, OpenCV's XML, NumPy's arrays, and tables of numbers, in which
+``camera_values`` finds the camera. YAML is the part of it in which programs write parameters: mappings, sequences,
+numbers and texts.
 """
 
 from __future__ import annotations
 
+import io
 import json
+import re
+import zipfile
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, NoReturn
+from xml.etree import ElementTree
 
-from handpose.frames import camera_values, documents
+import numpy as np
+
+from handpose.frames import camera_values
 from handpose.frames.camera_values import INTRINSICS, MIN_RANGE, SIZE
 from handpose.frames.cameras import MIN_RANGE_MM, Camera
+from handpose.frames.json_fields import unique_keys
 from handpose.frames.recording import CameraInfo
-from netlib.errors import DataError
+from netlib import files
+from netlib.errors import DataError, reason_of
 from netlib.files import atomic
 from netlib.files.paths import exists
 
@@ -53,7 +64,7 @@ def places_next_to(source: Path) -> list[Path]:
 
 def read(path: Path) -> CameraInfo:
     """Read a camera.json, or a file of another program. Raises DataError."""
-    return _of(documents.load(path), str(path))
+    return _of(load(path), str(path))
 
 
 def write(path: Path, given: CameraInfo) -> None:
@@ -80,7 +91,7 @@ def to_text(given: CameraInfo) -> str:
 
 def parse(text: str, where: str) -> CameraInfo:
     """Parse the text of a camera.json or of another file; ``where`` begins every error. Raises DataError."""
-    return _of(documents.parse(text, where), where)
+    return _of(parse_document(text, where), where)
 
 
 def _of(document: Any, where: str) -> CameraInfo:
@@ -91,3 +102,230 @@ def _of(document: Any, where: str) -> CameraInfo:
     if found.unused and (found.is_own or found.info.camera is None):
         raise DataError(f"{where}: {camera_values.unknown_key(found.unused[0])}")
     return found.info if found.is_own else replace(found.info, origin=f"{where} ({found.words})")
+
+
+# ---------------------------------------------------------------------------------------------- documents
+
+MAX_BYTES = 1 << 22  # of a file; calibrations have some 10,000
+NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+NOT_OF_A_TABLE = re.compile(r"[^\s\d.,;()\[\]eE+-]")  # a matrix as numpy.savetxt or print write it
+# key: value, or key = value
+ENTRY = re.compile(r"""("[^"]*"\s*|'[^']*'\s*|[^\s"'\[{:=][^:=]*)(?::(?=\s|$)|=)\s*(.*)""")
+TAG = re.compile(r"![\w!-]*\s*")
+COMMENT = re.compile(r"""((?:"[^"]*"|'[^']*'|[^"'#]|(?<!\s)#)*?)(?:(?:^|(?<=\s))#.*)?""")
+TOKEN = re.compile(r"""\s*([\[\]{},]|"[^"]*"|'[^']*'|[^\[\]{},]+)""")
+MAX_DEPTH = 50  # of collections within each other
+WORDS: dict[str, Any] = {"true": True, "false": False, "null": None, "~": None, "": None}
+
+
+def load(path: Path) -> Any:
+    """The content of a file, by its first bytes. Raises DataError."""
+    content = files.read_bytes(path, "the camera", limit=MAX_BYTES)
+    if content.startswith((b"\x93NUMPY", b"PK")):
+        return _arrays(content, str(path))
+    try:
+        return parse_document(content.decode("utf-8-sig"), str(path))
+    except UnicodeDecodeError:
+        raise DataError(f"{path}: neither text nor NumPy's; expected the parameters of a camera") from None
+
+
+def parse_document(text: str, where: str) -> Any:
+    """The value of a text: of a table the list of its numbers. ``where`` begins errors. Raises DataError."""
+    start = text.lstrip()[:1]
+    try:
+        if not NOT_OF_A_TABLE.search(text) and (numbers := NUMBER.findall(text)):
+            return [float(number) for number in numbers]
+        if start == "<":
+            return _of_xml(text, where)
+        if start in ("", "{", "["):
+            return _of_json(text, where)
+        return _Yaml(text, where).document()
+    except (ValueError, RecursionError):  # numbers of thousands of digits, thousands of brackets
+        raise DataError(f"{where}: not the parameters of a camera") from None
+
+
+def _arrays(content: bytes, where: str) -> Any:
+    """The array of an .npy file, or a dictionary of those of an .npz file, as lists."""
+    try:
+        if content.startswith(b"PK"):
+            with zipfile.ZipFile(io.BytesIO(content)) as archive:
+                if sum(entry.file_size for entry in archive.infolist()) > MAX_BYTES:
+                    raise ValueError("its arrays are too large")
+        found = np.load(io.BytesIO(content), allow_pickle=False)
+        return found.tolist() if isinstance(found, np.ndarray) else {name: found[name].tolist() for name in found.files}
+    except Exception as error:  # NumPy and the decoders may raise anything for a damaged file
+        raise DataError(f"{where}: not the arrays of a camera: {reason_of(error)[:200]}") from None
+
+
+def _of_json(text: str, where: str) -> Any:
+    def no_number(word: str) -> NoReturn:
+        raise DataError(f"{where}: found {word}; expected finite numbers")
+
+    try:
+        return json.loads(text, object_pairs_hook=unique_keys(where), parse_constant=no_number)
+    except json.JSONDecodeError as error:
+        raise DataError(f"{where}:{error.lineno}:{error.colno}: not JSON: {error.msg}") from None
+
+
+def _of_xml(text: str, where: str) -> Any:
+    if "<!" in re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL):
+        raise DataError(f"{where}: XML with declarations; expected that of OpenCV's FileStorage")
+
+    def value(element: ElementTree.Element) -> Any:
+        if len(element):
+            return unique_keys(where)([(child.tag, value(child)) for child in element])
+        return _scalar(element.text or "")
+
+    try:
+        return value(ElementTree.fromstring(text))
+    except ElementTree.ParseError as error:
+        raise DataError(f"{where}: not XML: {error}") from None
+
+
+class _Line(NamedTuple):
+    number: int
+    indent: int
+    text: str
+
+
+class _Yaml:
+    """The lines of a YAML document, read from the first to the last."""
+
+    def __init__(self, text: str, where: str) -> None:
+        self._where = where
+        self._lines = list(self._logical(text))
+        self._at = 0
+
+    def document(self) -> Any:
+        """Its value."""
+        found = self._block(0) if self._lines else None
+        if self._at < len(self._lines):
+            self._refuse("expected a key and a value")
+        return found
+
+    def _logical(self, text: str) -> Iterator[_Line]:
+        """The lines with content, of the first document; one that ends within brackets is continued by the next."""
+        start, parts, opened, any_content = 0, list[str](), 0, False
+        for number, raw in enumerate(text.splitlines(), 1):
+            matched = COMMENT.fullmatch(raw)
+            line = (matched[1] if matched else raw).rstrip()
+            if not parts and any_content and line in ("---", "..."):
+                return
+            if not parts and (not line.strip() or line == "---" or line.startswith("%")):
+                continue
+            start, any_content = start if parts else number, True
+            parts.append(line)
+            opened += _open_brackets(line)
+            if opened <= 0:
+                yield self._joined(start, parts)
+                parts, opened = [], 0
+        if parts:
+            yield self._joined(start, parts)
+
+    @staticmethod
+    def _joined(start: int, parts: list[str]) -> _Line:
+        return _Line(start, len(parts[0]) - len(parts[0].lstrip()), " ".join(map(str.strip, parts)))
+
+    def _block(self, depth: int) -> Any:
+        """The mapping or sequence that begins at the present line, with all lines of the same indent."""
+        indent = self._lines[self._at].indent
+        if depth > MAX_DEPTH:
+            self._refuse("too many levels")
+        items: list[Any] = []
+        pairs: list[tuple[str, Any]] = []
+        while self._at < len(self._lines) and (line := self._lines[self._at]).indent == indent:
+            if line.text == "-" or line.text.startswith("- "):
+                if pairs:
+                    break  # the sequence is the value of the last key above
+                items.append(self._item(line, depth))
+            elif items:
+                break
+            elif matched := ENTRY.fullmatch(line.text):
+                self._at += 1
+                pairs.append((_unquoted(matched[1]), self._value(matched[2], indent, depth)))
+            elif self._is_heading(indent):
+                self._at += 1
+                pairs.append((line.text, self._block(depth + 1)))
+            else:
+                self._refuse("expected a key and a value")
+        return items or unique_keys(self._where)(pairs)
+
+    def _is_heading(self, indent: int) -> bool:
+        """Whether a line without a colon stands above deeper ones, as in the text of rs-enumerate-devices."""
+        following = self._lines[self._at + 1 : self._at + 2]
+        return bool(following) and following[0].indent > indent
+
+    def _item(self, line: _Line, depth: int) -> Any:
+        """An element of a sequence; a mapping or sequence in it may begin in the same line."""
+        rest = line.text[1:].lstrip()
+        if ENTRY.fullmatch(rest) or rest.startswith("- "):
+            self._lines[self._at] = _Line(line.number, line.indent + len(line.text) - len(rest), rest)
+            return self._block(depth + 1)
+        self._at += 1
+        return self._value(rest, line.indent, depth)
+
+    def _value(self, text: str, indent: int, depth: int) -> Any:
+        """The value that begins with this text, or in the lines below it."""
+        text = TAG.sub("", text, count=1) if text.startswith("!") else text
+        if text:
+            return _flow(text)
+        below = self._lines[self._at] if self._at < len(self._lines) else None
+        if below and (below.indent > indent or (below.indent == indent and below.text.startswith("-"))):
+            return self._block(depth + 1)
+        return None
+
+    def _refuse(self, what: str) -> NoReturn:
+        line = self._lines[self._at]
+        raise DataError(f"{self._where}:{line.number}: found {line.text[:40]!r}; {what}")
+
+
+def _open_brackets(text: str) -> int:
+    bare = re.sub(r""""[^"]*"|'[^']*'""", "", text)
+    return sum(map(bare.count, "[{")) - sum(map(bare.count, "]}"))
+
+
+def _flow(text: str) -> Any:
+    """The value of a text in one line: [1, 2], {a: 1}, a number or a word."""
+    if text[0] not in "[{":
+        return _scalar(text)
+    tokens = iter(TOKEN.findall(text))
+
+    def collection(end: str, depth: int) -> Any:
+        if depth > MAX_DEPTH:
+            raise ValueError
+        found: list[Any] = []
+        key = None
+        for token in tokens:
+            if token == end:
+                return found if end == "]" else dict(found)
+            if token in ",":
+                continue
+            if end == "}" and key is None:
+                matched = ENTRY.fullmatch(token.strip())
+                if not matched:
+                    raise ValueError
+                key = _unquoted(matched[1])
+                token = matched[2] or next(tokens, "")
+            value = collection("]" if token == "[" else "}", depth + 1) if token in ("[", "{") else _scalar(token)
+            found.append(value if key is None else (key, value))
+            key = None
+        raise ValueError
+
+    return collection("]" if next(tokens) == "[" else "}", 0)
+
+
+def _unquoted(text: str) -> str:
+    text = text.strip()
+    return text[1:-1] if text[0] in "\"'" and text[-1] == text[0] else text
+
+
+def _scalar(text: str) -> Any:
+    text = text.strip()
+    if text.lower() in WORDS:
+        return WORDS[text.lower()]
+    if text[0] in "\"'":
+        return _unquoted(text)
+    if NUMBER.fullmatch(text):
+        return int(text) if re.fullmatch(r"[-+]?\d+", text) else float(text)
+    words = text.split()
+    return [float(word) for word in words] if all(map(NUMBER.fullmatch, words)) else text  # a row of numbers

@@ -26,11 +26,7 @@ USUAL_MM = (300.0, 1200.0)  # range of distances of a hand
 BODY_MM = (1000.0, 500.0)  # distance and width beyond which the nearest object is a person, or a hand of another unit
 SMALL_MM = 250.0  # width of a hand at most; a wider object may be a hand of another unit
 HAND_MM = (40.0, 600.0)  # range of widths of a hand with its forearm
-MAX_MEDIAN_MM = 15_000.0  # depth cameras measure a whole image nearer
-SATURATED = 0.05  # share of one value, the largest, which then means no reading
 UNITS = (1.0, 0.125, 0.25, 0.1, 0.2, 0.5, 1000.0, 10.0)  # mm, of existing cameras and files, the most likely first
-RATES = (1.0, 1000.0)  # frames per second of depth cameras
-OFF_RATE = 0.2  # tolerance of a rate
 VIEW_DEGREES = (20.0, 130.0)
 OFF_MIDDLE = 0.2  # maximum distance of a principal point from the middle, as a share of the size
 
@@ -85,7 +81,6 @@ def inspect(recording: Recording, frames: int = FRAMES) -> Inspection:
         *recording.warnings,
         *_of_camera(camera),
         *_of_values(seen, bool(len(values))),
-        *_of_times(seen, recording.rate),
         *(_of_depths(near, recording.unit_mm, values, camera) if near else ()),
     ]
     return Inspection(
@@ -182,7 +177,7 @@ def _of_values(seen: tuple[DepthFrame, ...], any_read: bool) -> Iterator[str]:
 def _of_depths(
     nearest: tuple[float, float], unit_mm: float, values: NDArray[np.floating], camera: Camera
 ) -> Iterator[str]:
-    wrong = list(_of_unit(nearest, unit_mm, values))
+    wrong = list(_of_unit(nearest, unit_mm))
     yield from wrong
     share = 0.0 if wrong else float(np.mean(values < camera.min_range_mm))
     if share > MIN_NEAR_SHARE:
@@ -192,28 +187,15 @@ def _of_depths(
         )
 
 
-def _of_times(seen: tuple[DepthFrame, ...], rate: float | None) -> Iterator[str]:
-    if len(seen) < 2:
-        return
-    step = float(np.median(np.diff([frame.time for frame in seen])))
-    if not 1 / RATES[1] <= step <= 1 / RATES[0]:
-        yield f"a frame comes every {step:g} s; check --time-unit or --rate"
-    elif rate and abs(step * rate - 1) > OFF_RATE:
-        yield f"{rate:g} frames per second given, but {1 / step:.3g} by their times; the times are used"
-
-
-def _of_unit(nearest: tuple[float, float], unit_mm: float, values: NDArray[np.floating]) -> Iterator[str]:
+def _of_unit(nearest: tuple[float, float], unit_mm: float) -> Iterator[str]:
     distance, width = nearest
     near = distance < NEAR_MM or not NARROW_MM <= width <= WIDE_MM
     far = distance > FAR_MM or (distance > BODY_MM[0] and width > BODY_MM[1])
-    others = _other_units(nearest, unit_mm)
     if near or far:
+        others = _other_units(nearest, unit_mm)
         advice = f"{others}; " if others else ""
         yield (f"the nearest object is {_length(distance)} away and {_length(width)} wide, which is not plausible "
                f"for a hand: {advice}check the unit, here {unit_mm:g} mm")
-    elif (median := _median(values)) > MAX_MEDIAN_MM:
-        yield (f"the median depth is {_length(median)}, which is beyond the range of depth cameras: check the unit, "
-               f"here {unit_mm:g} mm, and the order of the bytes in the files")
 
 
 def _other_units(nearest: tuple[float, float], unit_mm: float) -> str:
@@ -237,13 +219,6 @@ def _doubt(nearest: tuple[float, float], unit_mm: float) -> str:
         return ""
     return (f"the unit, {unit_mm:g} mm, may be wrong: the nearest object is {_length(distance)} away and "
             f"{_length(width)} wide, {others}")
-
-
-def _median(values: NDArray[np.floating]) -> float:
-    """The median depth in mm, without a largest value that is so frequent that it means no reading; 0 without one."""
-    is_last = values == values.max(initial=0)
-    rest = values[~is_last] if is_last.mean() > SATURATED else values
-    return float(np.median(rest)) if len(rest) else 0.0
 
 
 def _length(mm: float) -> str:

@@ -88,9 +88,9 @@ class Fields:
             raise self._wrong(name, f"a number of at least {least:g}{upper}")
         return value
 
-    def known(self, name: str, least: float = -math.inf, most: float = math.inf) -> float:
-        """The field is such a number, or null, which is NaN."""
-        return math.nan if self._value(name) is None else self.number(name, least, most)
+    def known(self, name: str) -> float:
+        """The field is a number, or null, which is NaN."""
+        return math.nan if self._value(name) is None else self.number(name)
 
     def positive(self, name: str) -> float:
         """The field is a number above 0."""

@@ -142,7 +142,6 @@ def calibration_of(
     elif own.lens is not None and not own.lens.is_straight:  # the user gave a camera without a lens
         remarks.append(f"the distortion in {where} is of another camera and is not removed; --distortion "
                        "if it holds for this one")
-    camera = sized(known.camera, shape, where)
     return Calibration(camera, known.lens, unit, known.rate, tuple(remarks))
 
 

@@ -32,12 +32,10 @@ class Jitter(NamedTuple):
 
     deviation_mm  root mean square of the distances from their mean over windows of about ``WINDOW_S``: the standard
                   deviation of all three coordinates together
-    step_mm       root mean square of the distance from one frame to the next
     frames        number of frames at rest
     """
 
     deviation_mm: float
-    step_mm: float
     frames: int
 
 
@@ -47,17 +45,16 @@ def jitter(numbers: Array, times: Array, tracked: Array, true: Array) -> Jitter:
     The mean is removed window by window, which is a high-pass filter: a wrong length of a bone is an error, but no
     jitter.
     """
-    squares = steps = 0.0
+    squares = 0.0
     freedom = frames = 0
     for window in _windows(numbers, times, true):
         off = tracked[window] - true[window]
         squares += float(((off - off.mean(axis=0)) ** 2).sum())
-        steps += float((np.diff(off, axis=0) ** 2).sum())
         freedom += (len(window) - 1) * off.shape[1]
         frames += len(window)
     if not frames:
-        return Jitter(np.nan, np.nan, 0)
-    return Jitter(float(np.sqrt(squares / freedom)), float(np.sqrt(steps / freedom)), frames)
+        return Jitter(np.nan, 0)
+    return Jitter(float(np.sqrt(squares / freedom)), frames)
 
 
 def _windows(numbers: Array, times: Array, true: Array) -> list[NDArray[np.int_]]:
@@ -242,9 +239,7 @@ class HandScores:
     id_switches     number of changes of the tracked id
     wrong_side      frames in which it is tracked as the other hand
     side_switches   number of changes of the tracked side
-    side_after      number of frames in which it was found until its side was right; NaN if it never was
-    jitter_mm       at rest: deviation of the joints about their mean, see ``motion.Jitter``
-    step_mm         at rest: distance from frame to frame
+    jitter_mm       at rest: deviation of the joints about their mean, see ``Jitter``
     rest_frames     number of frames at rest
     lag_ms          while it moves
     bone_change_mm  (K,) largest deviation of each bone from its median length; empty if it was never found
@@ -263,9 +258,7 @@ class HandScores:
     id_switches: int
     wrong_side: int
     side_switches: int
-    side_after: float
     jitter_mm: float
-    step_mm: float
     rest_frames: int
     lag_ms: float
     bone_change_mm: tuple[float, ...]
@@ -342,9 +335,7 @@ def _scores(header: TrackHeader, hand: Followed) -> HandScores:
         id_switches=_changes([other.id for other in tracked]),
         wrong_side=right.count(False),
         side_switches=_changes(right),
-        side_after=float(right.index(True)) if any(right) else NAN,
         jitter_mm=shakes.deviation_mm,
-        step_mm=shakes.step_mm,
         rest_frames=shakes.frames,
         lag_ms=1000 * lag_s(numbers, times, xyz, true),
         bone_change_mm=tuple(bone_changes(xyz, header.skeleton.parents).tolist()) if tracked else (),

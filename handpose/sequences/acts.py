@@ -10,9 +10,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from handpose.body.sides import Side, mirror_of
-from handpose.sequences.gestures import fingers_of
 from handpose.sequences.movements import OVERLAP, TOP_SPEED, Movement, Strokes, posed
-from handpose.sequences.person import Person
+from handpose.sequences.person import Person, fingers_of
 from handpose.sequences.surroundings import Volume
 from handpose.synthetic.pose_prior import BodySampler
 from netlib.blob import Array

@@ -27,9 +27,8 @@ from handpose.body.sides import Side, other_side
 from handpose.frames.cameras import NYU, UNIT_MM, Camera
 from handpose.frames.recording import DepthFrame, Recording
 from handpose.sequences.acts import Act, Actor
-from handpose.sequences.gestures import SHOWN
 from handpose.sequences.movements import HandPose, Movement
-from handpose.sequences.person import Person
+from handpose.sequences.person import SHOWN, Person
 from handpose.sequences.surroundings import NOWHERE_MM, Volume, draw_desk, draw_surroundings
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
@@ -46,22 +45,20 @@ class Role:
 
     side    "right" or "left"
     acts    repeated until the recording ends
-    person  index of its person: hands of one person have the same bones and surface
     """
 
     side: Side
     acts: tuple[Act, ...]
-    person: int = 0
 
 
 @dataclass(frozen=True)
 class Script:
-    """The script of a recording.
+    """The script of a recording of one person.
 
     seconds  default length
     roles    the hands; their indices are their ids
-    body     True if the body of the first person is visible behind the hands, False for arms only
-    desk     True if the first person sits at a table and is seen from above
+    body     True if the body is visible behind the hands, False for arms only
+    desk     True if the person sits at a table and is seen from above
     apart    True if each of two hands keeps to its half of the image, False if one may occlude the other
     poses    replace those of the prior file with the same names
     """
@@ -85,7 +82,6 @@ SCRIPTS = {
     "moving": Script(20, (Role("right", (Act("rest", 1.5), Act("moving", 18.5))),)),
     "leaves": Script(20, (Role("right", (Act("moving", 4), Act("away", 3.5), Act("gestures", 3))),)),
     "two_hands": Script(20, (Role("right", _LIVELY), Role("left", (*_LIVELY[2:], *_LIVELY[:2])))),
-    "two_people": Script(20, (Role("right", _LIVELY), Role("right", (*_LIVELY[2:], *_LIVELY[:2]), person=1))),
     "left": Script(20, (Role("left", _LIVELY),)),
     "body": Script(20, (Role("right", _LIVELY),), body=True),
     "desk": Script(20, (Role("right", _LIVELY), Role("left", (*_LIVELY[2:], *_LIVELY[:2]))), desk=True),
@@ -105,7 +101,7 @@ SHOWING = Script(30, (Role("right", (Act("gestures", 30, tuple(pose.name for pos
 BODY_FAR = 700.0  # mm: maximum distance of hands in front of a body
 MOSTLY, HARDLY = 0.9, 0.1  # share of the joints in the image: visible from the first on, lost up to the second
 SEEN, COVERED = 0.5, 0.05  # share of the surface that is not hidden: visible from the first on, hidden below the second
-PEOPLE, HANDS, SURROUNDINGS = range(3)  # purposes of random numbers
+PERSON, HANDS, SURROUNDINGS = range(3)  # purposes of random numbers
 
 Numbers = Callable[..., np.random.Generator]
 
@@ -126,7 +122,7 @@ class Shot(NamedTuple):
 class Stage:
     """A script in front of a camera, for ``seconds``.
 
-    numbers  the random generator of a purpose, given by whole numbers from ``PEOPLE`` to ``SURROUNDINGS``
+    numbers  the random generator of a purpose, given by whole numbers from ``PERSON`` to ``SURROUNDINGS``
     """
 
     def __init__(self, script: Script, camera: Camera, seconds: float, numbers: Numbers) -> None:
@@ -137,13 +133,11 @@ class Stage:
         others = [pose for pose in prior.pose if pose.name not in [own.name for own in script.poses]]
         prior = prior.but(pose=(*others, *script.poses)) if script.poses else prior
         self.sampler = BodySampler(prior)
-        who = {role.person for role in script.roles}
-        self.people = {person: Person.draw(numbers(PEOPLE, person), self.sampler) for person in who}
+        self.person = Person.draw(numbers(PERSON, 0), self.sampler)
         volumes = [self._volume(n) for n in range(len(script.roles))]
         self.movements: list[Movement] = []
         for n, (role, (volume, outward)) in enumerate(zip(script.roles, volumes)):
-            person = self.people[role.person]
-            actor = Actor(numbers(HANDS, n), self.sampler, person, role.side, volume, outward)
+            actor = Actor(numbers(HANDS, n), self.sampler, self.person, role.side, volume, outward)
             self.movements.append(actor.act(role.acts, seconds))
         farthest = max(volume.far for volume, _ in volumes)
         self.surroundings = (
@@ -153,14 +147,14 @@ class Stage:
         )
 
     def _volume(self, n: int) -> tuple[Volume, float]:
-        """The volume in which a role's hand moves, and the side of its elbow; people face the camera."""
+        """The volume in which a role's hand moves, and the side of its elbow; the person faces the camera."""
         roles, own = self.script.roles, self.script.roles[n].side
         volume = Volume(self.camera, far=BODY_FAR) if self.script.body or self.script.desk else Volume(self.camera)
         if not self.script.apart or len(roles) == 1:
             return volume.roomy(), 0.0
-        first = own == "right" if len({role.side for role in roles}) > 1 else n == 0
-        volume = volume._replace(left=0.0 if first else 0.5, right=0.5 if first else 1.0)
-        return volume.roomy(), -1.0 if first else 1.0
+        if own == "right":
+            return volume._replace(right=0.5).roomy(), -1.0
+        return volume._replace(left=0.5).roomy(), 1.0
 
     def shot(self, time: float) -> Shot:
         """The scene at a time in s."""
@@ -170,8 +164,8 @@ class Stage:
         for role, pose in zip(self.script.roles, poses):
             hands.append(pose.capsules.chosen(~limbs))
             forearm = pose.capsules.chosen(limbs)
-            upper_arm = self.surroundings.upper_arm(forearm.b[0, -1], role.side, role.person)
-            arms += [forearm, self.people[role.person].worn(pose.capsules), upper_arm]
+            upper_arm = self.surroundings.upper_arm(forearm.b[0, -1], role.side)
+            arms += [forearm, self.person.worn(pose.capsules), upper_arm]
         layers = np.concatenate([render_image(in_front(hand), self.camera, np.inf) for hand in hands])
         everything = in_front(joined(arms))
         depth = np.minimum(self.surroundings.image, render_image(everything, self.camera, NOWHERE_MM)[0])

@@ -15,7 +15,6 @@ from netlib.blob import Array
 NOWHERE_MM = 1e4  # beyond the range of any camera
 BEHIND_MM = 300.0  # from the farthest place of a hand to the middle between the shoulders
 SHOULDER_MM = 170.0  # from that middle
-BESIDE_MM = 750.0  # from one person to the next
 
 MARGIN_MM = 155.0  # from the middle of a crop to the border of the volume
 GONE_MM = 330.0  # from the border of the image to the middle of a hand that is away
@@ -25,16 +24,16 @@ class Surroundings(NamedTuple):
     """Everything in the image except hands and arms.
 
     image   (height, width) mm, ``NOWHERE_MM`` without a reading
-    middle  (3,) mm between the shoulders of the first person
+    middle  (3,) mm between the person's shoulders
     """
 
     image: Floats
     middle: Array
 
-    def upper_arm(self, elbow: Array, side: Side, person: int) -> Capsules:
-        """The capsule (1, 1) from an elbow (3,) to the shoulder of a person who faces the camera."""
+    def upper_arm(self, elbow: Array, side: Side) -> Capsules:
+        """The capsule (1, 1) from an elbow (3,) to the shoulder of the person, who faces the camera."""
         right = -1.0 if side == "right" else 1.0
-        shoulder = self.middle + (right * SHOULDER_MM + person * BESIDE_MM, -20.0, 0.0)
+        shoulder = self.middle + (right * SHOULDER_MM, -20.0, 0.0)
         return Capsules(elbow[None, None], shoulder[None, None], np.array([[40.0]]), np.array([[55.0]]))
 
 

@@ -37,7 +37,7 @@ class BodySampler:
     skeleton  with the limits of the poses and the bones to vary; by default the prior's
 
     rotation     the DoFs of the rotations
-    translation  the DoFs along x, y, z of the joint that carries the crop centre; none if it has none
+    translation  the DoFs along x, y, z of the joint that carries the crop centre; none without a centre
     limbs        the other DoFs that are drawn, ascending
     """
 
@@ -145,7 +145,7 @@ class BodySampler:
     def _place(self, rng: np.random.Generator, inputs: Array, bones: Array, scale: Array) -> None:
         """Move the bodies so that their crop centres, except for the jitter, are at the origin."""
         p, half = self.prior, self.cube_mm / 2
-        if not len(self.translation) or p.center is None:
+        if p.center is None:
             return
         wide = rng.random((len(inputs), 1)) < p.wide
         jitter = rng.standard_normal((len(inputs), 3)) * np.where(wide, p.center_jitter_wide, p.center_jitter)
@@ -188,8 +188,7 @@ class BodySampler:
             return np.zeros(0, dtype=int)
         joint = self.skeleton.joint_names.index(self.prior.center.joint)
         along = prior_file.translations(self.skeleton, joint)
-        whole = self.skeleton.parents[joint] < 0 and len(along) == 3
-        return np.array([along[axis] for axis in range(3)] if whole else [], dtype=int)
+        return np.array([along[axis] for axis in range(3)], dtype=int)  # the file was checked
 
 
 def _angles(rng: np.random.Generator, turn: TurnParameter, count: int) -> Array:

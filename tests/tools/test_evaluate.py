@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from handpose.frames.cameras import ICVL
-from handpose.scoring.fitted_angles import FittedAngles
+from handpose.scoring.published_predictions import FittedAngles
 from tests.support.running import run_tool
 from tools import evaluate
 

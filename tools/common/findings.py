@@ -24,7 +24,7 @@ from handpose.output.hand_page.content import body, content, hand
 from handpose.output.tracks import csv_file, joint_values
 from handpose.output.tracks.json_values import free_dofs
 from handpose.output.tracks.predictions import document, frame_values
-from handpose.sequences.gestures import poses
+from handpose.sequences.person import poses
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.tracking.track import TrackedFrame, TrackHeader

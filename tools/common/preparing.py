@@ -89,7 +89,7 @@ def _prepare(splits: Sequence[PreparedSplit], args: argparse.Namespace, own: Seq
     def fill(advance: Callable[[int], None]) -> None:
         outcomes.extend(_write(split, args, advance) for split in splits)
 
-    parts.check_space(args.out, missing, splits[0].frames.columns())
+    parts.check_space(args.out, [(len(split.frames), split.frames.columns()) for split in splits])
     status = fill_folder(args.out, "whole files are", sum(part.rows for part in missing), fill)
     if status != DONE:
         return status

@@ -21,12 +21,13 @@ from handpose import Recording
 from handpose.frames import camera_file
 from handpose.frames.formats.folder import PICTURES, FolderRecording
 from handpose.output.drawing.sheets import ContactSheet
-from handpose.output.drawing.tracks import Painter
+from handpose.output.drawing.tracks import HEAD, Painter
 from handpose.output.drawing.video_file import VideoFile
 from handpose.output.live.messages import LINES, VIEWS, Messages
 from handpose.output.live.page import page
 from handpose.output.live.server import LiveServer, checked_token
-from handpose.output.tracks.writing import TrackWriter, open_writer
+from handpose.output.tracks.growing import TrackWriter
+from handpose.output.tracks.writing import open_writer
 from handpose.tracking.track import TrackedFrame, TrackHeader
 from netlib.errors import NetlibError, reason_of
 from netlib.files import atomic
@@ -52,7 +53,7 @@ def add_output_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--gestures", action="store_true",
                         help="gesture of each hand and its confidence, in --json and --csv")
     parser.add_argument("--video", metavar="FILE.mp4", type=name_in(".mp4"),
-                        help="skeleton and surface on the depth image, and hands in space")
+                        help="skeleton and surface on the depth image")
     parser.add_argument("--sheet", metavar="FILE.png", type=name_in(".png", ".jpg"),
                         help="contact sheet of the track")
     parser.add_argument("--serve", metavar="HOST:PORT", nargs="?", const=(LOCAL, 0), type=_served,
@@ -172,7 +173,7 @@ class Outputs:
             image = painter.picture(depth, frame)
             self._video.write(image, frame.time)
             if self._sheet:
-                self._sheet.add(frame.time, lambda: image[painter.depth_part])
+                self._sheet.add(frame.time, lambda: image[HEAD:])
         elif painter and self._sheet:
             self._sheet.add(frame.time, lambda: painter.seen(depth, frame))
         if self._live:
@@ -192,9 +193,7 @@ class Outputs:
             except Exception as one:
                 failure = failure or one
         self.written += [str(path) for writer in self._writers for path in writer.files]
-        if self._video and self._video.note:
-            self.written.append(self._video.note)
-        elif self._video and Path(self._args.video).exists():
+        if self._video and Path(self._args.video).exists():
             self.written.append(self._args.video)
         if failure is not None and failure is not error:
             raise failure

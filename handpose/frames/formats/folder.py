@@ -2,15 +2,30 @@
 
 open_folder(Path("frames"), given)          # all images in it, which must be one sequence
 open_folder(Path("frames/left_*.png"), given)    # those of one
+
+    000000033333us.png                      us, ms or ns as named, as ``tools/record.py`` writes
+    1616799936125.png 1616799936.125.png    s, ms, us or ns since 1970, by their size, also with a fraction
+    00012_1616799936125.png                 a count and such a time, in any order: the time
+    0001.png frame_7.png 34512.png          other numbers count frames, one frame period each, unless a unit is given
+    2021-03-26 23h05m36s125.png             of dates only the order is used: one frame period each
+
+The texts between the numbers of a sequence are equal, and so are all numbers except the time and those that ascend with
+it.
 """
 
 from __future__ import annotations
 
 import contextlib
 import fnmatch
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
+import itertools
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from pathlib import Path, PurePath
+from statistics import median
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -18,7 +33,6 @@ from numpy.typing import NDArray
 
 from handpose.frames import camera_file
 from handpose.frames.cameras import NYU
-from handpose.frames.formats.frame_names import NamedFrames, in_order
 from handpose.frames.images import read_picture, unpack_depth
 from handpose.frames.raw import HEADERLESS, Calibration, calibration_of
 from handpose.frames.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
@@ -144,3 +158,222 @@ def _grey(image: NDArray[Any], packed: bool, path: Path) -> NDArray[Any]:
         kind, nyu = ("colours", " (of the NYU data set, with --camera nyu)") if image.ndim == 3 else ("grey values", "")
         raise DataError(f"{path}: a picture of {image.dtype} {kind}; expected depth, a 16-bit grey picture{nyu}")
     return image
+
+
+# ---------------------------------------------------------------------------------------------- names
+
+TICKS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}  # per second
+NANO = TICKS["ns"]
+FRAMES = "frames"  # the unit of numbers that count frames
+EPOCH = (946684800, 4102444800)  # s since 1970 of the years 2000 and 2100
+NAMED_UNIT = re.compile(r"(?<!\d)(\d+)([mun]s)(?:ec)?(?![A-Za-z])")
+SINCE_1970 = re.compile(r"(?<!\d)(\d{9,19})(?:\.(\d+)|[_-](\d{6}|\d{9}))?(?!\d)")
+DATE = re.compile(r"(?<!\d)20\d\d\D?[01]\d\D?[0-3]\d(?:\D{0,4}[0-2]\d\D?[0-5]\d\D?[0-5]\d(?:\.\d+)?)?")
+NUMBER, DECIMAL = re.compile(r"\d+"), re.compile(r"\d+(?:[.,]\d+)?")
+SPARSE = 10  # times as many numbers as frames are no count if the names have a date
+MAX_SHOWN = 6  # maximum number of sequences in a message
+
+
+@dataclass(frozen=True)
+class NamedFrames:
+    """The frames of one sequence, in order.
+
+    names   of the files
+    times   of each, in ticks from the first frame on; ascend
+    ticks   per second; 0 if they count frames
+    interpretation  of the names
+    """
+
+    names: tuple[str, ...]
+    times: tuple[int, ...]
+    ticks: int
+    interpretation: str
+
+
+class Reading(NamedTuple):
+    """One way to read the times in names.
+
+    times  one for each name; numbers of frames if ``ticks`` is 0
+    ticks  per second
+    how    interpretation of the names
+    rests  the names without their times
+    """
+
+    times: list[int]
+    ticks: int
+    how: str
+    rests: list[str]
+
+
+def in_order(names: Iterable[str], where: str, unit: str | None = None) -> NamedFrames:
+    """The frames with these names. Raises DataError for several sequences, and for two frames of the same moment.
+
+    unit  of the times in the names, "frames" if they are numbers; inferred by default
+    """
+    names = sorted(names)
+    groups: dict[tuple[object, ...], list[str]] = defaultdict(list)
+    for name in names:
+        groups[_texts(PurePath(name).stem), PurePath(name).suffix.lower()].append(name)
+    found = _reading([PurePath(name).stem for name in names], unit) if len(groups) == 1 else None
+    if found is not None:
+        return _sorted(names, found, where)
+    sequences = sorted(pattern for group in groups.values() for pattern in _sequences(group, unit))
+    more = f" and {len(sequences) - MAX_SHOWN} more" if len(sequences) > MAX_SHOWN else ""
+    shown = ", ".join(f"{pattern} ({count})" for pattern, count in sequences[:MAX_SHOWN])
+    raise DataError(f"{where}: holds {len(sequences)} sequences: {shown}{more}; name one, as "
+                    f"'{where}/{sequences[0][0]}'")
+
+
+def since_1970(numbers: Sequence[float]) -> str | None:
+    """The unit in which all numbers are times from 2000 to 2100; None without one."""
+    for unit, ticks in TICKS.items():
+        if all(EPOCH[0] * ticks <= number < EPOCH[1] * ticks for number in numbers):
+            return unit
+    return None
+
+
+def _sorted(names: Sequence[str], found: Reading, where: str) -> NamedFrames:
+    times, ticks, how = found.times, found.ticks, found.how
+    order = sorted(range(len(names)), key=lambda i: times[i])
+    for a, b in itertools.pairwise(order):
+        if times[a] == times[b]:
+            raise DataError(f"{where}: {names[a]} and {names[b]} are frames of the same moment; remove one of them")
+    first = times[order[0]]
+    if not ticks and (missing := times[order[-1]] - first + 1 - len(names)):
+        how += (f"; numbers missing between {first} and {times[order[-1]]}: {missing}, which stay gaps in time "
+                "(--time-unit if they are times)")
+    if ticks and len(names) > 1:
+        step = median(times[b] - times[a] for a, b in itertools.pairwise(order))
+        how += f": a frame every {1000 * step / ticks:.3g} ms"
+    return NamedFrames(tuple(names[i] for i in order), tuple(times[i] - first for i in order), ticks, how)
+
+
+def _reading(stems: list[str], unit: str | None) -> Reading | None:
+    """The first reading by which all names, of equal texts, are one sequence; None without one.
+
+    Names of the same moment are a sequence only if there is no other reading: the caller reports them.
+    """
+    counts = _counts(stems)
+    dense = [found for found in counts if max(found.times) - min(found.times) < SPARSE * len(stems)]
+    if unit is None:
+        readings = [*_named_units(stems), *_since_1970(stems), *dense, *_dated(stems), *counts]
+    else:
+        readings = counts if unit == FRAMES else list(_given(stems, unit))
+    possible = [found for found in readings if _is_one_sequence(found)]
+    strict = (found for found in possible if len(set(found.times)) == len(stems))
+    return next(strict, next((found for found in possible if len(set(found.rests)) == 1), None))
+
+
+def _is_one_sequence(found: Reading) -> bool:
+    """True if all numbers besides the time are constant or ascend with it."""
+    order = sorted(range(len(found.times)), key=lambda i: found.times[i])
+    columns = zip(*(map(int, NUMBER.findall(found.rests[i])) for i in order))
+    return all(len(set(column)) == 1 or all(a < b for a, b in itertools.pairwise(column)) for column in columns)
+
+
+def _named_units(stems: list[str]) -> Iterator[Reading]:
+    """Numbers with their unit."""
+    for matches in _in_columns(stems, NAMED_UNIT):
+        units = {match[2] for match in matches}
+        if len(units) == 1:
+            (unit,) = units
+            times = [int(match[1]) for match in matches]
+            yield Reading(times, TICKS[unit], f"times from the file names, in {unit}", _without(stems, matches))
+
+
+def _since_1970(stems: list[str]) -> Iterator[Reading]:
+    """Times since 1970; the last in the names first."""
+    for matches in _in_columns(stems, SINCE_1970):
+        unit = since_1970([int(match[1]) for match in matches])
+        if unit is None:
+            continue
+        digits = len(str(NANO // TICKS[unit])) - 1  # of the fraction, down to a nanosecond
+        times, rests = [], []
+        for stem, match in zip(stems, matches):
+            fraction = match[2] or (match[3] if unit == "s" else "") or ""
+            times.append(int(match[1] + fraction[:digits].ljust(digits, "0")))
+            end = match.end() if fraction else match.end(1)
+            rests.append(f"{stem[: match.start()]}*{stem[end:]}")
+        yield Reading(times, NANO, f"times from the file names, in {unit} since 1970", rests)
+
+
+def _dated(stems: list[str]) -> Iterator[Reading]:
+    """Names with several dates, after the same numbers: in the order of all their numbers."""
+    matches = [DATE.search(stem) for stem in stems]
+    if all(matches) and len({match[0] for match in matches if match}) > 1:
+        ranks = {row: rank for rank, row in enumerate(sorted({_numbers(stem) for stem in stems}))}
+        rests = [stem[: match.start()] for stem, match in zip(stems, matches) if match]
+        how = "frames in the order of the dates in their names, one frame period each"
+        yield Reading([ranks[_numbers(stem)] for stem in stems], 0, how, rests)
+
+
+def _given(stems: list[str], unit: str) -> list[Reading]:
+    """Numbers in a given unit, those that step most first."""
+    readings = []
+    for matches in _in_columns(stems, DECIMAL):
+        times = [int(Decimal(match[0].replace(",", ".")) * (NANO // TICKS[unit])) for match in matches]
+        how = f"times from the file names, in {unit} as given"
+        readings.append(Reading(times, NANO, how, _without(stems, matches)))
+    return sorted(readings, key=lambda found: min(found.times) - max(found.times))
+
+
+def _counts(stems: list[str]) -> list[Reading]:
+    """Numbers of frames, those with the smallest range first, of equal ones the last; without one, all are number 0."""
+    how = "frames in the order of the numbers in their names"
+    columns = list(_in_columns(stems, NUMBER))
+    if not columns:
+        return [Reading([0] * len(stems), 0, how, stems)]
+    readings = [Reading([int(match[0]) for match in found], 0, how, _without(stems, found)) for found in columns]
+    return sorted(readings, key=lambda one: (len(set(one.times)) == 1, max(one.times) - min(one.times)))
+
+
+def _in_columns(stems: list[str], pattern: re.Pattern[str]) -> Iterator[list[re.Match[str]]]:
+    """The last match of a pattern in each name, then the last but one, and so on while all names have one."""
+    found = [list(pattern.finditer(stem)) for stem in stems]
+    if len({len(matches) for matches in found}) == 1:
+        yield from (list(column) for column in reversed(list(zip(*found))))
+
+
+def _without(stems: list[str], matches: Sequence[re.Match[str]]) -> list[str]:
+    """The names with a star in place of the matches."""
+    return [f"{stem[: match.start()]}*{stem[match.end() :]}" for stem, match in zip(stems, matches)]
+
+
+def _texts(stem: str) -> tuple[str, ...]:
+    """The parts of a name between its numbers."""
+    return tuple(NUMBER.split(stem))
+
+
+def _numbers(stem: str) -> tuple[int, ...]:
+    return tuple(map(int, NUMBER.findall(stem)))
+
+
+def _sequences(names: list[str], unit: str | None) -> list[tuple[str, int]]:
+    """The sequences in names of equal texts: a pattern of the names of each, and their number."""
+    stems = [PurePath(name).stem for name in names]
+    if _reading(stems, unit) is not None:
+        return [(_pattern(names), len(names))]
+    columns = list(zip(*(NUMBER.findall(stem) for stem in stems)))
+    keys = [column for column in columns if 1 < len(set(column)) < len(stems)]
+    for key in sorted(keys, key=lambda column: len(set(column))):
+        parts: dict[str, list[str]] = defaultdict(list)
+        for name, value in zip(names, key):
+            parts[value].append(name)
+        if all(_reading([PurePath(name).stem for name in part], unit) is not None for part in parts.values()):
+            return [(_pattern(part), len(part)) for part in parts.values()]
+    last = max(i for i, column in enumerate(columns) if len(set(column)) > 1)
+    rest: dict[tuple[str, ...], list[str]] = defaultdict(list)
+    for name, row in zip(names, zip(*columns)):
+        rest[row[:last] + row[last + 1 :]].append(name)
+    return [(_pattern(part), len(part)) for part in rest.values()]
+
+
+def _pattern(names: list[str]) -> str:
+    """A pattern of names of equal texts: a star for each number that changes, or for the last one."""
+    between, suffix = _texts(PurePath(names[0]).stem), PurePath(names[0]).suffix
+    columns = list(zip(*(NUMBER.findall(PurePath(name).stem) for name in names)))
+    changes = [len(set(column)) > 1 for column in columns]
+    if columns and not any(changes):
+        changes[-1] = True
+    numbers = ["*" if change else column[0] for change, column in zip(changes, columns)]
+    return "".join(itertools.chain(*itertools.zip_longest(between, numbers, fillvalue=""))) + suffix

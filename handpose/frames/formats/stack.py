@@ -1,17 +1,22 @@
 """Stacks of depth frames in one array: .npy and .npz.
 
 An .npy file is an array (frames, height, width) of integers of 16 bits or more, or of floating-point numbers. In an
-.npz file it is called depth, or is the only one with three axes; ``other_arrays`` reads the others. Frames are read one
-by one, so a stack may exceed the memory.
+.npz file it is called depth, or is the only one with three axes. Frames are read one by one, so a stack may exceed the
+memory. The other arrays of an .npz file are recognised by their usual names:
+
+times    time, times, t, ts, timestamp, timestamps, stamp, stamps, also after ``depth_`` or ``frame_``; a name may end
+         with its unit, as in ``timestamps_us``
+others   the names of ``camera_values``; ``camera``, the whole text of a camera.json
 """
 
 from __future__ import annotations
 
 import contextlib
 import math
+import re
 import warnings
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from io import BufferedReader
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -20,9 +25,9 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from handpose.frames import camera_file
-from handpose.frames.formats.other_arrays import recognise
-from handpose.frames.raw import calibration_of, check_values
+from handpose.frames import camera_file, camera_values
+from handpose.frames.formats.folder import FRAMES, TICKS, since_1970
+from handpose.frames.raw import RATE, calibration_of, check_values
 from handpose.frames.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
 from netlib import files
 from netlib.errors import DataError, NetlibError, reason_of, system_error_of
@@ -168,3 +173,159 @@ def _stack_shape(shape: tuple[int, ...], dtype: np.dtype[Any], where: str) -> tu
     check_values(dtype, where)
     frames, height, width = (1,) * (3 - len(shape)) + tuple(shape)
     return frames, height, width
+
+
+# ---------------------------------------------------------------------------------------------- other arrays
+
+ENDINGS = {word: unit for unit, words in {
+    "s": "s sec secs second seconds", "ms": "ms msec millis milliseconds", "us": "us usec micros microseconds",
+    "ns": "ns nsec nanos nanoseconds"}.items() for word in words.split()}
+TIMES = re.compile(rf"(?:depth_|frame_)?(?:t|ts|times?|time_?stamps?|stamps?)(?:_({'|'.join(ENDINGS)}))?", re.I)
+IN_SECONDS = "time"  # the one name whose times are seconds unless they are times since 1970 in another unit
+OF_ANYTHING = ("name", "model", *camera_values.SIZE)  # ambiguous keys, used only with a camera
+TEXT = "camera"  # the name of the whole text of a camera.json
+FIELDS = {"camera": "camera", "lens": "distortion", "unit_mm": "unit", "rate": "rate",
+          "time_unit": "unit of the times"}  # of CameraInfo, in words
+MAX_VALUES = 1000  # in an array of parameters
+MAX_NAMES = 8  # number of unused arrays that are named
+
+
+class Recognised(NamedTuple):
+    """What was recognised.
+
+    times     (frames,) s, or None
+    own       camera parameters
+    remarks   at most one line: what was taken from which array
+    warnings  at most one line: the arrays that are not used
+    """
+
+    times: NDArray[np.float64] | None
+    own: CameraInfo
+    remarks: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def recognise(
+    found: Mapping[str, NDArray[Any]], names: Iterable[str], count: int, where: str, given: CameraInfo,
+    camera_json: CameraInfo,
+) -> Recognised:
+    """What is recognised in the arrays of a file with ``count`` frames.
+
+    found        arrays that are small enough to be parameters
+    names        of all arrays but the frames
+    where        name of the file, for messages
+    given        parameters from the user, which have precedence
+    camera_json  those of a camera.json next to the file, over which the file has precedence
+
+    Raises DataError for invalid values, and for times of an unknown unit.
+    """
+    own, fields = _parameters(found, where, given)
+    words = _in_words(fields, given)
+    name, times = _name_of_times(found, count), None
+    if name is not None:
+        numbers = _checked(found[name], count, f"{where}: {name}")
+        unit, how = _unit_of_times(name, found[name].dtype, numbers, where, given.time_unit, own, camera_json)
+        rate = given.or_else(own).or_else(camera_json).rate or RATE
+        times = numbers / (rate if unit == FRAMES else TICKS[unit])
+        words.append(f"times from {name!r}, {how}")
+    unused = [one for one in names if one not in fields and one != name]
+    return Recognised(times, own, ("; ".join(words),) if words else (), (_not_used(unused),) if unused else ())
+
+
+def _in_words(fields: Mapping[str, str], given: CameraInfo) -> list[str]:
+    """What is taken from which arrays; not what the user gave."""
+    sources: dict[str, list[str]] = {}
+    for name, field in fields.items():
+        of_another_camera = field == "lens" and given.camera is not None
+        if getattr(given, field, None) is None and not of_another_camera:
+            sources.setdefault(FIELDS.get(field, field), []).append(repr(name))
+    return [f"{what} from {', '.join(names)}" for what, names in sources.items()]
+
+
+def _not_used(names: list[str]) -> str:
+    """The warning about arrays that are not used."""
+    shown = ", ".join(map(repr, names[:MAX_NAMES]))
+    more = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
+    what = f"array {shown} is" if len(names) == 1 else f"arrays {shown}{more} are"
+    return (f"{what} not used; known names are time, timestamps and the like, K, fx, fy, cx, cy, depth_scale, unit, "
+            "fps and all keys of a camera.json (docs/camera.md)")
+
+
+def _parameters(found: Mapping[str, NDArray[Any]], where: str, given: CameraInfo) -> tuple[CameraInfo, dict[str, str]]:
+    """The parameters in the arrays, and the field of CameraInfo for each array that is used. Raises DataError."""
+    has_camera = camera_values.has_camera({name: value.tolist() for name, value in found.items() if value.size <= 16})
+    values = {name: _plain(value, f"{where}: {name}") for name, value in found.items() if camera_values.is_known(name)
+              and (has_camera or name not in OF_ANYTHING)}
+    replaced = [field for field, value in vars(given).items() if value is not None]
+    own, fields, *_ = camera_values.find(values, where, replaced) if values else (UNKNOWN, {})
+    if TEXT not in found:
+        return own, {**fields}
+    if found[TEXT].size != 1:
+        raise DataError(f"{where}: camera has the shape {found[TEXT].shape}, expected one text: a camera.json")
+    text = camera_file.parse(_text(found[TEXT]), f"{where}: camera")
+    return own.or_else(text), {**fields, TEXT: "parameters"}
+
+
+def _plain(value: NDArray[Any], where: str) -> Any:
+    """An array as a value of JSON. Raises DataError."""
+    if value.dtype.kind in "biuf":
+        plain = value.squeeze().tolist() if value.size <= MAX_VALUES else None
+        if plain is not None:
+            return plain
+    elif value.dtype.kind in "SUO" and value.size == 1:
+        return _text(value)
+    raise DataError(f"{where} is {value.dtype} {value.shape}, expected numbers, or a text")
+
+
+def _text(value: NDArray[Any]) -> str:
+    text = value.reshape(-1)[0]
+    return text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text)
+
+
+def _name_of_times(found: Mapping[str, NDArray[Any]], count: int) -> str | None:
+    """The array of times: ``time``, otherwise the first whose name has a unit, otherwise the first.
+
+    A single number may be the date of the recording, and a ``t`` of another length a translation.
+    """
+    possible = [name for name, value in found.items() if TIMES.fullmatch(name)
+                and (name == IN_SECONDS or value.size == count or (value.ndim and name != "t"))]
+    return min(possible, key=lambda name: (name != IN_SECONDS, _ending(name) is None), default=None)
+
+
+def _ending(name: str) -> str | None:
+    """The unit at the end of a name."""
+    match = TIMES.fullmatch(name)
+    return ENDINGS[match[1].lower()] if match and match[1] else None
+
+
+def _checked(times: NDArray[Any], count: int, where: str) -> NDArray[np.float64]:
+    """Times of the frames. Raises DataError for others than one ascending number for each."""
+    if times.size != count or times.squeeze().ndim > 1 or times.dtype.kind not in "iufM":
+        raise DataError(f"{where} is {times.dtype} {times.shape}, expected ({count},): a time for each frame")
+    if times.dtype.kind == "M":
+        times = times.astype("datetime64[ns]").astype(np.int64)
+    numbers = times.astype(np.float64).ravel()
+    bad = ~(np.diff(numbers, prepend=-np.inf) > 0) | ~np.isfinite(numbers)
+    if bad.any():
+        at = int(np.argmax(bad))
+        raise DataError(f"{where}[{at}] is {numbers[at]:g}; expected finite times, each after the one before")
+    return numbers
+
+
+def _unit_of_times(
+    name: str, dtype: np.dtype[Any], times: NDArray[np.float64], where: str, given: str | None, own: CameraInfo,
+    camera_json: CameraInfo,
+) -> tuple[str, str]:
+    """The unit of times, and how it is known. Raises DataError if it is unknown."""
+    stored = "ns" if dtype.kind == "M" else None  # a type of dates
+    for unit, how in ((stored, "as stored"), (given, "as given"), (_ending(name), "by its name"),
+                      (own.time_unit, "as the file says"), (camera_json.time_unit, "by camera.json")):
+        if unit is not None:
+            return unit, f"in {unit} {how}"
+    if unit := since_1970(times.tolist()):
+        return unit, f"in {unit} since 1970"
+    if name == IN_SECONDS:
+        return "s", "taken for s; --time-unit if wrong"
+    step = np.median(np.diff(times)) if len(times) > 1 else 0
+    raise DataError(f"{where}: {name} has times of an unknown unit, with a usual step of {step:g}; give --time-unit s, "
+                    f"ms, us, ns or frames, or call the array {name}_ms")

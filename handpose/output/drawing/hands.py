@@ -97,7 +97,10 @@ def view_3d(
 
     Its shadow is on the floor of the cube. ``truth`` joints in thin black; the fingers ``guesses`` hollow (``draw``).
     """
-    view = viewer_from_world(YAW, PITCH)
+    y, p = np.deg2rad((YAW, PITCH))
+    turn = np.array([[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]])
+    tilt = np.array([[1, 0, 0], [0, np.cos(p), np.sin(p)], [0, -np.sin(p), np.cos(p)]])
+    view = tilt @ turn
     distance = 7.0  # distance of the viewer in half-cubes: a weak perspective
 
     def place(points: Array) -> Array:
@@ -127,14 +130,6 @@ def view_3d(
         points = _checked(truth, skeleton)
         draw(canvas, place(points), (points @ view.T)[:, 2], skeleton, thick=1, colour=(60, 60, 60), rim=False)
     return canvas
-
-
-def viewer_from_world(yaw: float, pitch: float) -> Array:
-    """The rotation (3, 3) into the axes of a viewer turned to the right, then up, by degrees: x right, y up, z away."""
-    y, p = np.deg2rad((yaw, pitch))
-    turn = np.array([[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]])
-    tilt = np.array([[1, 0, 0], [0, np.cos(p), np.sin(p)], [0, -np.sin(p), np.cos(p)]])
-    return np.asarray(tilt @ turn)
 
 
 def colours(skeleton: Skeleton) -> list[Colour]:

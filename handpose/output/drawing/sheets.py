@@ -13,8 +13,9 @@ from handpose.output.drawing import hands, strokes
 from handpose.output.drawing.strokes import Image
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
-from netlib.errors import DataError
 
+COLUMNS, PLACES = 4, 16  # of a page
+WIDTH = 480  # pixels of an image; larger ones are reduced
 PAGES = 4  # an even number
 
 
@@ -23,21 +24,16 @@ class ContactSheet:
 
     Every frame is taken until the four pages are full. Then every second image is dropped, and only every second
     further frame is taken, and so on. At the end one page is chosen from those two to four pages.
-
-    width  of each image in pixels; larger ones are reduced
     """
 
-    def __init__(self, columns: int = 4, rows: int = 4, width: int = 480) -> None:
-        if columns < 1 or rows < 1 or width < 1:
-            raise DataError(f"{columns} columns, {rows} rows, {width} pixels wide; expected at least 1 of each")
-        self.columns, self.places, self.width = columns, columns * rows, width
+    def __init__(self) -> None:
         self._kept: list[tuple[float, Image]] = []
         self._step, self._count = 1, 0
 
     def add(self, time: float, draw: Callable[[], Image]) -> None:
         """Add a frame at a time in s; its image is drawn only if it is taken."""
         if self._count % self._step == 0:
-            if len(self._kept) == PAGES * self.places:
+            if len(self._kept) == PAGES * PLACES:
                 self._kept, self._step = self._kept[::2], 2 * self._step
             self._kept.append((time, self._reduced(draw())))
         self._count += 1
@@ -49,17 +45,17 @@ class ContactSheet:
     def page(self) -> Image:
         """The images, each with its time above it. Raises DataError if there are none."""
         images = [image for _, image in self._chosen()]
-        return strokes.sheet(images, self.columns, [f"{time:.2f} s" for time in self.times()])
+        return strokes.sheet(images, COLUMNS, [f"{time:.2f} s" for time in self.times()])
 
     def _chosen(self) -> list[tuple[float, Image]]:
-        count = min(len(self._kept), self.places)
+        count = min(len(self._kept), PLACES)
         return [self._kept[round(n * (len(self._kept) - 1) / max(count - 1, 1))] for n in range(count)]
 
     def _reduced(self, image: Image) -> Image:
-        if image.shape[1] <= self.width:
+        if image.shape[1] <= WIDTH:
             return image
-        height = max(round(image.shape[0] * self.width / image.shape[1]), 1)
-        return np.asarray(cv2.resize(image, (self.width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        height = max(round(image.shape[0] * WIDTH / image.shape[1]), 1)
+        return np.asarray(cv2.resize(image, (WIDTH, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def two_views(

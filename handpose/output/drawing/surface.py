@@ -55,7 +55,7 @@ def over_crop(
     return np.asarray(np.clip(np.rint(mixed), 0, 255), np.uint8)
 
 
-def paint(canvas: Image, capsules: Capsules, camera: Camera, opacity: float = 0.7) -> None:
+def paint(canvas: Image, capsules: Capsules, camera: Camera, opacity: float = 0.5) -> None:
     """The shaded surface on an image (height, width, 3) whose pixels are the camera's.
 
     capsules  of one body, in mm, camera axes

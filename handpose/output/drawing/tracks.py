@@ -1,4 +1,4 @@
-"""Images of the frames of a track: the hands on the depth image, and in space.
+"""Images of the frames of a track: the hands on the depth image.
 
 painter = Painter(header)
 for frame in track:                      # TrackedFrame
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import check_size
 from handpose.output.drawing import hands, strokes, surface
-from handpose.output.drawing.space import Space
 from handpose.output.drawing.strokes import Colour, Image
 from handpose.output.drawing.view import (
     Contrast,
@@ -31,9 +30,8 @@ from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
 from netlib.blob import Array
 from netlib.errors import printable
 
-WIDTH = 1280
+MAX_WIDTH, MAX_HEIGHT = 960, 720  # pixels of the depth image
 HEAD = 32  # pixels of height of the line on top
-MAX_HEIGHT, MAX_WIDTH = 0.4125, 0.6  # width of the depth image, as a fraction of the whole image
 PRESENT_MM = 60.0  # radius of the circle that marks a hand without joints
 MAX_LOST = 3  # number of lost hands that are listed
 _INK: Colour = (40, 40, 40)
@@ -41,42 +39,33 @@ _MIN_DEPTH_MM = 1.0  # joints behind the camera are drawn at this depth, far out
 
 
 class Painter:
-    """Draws the frames of one track in the order of time; contrast, part of the frame and space continue from frame to
-    frame.
+    """Draws the frames of one track in the order of time; contrast and part of the frame continue from frame to frame.
 
     header  of the track; its camera has the frames' size
-    width   of the pictures in pixels; their height follows from the camera
     """
 
-    def __init__(self, header: TrackHeader, width: int = WIDTH) -> None:
+    def __init__(self, header: TrackHeader) -> None:
         camera = header.camera
         self.header = header
-        zoom = min(MAX_HEIGHT * width / camera.height, MAX_WIDTH * width / camera.width)
-        self._size = max(round(camera.width * zoom), 1), max(round(camera.height * zoom) // 2 * 2, 2)
-        self.width, self.height = width // 2 * 2, HEAD + self._size[1]
+        zoom = min(MAX_WIDTH / camera.width, MAX_HEIGHT / camera.height)
+        self._size = max(round(camera.width * zoom), 1), max(round(camera.height * zoom), 1)
         self._contrast, self._window = Contrast(), Window(camera)
-        self._space = Space(header.skeleton)
 
     def picture(self, depth: NDArray[np.floating], frame: TrackedFrame) -> Image:
-        """The whole image, (height, width, 3). ``depth`` in mm, 0 without a reading. Raises DataError."""
-        canvas = np.full((self.height, self.width, 3), 255, dtype=np.uint8)
+        """``seen`` below a line with the source and the time, which is HEAD pixels high. Raises DataError."""
         seen = self.seen(depth, frame)
-        middle = seen.shape[1]
-        canvas[HEAD:, :middle] = seen
-        self._space.see(frame.time, _points(frame))
-        canvas[HEAD:, middle:] = self._space.picture(frame.hands, self.width - middle, seen.shape[0])
+        head = np.full((HEAD, seen.shape[1], 3), 255, dtype=np.uint8)
         raw = "" if self.header.smoothed else ", not smoothed"
-        _line_on_top(canvas, f"{self.header.source}{raw}", 10, middle - 10)
-        _line_on_top(canvas, f"{frame.time:.2f} s, frame {frame.number}", middle + 10, self.width - 10)
-        return canvas
-
-    @property
-    def depth_part(self) -> tuple[slice, slice]:
-        """Rows and columns of ``picture`` with the depth image."""
-        return slice(HEAD, HEAD + self._size[1]), slice(0, self._size[0])
+        middle = seen.shape[1] * 2 // 3
+        _line_on_top(head, f"{self.header.source}{raw}", 10, middle - 10)
+        _line_on_top(head, f"{frame.time:.2f} s, frame {frame.number}", middle + 10, seen.shape[1] - 10)
+        return np.concatenate([head, seen])
 
     def seen(self, depth: NDArray[np.floating], frame: TrackedFrame) -> Image:
-        """The depth image alone, the part around the hands, with the hands on it. Raises DataError."""
+        """The part of the depth image around the hands, with the hands on it, (height, width, 3).
+
+        ``depth`` is in mm, 0 without a reading. Raises DataError.
+        """
         check_size(depth, self.header.camera)
         self._contrast.see(frame.time, depth, _points(frame)[:, 2])
         view = self._window.see(frame.time, frame.hands)
@@ -96,7 +85,7 @@ class Painter:
     def _hand(self, canvas: Image, hand: TrackedHand, camera: Camera) -> None:
         """Draw surface and skeleton."""
         if hand.capsules is not None:
-            surface.paint(canvas, hand.capsules, camera, opacity=0.5)
+            surface.paint(canvas, hand.capsules, camera)
         uvd = camera.project(np.maximum(hand.xyz, (-np.inf, -np.inf, _MIN_DEPTH_MM)))
         guesses = hands.guessed(hand.finger_error_mm)
         hands.draw(canvas, uvd[:, :2], uvd[:, 2], self.header.skeleton, thick=2, guesses=guesses)

@@ -19,16 +19,11 @@ from handpose.output.drawing.strokes import Image
 from netlib.errors import DataError, NetlibError
 from netlib.files import atomic
 
-TICKS = 60000  # per second: exact for 30 and 29.97 frames/s; MPEG-4 part 2 allows at most 65535
+TICKS = 60000  # per second: exact for 30 and 29.97 frames/s
 RATES = (0.1, 1000.0)  # range of images per second that players support
 MAX_SECONDS = 1e8
-EVERYWHERE = "mpeg4"  # the encoder that every PyAV has
 # With their options; the first that PyAV was built with is taken. Without B-frames times begin at 0 for every player.
-ENCODERS = {
-    "libx264": {"preset": "veryfast", "crf": "20", "bf": "0"},
-    "libopenh264": {"b": "8M"},
-    EVERYWHERE: {"b": "8M"},
-}
+ENCODERS = {"libx264": {"preset": "veryfast", "crf": "20", "bf": "0"}, "libopenh264": {"b": "8M"}}
 BT709, LIMITED = 1, 1  # FFmpeg's constants for this colour standard and its range 16 to 235
 
 
@@ -40,19 +35,19 @@ class VideoFile:
 
     path  ends in ".mp4"
     rate  images per second: the duration of the last one, at most 10 s; all others last until the next
-    note  anything unusual about the file, one line, or empty
 
-    Raises NetlibError without PyAV, and for another file extension.
+    Raises NetlibError without PyAV or its encoders of H.264, and for another file extension.
     """
 
     def __init__(self, path: Path, rate: float = 30.0) -> None:
         if path.suffix.lower() != ".mp4":
             raise NetlibError(f"{path}: a video is written as .mp4; expected such a name")
-        self.path, self.rate, self.note = path, min(max(rate, RATES[0]), RATES[1]), ""
+        self.path, self.rate = path, min(max(rate, RATES[0]), RATES[1])
         self._av = _package()
-        self._encoder = next(name for name in ENCODERS if name in self._av.codecs_available)
-        if self._encoder == EVERYWHERE:
-            self.note = f"{path}: PyAV has no H.264 encoder here, so this is MPEG-4 part 2, which browsers do not play"
+        self._encoder = next((name for name in ENCODERS if name in self._av.codecs_available), "")
+        if not self._encoder:
+            raise NetlibError(f"{path}: PyAV has no encoder of H.264 here; expected {' or '.join(ENCODERS)}, as in the "
+                              "wheels of PyPI: pip install av")
         self._stack = contextlib.ExitStack()
         self._file: Any = None
         self._stream: Any = None

@@ -131,7 +131,7 @@ def _nearer_half(depth: NDArray[np.floating]) -> tuple[float, float]:
 
 # ---------------------------------------------------------------------------------------------- labels
 
-# Blue, green, red: dark enough for white letters on them, and for curves on white.
+# Blue, green, red: dark enough for white letters on them.
 _COLOURS: tuple[Colour, ...] = (
     (190, 110, 25),
     (30, 95, 210),

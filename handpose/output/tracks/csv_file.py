@@ -24,14 +24,13 @@ import io
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from types import TracebackType
 
 from handpose.body.fingers import FINGERS, has_fingers
 from handpose.body.gestures import GestureReader
 from handpose.body.joint_formats.formats import FormatName
 from handpose.body.joint_formats.frames import hand_frames
 from handpose.output.tracks import joint_values
-from handpose.output.tracks.growing import GrowingFile
+from handpose.output.tracks.growing import GrowingFile, TrackWriter
 from handpose.output.tracks.json_values import free_dofs
 from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
 from layers.hand.skeleton import Skeleton
@@ -40,7 +39,7 @@ from netlib.blob import Array
 FIRST = ["number", "time_s", "id", "hand", "lost", "presence", "confidence", "error_mm"]
 
 
-class CsvWriter:
+class CsvWriter(TrackWriter):
     """Writes a table frame by frame; rows written before an exception are kept. Raises OSError.
 
     joints    a joint format, whose columns replace the joints and angles
@@ -50,7 +49,6 @@ class CsvWriter:
     def __init__(
         self, path: Path, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False
     ) -> None:
-        self.files = [path]
         self._header, self._joints = header, joints
         self._skeleton, self._angles = header.skeleton, free_dofs(header.skeleton).angles
         fingers = finger_columns(header.skeleton)
@@ -59,11 +57,7 @@ class CsvWriter:
         columns += ["gesture", "gesture_confidence"] * gestures
         columns = fingers + columns
         self._empty = [""] * (3 + len(columns))
-        self._file = GrowingFile(path, rows_of([FIRST + columns]))
-
-    def __enter__(self) -> CsvWriter:
-        self._file.__enter__()
-        return self
+        super().__init__(path, GrowingFile(path, rows_of([FIRST + columns])))
 
     def write(self, frame: TrackedFrame) -> None:
         """Add a frame."""
@@ -72,7 +66,7 @@ class CsvWriter:
         rows += [[*about, lost.id, lost.side_name, lost.reason, *self._empty] for lost in frame.lost]
         rows += [[*about, one.id, one.side_name, one.reason, _known("%.3f", one.presence),
                   _known("%.4f", one.confidence), *self._empty[2:]] for one in frame.present]
-        self._file.append(rows_of(rows))
+        self._pieces.append(rows_of(rows))
 
     def _values(self, hand: TrackedHand, time: float) -> list[str]:
         values, about = quality(hand.presence, hand.confidence, hand.error_mm), (hand.hand, hand.xyz)
@@ -86,11 +80,6 @@ class CsvWriter:
             name, confidence = self._gestures.read(hand.id, *about, time, frames)
             values += [name, f"{confidence:.3f}"]
         return values
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
-    ) -> None:
-        self._file.__exit__(kind, error, where)
 
 
 def model_columns(skeleton: Skeleton, angles: Sequence[int]) -> list[str]:

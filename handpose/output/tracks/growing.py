@@ -1,13 +1,54 @@
-"""A file that grows frame by frame and is valid however the program ends."""
+"""What writers of tracks share, and files that grow frame by frame and are valid however the program ends."""
 
 from __future__ import annotations
 
 import contextlib
 import os
+from abc import ABC, abstractmethod
 from pathlib import Path
 from types import TracebackType
+from typing import Protocol, TypeVar
 
+from handpose.tracking.track import TrackedFrame
 from netlib.files import atomic
+
+T = TypeVar("T", bound="TrackWriter")
+
+
+class Pieces(Protocol):
+    """Takes the pieces of an output within a block. Raises OSError."""
+
+    def __enter__(self) -> object: ...
+
+    def append(self, piece: bytes) -> None:
+        """Add a piece."""
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> None: ...
+
+
+class TrackWriter(ABC):
+    """Writes a track frame by frame. The files are valid after any end of its block. Raises OSError.
+
+    files  written; complete after the block
+    """
+
+    def __init__(self, path: Path | None, pieces: Pieces) -> None:
+        self.files, self._pieces = [path] if path else [], pieces
+
+    def __enter__(self: T) -> T:
+        self._pieces.__enter__()
+        return self
+
+    @abstractmethod
+    def write(self, frame: TrackedFrame) -> None:
+        """Add a frame."""
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> None:
+        self._pieces.__exit__(kind, error, where)
 
 
 class GrowingFile:

@@ -62,7 +62,7 @@ from typing import Any, NamedTuple
 
 from handpose.body.joint_formats.formats import FormatName
 from handpose.frames.json_fields import Fields, parsed
-from handpose.output.tracks.growing import GrowingFile
+from handpose.output.tracks.growing import GrowingFile, TrackWriter
 from handpose.output.tracks.json_values import FrameValues, header_of, header_values
 from handpose.tracking.track import TrackedFrame, TrackHeader
 from netlib import files
@@ -71,21 +71,16 @@ from netlib.errors import DataError
 _text = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode  # ASCII only
 
 
-class JsonWriter:
+class JsonWriter(TrackWriter):
     """Writes a JSON document frame by frame; it is also complete after an exception in the block. Raises OSError."""
 
     def __init__(
         self, path: Path, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False
     ) -> None:
-        self.files = [path]
-        self._values = FrameValues(header, joints, gestures)
+        self._values, self._between = FrameValues(header, joints, gestures), ""
         head = _text(header_values(header, joints))[:-1] + ',"frames":[\n'
         self._file = GrowingFile(path, head.encode(), b'\n],"complete":false}\n')
-        self._between = ""
-
-    def __enter__(self) -> JsonWriter:
-        self._file.__enter__()
-        return self
+        super().__init__(path, self._file)
 
     def write(self, frame: TrackedFrame) -> None:
         """Add a frame."""
@@ -101,10 +96,10 @@ class JsonWriter:
     ) -> None:
         if kind is None:
             self._file.finish(b'\n],"complete":true}\n')
-        self._file.__exit__(kind, error, where)
+        super().__exit__(kind, error, where)
 
 
-class JsonLinesWriter:
+class JsonLinesWriter(TrackWriter):
     """Writes JSON lines, each of which can be read at once. Raises OSError.
 
     path    of the file, which appears, or replaces an old one, with the first frame; None: standard output
@@ -114,23 +109,13 @@ class JsonLinesWriter:
     def __init__(
         self, path: Path | None, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False
     ) -> None:
-        self.files = [path] if path else []
         self._values = FrameValues(header, joints, gestures)
         head = f"{_text(header_values(header, joints))}\n".encode()
-        self._file = GrowingFile(path, head, shown=True) if path else _StandardOutput(head)
-
-    def __enter__(self) -> JsonLinesWriter:
-        self._file.__enter__()
-        return self
+        super().__init__(path, GrowingFile(path, head, shown=True) if path else _StandardOutput(head))
 
     def write(self, frame: TrackedFrame) -> None:
         """Add a frame."""
-        self._file.append(f"{_text(self._values.values(frame))}\n".encode())
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
-    ) -> None:
-        self._file.__exit__(kind, error, where)
+        self._pieces.append(f"{_text(self._values.values(frame))}\n".encode())
 
 
 class _StandardOutput:

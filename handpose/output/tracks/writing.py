@@ -8,31 +8,12 @@ with open_writer("wave.json", header) as writer:
 from __future__ import annotations
 
 from pathlib import Path
-from types import TracebackType
-from typing import Protocol
 
 from handpose.body.joint_formats.formats import FormatName
+from handpose.output.tracks.growing import TrackWriter
 from handpose.output.tracks.json_file import JsonLinesWriter, JsonWriter
-from handpose.tracking.track import TrackedFrame, TrackHeader
+from handpose.tracking.track import TrackHeader
 from netlib.errors import DataError
-
-
-class TrackWriter(Protocol):
-    """Writes a track frame by frame. The files are valid after any end of its block. Raises OSError.
-
-    files  written; complete after the block
-    """
-
-    files: list[Path]
-
-    def __enter__(self) -> TrackWriter: ...
-
-    def write(self, frame: TrackedFrame) -> None:
-        """Add a frame."""
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
-    ) -> None: ...
 
 
 def open_writer(

@@ -32,5 +32,4 @@ def test_the_surface_of_each_finger(model: CapsuleModel) -> None:
 
 
 def test_bodies_without_fingers() -> None:
-    """Only hands have fingers."""
     assert has_fingers(skeleton.load()) and not has_fingers(any_skeleton(1))

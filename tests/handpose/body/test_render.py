@@ -82,7 +82,6 @@ def test_one_capsule(capsule: tuple[tuple[float, ...], tuple[float, ...], float,
 
 
 def test_nearest_capsule_is_seen() -> None:
-    """Where capsules overlap, the image shows the nearest one, for any order of the capsules."""
     rng = np.random.default_rng(1)
     hand = random_capsules(rng, 1, 12)
     made = render_crop(hand, CENTER, 300.0)[0]
@@ -107,7 +106,6 @@ def test_equals_cropping_the_whole_image() -> None:
 
 
 def test_frames_do_not_mix() -> None:
-    """A batch equals its frames rendered one by one, each with its own centre and cube."""
     rng = np.random.default_rng(3)
     hands = random_capsules(rng, 5, 20)
     centers = np.array([[320.0, 240.0, 800.0]]) + rng.normal(size=(5, 3)) * (10, 10, 20)
@@ -120,7 +118,6 @@ def test_frames_do_not_mix() -> None:
 
 
 def test_behind_the_camera() -> None:
-    """A capsule around or behind the camera, or at NaN, raises an error."""
     for z in (5.0, -800.0, np.nan):
         with pytest.raises(DataError, match="at or behind the camera"):
             render_crop(capsules(((0, 0, z), (0, 0, 800), 10, 10)), CENTER, 300.0)
@@ -151,7 +148,6 @@ def test_a_wedge_is_the_hull_of_its_spheres(turn: tuple[float, ...], radii: tupl
 
 
 def test_facets_follow_their_capsules() -> None:
-    """Facets are kept when capsules are selected and bodies are joined, and dropped if a sphere is missing."""
     one, other = wedge(CORNERS, (15, 15, 15)), capsules(((0, 0, 700), (9, 9, 720), 5, 5))
     both = joined([other, one, other])
     assert both.facets.tolist() == [[2, 4, 6]]

@@ -116,7 +116,6 @@ def test_what_keeps_apart() -> None:
 
 
 def test_penetration_of_two_arms() -> None:
-    """The penetration is the depth of one capsule within another, and -inf without pairs."""
     crossed = body(
         """dof { name: "y" } joint { name: "a" } joint { name: "b" parent: "a" bone { axis: X length: 2 } }
         joint { name: "c" translate { axis: Y dof: "y" } } joint { name: "d" parent: "c" bone { axis: Z length: 2 } }
@@ -134,7 +133,6 @@ def test_penetration_of_two_arms() -> None:
 
 
 def test_surface_is_written_and_scaled_with_its_body() -> None:
-    """A surface survives writing and reading, and is scaled with its body."""
     assert body(text_of(HAND.param, "hand", "")).param.flesh == HAND.param.flesh
     surface, twice = Surface(body(ARM)), Surface(body(ARM).scaled(2))
     inputs = np.full((1, 4), 0.3)
@@ -176,7 +174,6 @@ FLESH = ARM[ARM.index("flesh") :]
 } | {"no flesh": ((FLESH, ""), NetlibError, "skeleton 'arm' has no flesh { ... }; expected capsules around its bones")},
 )
 def test_mistakes(given: tuple[str, str], rejected: Any) -> None:
-    """The error names the place in the file."""
     assert ARM.count(given[0]) == 1
     with rejected:
         Surface(body(ARM.replace(*given)))

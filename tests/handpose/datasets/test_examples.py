@@ -36,6 +36,5 @@ def test_frames_of_a_list_come_from_all_its_files(tmp_path: Path) -> None:
 
 
 def test_a_folder_without_pictures(tmp_path: Path) -> None:
-    """A folder without PNG pictures raises an error."""
     with pytest.raises(DataError, match="no PNG pictures in this folder"):
         examples_of(tmp_path, 3)

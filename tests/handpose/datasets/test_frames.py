@@ -35,7 +35,6 @@ def test_columns() -> None:
 
 
 def test_some_of_the_frames() -> None:
-    """``rows`` selects the same rows of every array."""
     frames = made(5, np.arange(10.0).reshape(5, 2))
     some = frames.rows(slice(1, 3))
     assert len(some) == 2 and some.index.tolist() == [1, 2]
@@ -44,7 +43,6 @@ def test_some_of_the_frames() -> None:
 
 
 def test_all_columns_are_documented() -> None:
-    """Every column appears with its shape in the table of docs/data.md."""
     page = (ROOT / "docs" / "data.md").read_text()
     for name, array in empty_frames(31, 47, bones=True).arrays().items():
         shape = ", ".join(map(str, ("n", *array.shape[1:])))

@@ -35,7 +35,6 @@ def test_labels_of_two_sequences(tmp_path: Path) -> None:
     "x y z": ("a.png " + "-300.5 " * 48, "...the palm is mostly at -300.5 -300.5 -300.5, expected u v d..."),
 })
 def test_broken_labels(tmp_path: Path, given: str, rejected: Any) -> None:
-    """The error names the line of the file and what is wrong with it."""
     (tmp_path / "labels.txt").write_text(given)
     with rejected:
         icvl_files.read_annotation([tmp_path / "labels.txt"])
@@ -109,9 +108,6 @@ def test_a_damaged_first_frame(copy: Path, image: np.ndarray | None, reported: s
     ("name", "reported"),
     [
         ("train/joint_data.mat", "NYU hand pose data set; use the command prepare_nyu"),
-        ("P0/1/joint.txt", "MSRA15"),
-        ("test_groundtruth_uvd.txt", "only text files"),
-        ("Training.tar.gz", "not unpacked"),
         ("Depth/a.png", "is itself a split; give the folder above it, which holds Training and Testing"),
     ],
 )

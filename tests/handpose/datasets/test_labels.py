@@ -62,7 +62,6 @@ def test_what_else_a_file_holds(tmp_path):
 
 
 def test_joints_that_are_not_seen(tmp_path):
-    """Joints on or beyond the faces of the cube, or NaN, are returned as stored and marked as not seen."""
     joints = np.array([[0.5, -0.5, 0, 0.9, -0.9, 0], [0, 0, 1, 0, -1, 0], [0, 0, 0, np.nan, 0, 0], [0, 2, 0, 0, 0, 0]])
     found = labels.read(write_hdf5(tmp_path / "a.h5", joint=joints), [2])
     assert np.array_equal(found.joints.reshape(4, 6), joints, equal_nan=True)
@@ -135,13 +134,12 @@ def test_labels_with_something_wrong_in_them(tmp_path, arrays, message):
 
 
 def test_centers_that_tell_no_camera(tmp_path):
-    """Centres on the optical axis or at one place do not determine the focal length, which raises an error."""
+    """On the optical axis all cameras agree; an unknown camera, and several, are refused."""
     own = Camera("mine", 500.0, 510.0, 333.0, 222.0, 666, 444)
-    for camera, spread in ((NYU, (0, 0)), (own, (0, 0)), (own, (9, 90)), (own, (90, 9))):
-        uvd = np.tile([camera.u0, camera.v0, 700.0], (4, 1)) + (0 if camera is NYU else 50, 0, 0)
-        uvd[1, :2] += spread
+    for camera, by in ((NYU, 0.0), (own, 50.0)):
+        uvd = np.tile([camera.u0 + by, camera.v0 + by, 700.0], (4, 1))
         path = write_hdf5(tmp_path / "a.h5", joint=ROWS, center_uvd=uvd, center=camera.unproject(uvd))
-        with pytest.raises(DataError, match=r"a\.h5: .* lie within [09]\S* px .* does not tell the camera; expected"):
+        with pytest.raises(DataError, match=r"a\.h5: its crop centres in px and in mm fit none of the cameras nyu, "):
             labels.read_crop_centers([File(path, ("joint",))])
 
 
@@ -165,16 +163,6 @@ def test_the_camera_of_one_frame(tmp_path, name):
     assert camera == CAMERAS[name] and np.allclose(found, uvd)
 
 
-def test_the_camera_follows_from_the_centers(tmp_path):
-    """The parameters of an unknown camera are estimated from rounded centres."""
-    own = Camera("mine", 500.0, 510.0, 333.0, 222.0, 666, 444)
-    uvd = np.array([[200.0, 100, 700], [400, 90, 600], [300, 300, 500], [500, 200, 800]])
-    path = write_hdf5(tmp_path / "a.h5", joint=ROWS, center_uvd=np.round(uvd), center=own.unproject(uvd + 0.3))
-    _, camera = labels.read_crop_centers([File(path, ("joint",))])
-    assert np.allclose((camera.fx, camera.fy), (500, 510)) and camera.name == "own"
-
-
 def test_a_file_that_is_not_there(tmp_path):
-    """A missing file raises an error of one line."""
     with pytest.raises(DataError, match=r"^.*a\.h5: cannot read the HDF5 file: No such file or directory$"):
         labels.read(tmp_path / "a.h5", [2])

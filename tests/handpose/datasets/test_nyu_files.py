@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 import cv2
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 import scipy.io
 
-from handpose.body.nyu import ANNOTATION_OF_JOINT, frame_name
+from handpose.body.nyu import frame_name
 from handpose.datasets import nyu_files
 from handpose.frames.cameras import NYU
 from netlib.errors import DataError
@@ -38,29 +37,6 @@ def test_a_grey_image(tmp_path: Path) -> None:
         nyu_files.read_nyu_depth(tmp_path / "grey.png")
 
 
-def test_the_cube_of_the_second_subject(tmp_path: Path) -> None:
-    """The cube is 261 mm for test frames from 2440 on, and 300 mm for all others."""
-    for split in ("train", "test"):
-        write_labels(tmp_path / split, hand(2442))
-        cubes = nyu_files.read_split(tmp_path, split).cube_mm[[0, 2439, 2440, 2441]]
-        np.testing.assert_allclose(cubes, [300, 300, 261, 261] if split == "test" else 300)
-
-
-def test_the_published_crop(nyu_data: Path, tmp_path: Path) -> None:
-    """The crop of the first real test frame equals the one published by the paper's authors in every pixel."""
-    uvd = np.load(nyu_data / "test_joint_uvd.npz")["joint_uvd"][:1].astype(float)
-    write_labels(tmp_path / "dataset" / "test", uvd)
-    shutil.copy(nyu_data / "depth_1_0000001.png", tmp_path / "dataset" / "test")
-    found, bad = nyu_files.read_split(tmp_path, "test").crops(0, 1)
-    published = cv2.imread(str(nyu_data / "crops" / "0.png"), cv2.IMREAD_GRAYSCALE)
-    assert not bad
-    np.testing.assert_array_equal(np.rint((found.depth[0, 0] + 1) / 2 * 255), published)
-    mm = NYU.unproject(uvd)[0]
-    expected = np.clip((mm[list(ANNOTATION_OF_JOINT)] - mm[34]) / 150, -1, 1)
-    np.testing.assert_allclose(found.joint[0].reshape(31, 3), expected, atol=1e-6)
-    assert expected[24, 1] > 0 and uvd[0, 32, 1] < uvd[0, 34, 1]  # the palm is higher in the image: larger y
-
-
 @pytest.mark.parametrize(
     ("count", "reported", "fatal"),
     [
@@ -80,7 +56,6 @@ def test_another_number_of_frames(tmp_path: Path, count: int, reported: str, fat
 
 
 def test_a_missing_subject(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Labels without the frames of one subject are reported."""
     write_labels(tmp_path / "test", hand(8252))
     monkeypatch.setattr(nyu_files, "names_in", lambda folder: {frame_name(i) for i in range(2440)})
     ((line, fatal),) = flaws(tmp_path)
@@ -166,7 +141,6 @@ def test_damaged_labels(tmp_path: Path, how: str, reported: str) -> None:
 
 
 def test_labels_of_version_73(tmp_path: Path) -> None:
-    """MATLAB version 7.3 is HDF5 with reversed axes; the first of three cameras is used."""
     write_labels(tmp_path, hand(20))
     path = tmp_path / nyu_files.ANNOTATION
     labels = nyu_files.read_annotation(path)

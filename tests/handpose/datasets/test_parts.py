@@ -48,8 +48,6 @@ def test_fewer_rows_than_expected(tmp_path: Path, rows: int) -> None:
 
 
 def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
-    """If making a piece fails, neither a part nor a temporary file is left, and an older part is kept."""
-
     def failing() -> Iterator[dict[str, np.ndarray]]:
         yield from pieces(30)
         raise DataError("no more")
@@ -101,7 +99,6 @@ def test_a_list_of_others(ours: Path, line: str) -> None:
 @pytest.mark.parametrize("force", [False, True])
 @pytest.mark.parametrize("name", ["a.h5", "list.txt"])
 def test_folders_are_never_replaced(tmp_path: Path, name: str, force: bool) -> None:
-    """A folder in place of a file raises an error, with and without ``force``."""
     (tmp_path / name).mkdir()
     with pytest.raises(DataError, match=rf"/{name}: is not a file; move it away"):
         parts.refuse_foreign([tmp_path / "a.h5"], [tmp_path / "list.txt"], ["us"], force)

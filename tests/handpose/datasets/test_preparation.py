@@ -63,7 +63,6 @@ def test_a_repaired_frame_is_taken_in(tmp_path: Path) -> None:
 
 
 def test_a_split_without_good_frames(tmp_path: Path) -> None:
-    """A split without good frames raises an error, and an old list is removed."""
     (tmp_path / "test.txt").write_text("old.h5\n")
     split = PreparedSplit(split_of(tmp_path, range(7)), tmp_path)
     outcome = split.write(1, lambda count: None, lambda i, error: None)

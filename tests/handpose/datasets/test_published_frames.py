@@ -98,7 +98,6 @@ def test_wrong_centres(tmp_path: Path, given: str, rejected: Any) -> None:
 
 
 def test_statistics() -> None:
-    """Figures in mm are given with their centre and cube."""
     report = statistics(frames(), [0, 1])
     assert "z 0 to 100 mm from the centre (the middle), cube 261 mm (1 frames) and 300 mm (1 frames)" in report
     assert "0.0% of the frames have a joint outside the cube" in report

@@ -106,7 +106,6 @@ def undistort(model: str, *coefficients: float) -> Callable[[], object]:
                        "take: frames of shape (4, 48, 64), expected (height, width)"),
 })
 def test_values_that_are_refused(given: Callable[[], object], rejected: Any) -> None:
-    """A value that cannot be right raises an error with what was found and what is expected."""
     with rejected:
         given()
 
@@ -124,7 +123,6 @@ def test_values_that_are_refused(given: Callable[[], object], rejected: Any) -> 
     "no camera.json": (lambda tmp: camera_file.read(tmp / "none.json"), "...none.json: cannot read the camera: No ..."),
 })
 def test_files_that_are_refused(tmp_path: Path, given: Callable[[Path], object], rejected: Any) -> None:
-    """A missing or damaged file, and one that does not fit its camera, raise an error with its name."""
     content = cv2.imencode(".png", np.random.default_rng(0).integers(0, 999, (30, 40)).astype(np.uint16))[1].tobytes()
     for name, size in (("frame", len(content)), ("cut", len(content) * 3 // 4), ("empty", 0)):
         (tmp_path / f"{name}.png").write_bytes(content[:size])

@@ -1,4 +1,4 @@
-"""handpose/frames/camera_values.py and documents.py: cameras in the files of other programs."""
+"""handpose/frames/camera_values.py and camera_file.py: cameras in the files of other programs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from handpose.frames import camera_file, documents
+from handpose.frames import camera_file
 from handpose.frames.camera_values import AZURE_MODES, find
 from handpose.frames.cameras import Camera
 from handpose.frames.lens import Lens
@@ -192,7 +192,7 @@ def test_cameras_for_frames_of_several_sizes() -> None:
 @pytest.mark.parametrize(("name", "value", "unit"), [
     ("depth_scale", 0.00025, 0.25), ("depth_scale", 1000.0, 1.0), ("png_depth_scale", 5000, 0.2),
     ("depth_scale", 0.1, 0.1), ("DepthMapFactor", 5000.0, 0.2), ("unit", "m", 1000.0),
-    ("units", 0.1, 0.1),
+    ("units", 0.1, 0.1), ("depth_units", 0.000125, 0.125), ("depth_unit", "cm", 10.0), ("unit", "Meters", 1000.0),
 ])
 def test_units(name: str, value: Any, unit: float) -> None:
     """A scale of metres, of mm, or the number of values per metre; a word."""
@@ -246,7 +246,7 @@ def test_the_calibration_of_an_azure_kinect(
 ])
 def test_yaml(text: str) -> None:
     yaml = pytest.importorskip("yaml")
-    assert documents.parse(text, "x") == yaml.safe_load(text)
+    assert camera_file.parse_document(text, "x") == yaml.safe_load(text)
 
 
 @bad_inputs(DataError, {

@@ -23,7 +23,6 @@ def test_axes() -> None:
 @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
 @given(x=st.floats(-500, 500), y=st.floats(-500, 500), z=st.floats(100, 5000))
 def test_round_trip(camera: Camera, x: float, y: float, z: float) -> None:
-    """unproject inverts project, for every camera and for arrays of any shape."""
     points = np.broadcast_to([x, y, z], (2, 3, 3))
     np.testing.assert_allclose(camera.unproject(camera.project(points)), points, atol=1e-9)
 

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from handpose.frames import images
-from handpose.frames.cameras import NYU, SR305, Camera
+from handpose.frames.cameras import NYU, SR305
 from handpose.frames.images import BadFrameError, check_unit, depth_image, without_dropouts
-from handpose.frames.lens import Lens, Undistorter
 from handpose.frames.recording import CameraInfo
 from tests.support.nyu_data_set import pack_depth
 
@@ -33,7 +32,6 @@ def test_png_that_is_not_whole(tmp_path: Path) -> None:
 
 
 def test_other_formats_than_png(tmp_path: Path) -> None:
-    """Other formats than PNG are read as well."""
     image = np.random.default_rng(0).integers(0, 256, (40, 30)).astype(np.uint8)
     path = tmp_path / "image.png"
     path.write_bytes(cv2.imencode(".bmp", image)[1].tobytes())
@@ -41,20 +39,12 @@ def test_other_formats_than_png(tmp_path: Path) -> None:
 
 
 def test_a_picture_is_decoded_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A picture is decoded only once, also a frame in NYU's colour packing."""
     depth = np.random.default_rng(0).integers(0, 3000, (480, 640))
     cv2.imwrite(str(tmp_path / "frame.png"), pack_depth(depth))
     decode, calls = cv2.imdecode, []
     monkeypatch.setattr(cv2, "imdecode", lambda *args: calls.append(1) or decode(*args))
     np.testing.assert_array_equal(images.read_frame(tmp_path / "frame.png", CameraInfo(NYU)), depth)
     assert len(calls) == 1
-
-
-def test_frames_of_cameras_without_a_size(tmp_path: Path) -> None:
-    """A camera without a size accepts frames of any size."""
-    cv2.imwrite(str(tmp_path / "frame.png"), np.full((30, 40), 500, np.uint16))
-    own = Camera("own", 300.0, 300.0, 20.0, 15.0, 0, 0)
-    assert (images.read_frame(tmp_path / "frame.png", CameraInfo(own, unit_mm=0.5)) == 250).all()
 
 
 def test_units_of_a_frame(tmp_path: Path) -> None:
@@ -72,22 +62,6 @@ def test_crops_are_normalised(tmp_path: Path) -> None:
     assert crop.shape == (128, 128) and (crop[:, :64] == -1).all() and (crop[:, 64:] == 1).all()
 
 
-def test_a_frame_with_distortion(tmp_path: Path) -> None:
-    depth = np.random.default_rng(0).integers(300, 900, (30, 40)).astype(np.uint16)
-    camera, lens = Camera("own", 30.0, 30.0, 19.5, 14.5, 40, 30), Lens((-0.1, 0.02, 0, 0))
-    cv2.imwrite(str(tmp_path / "frame.png"), depth)
-    found = images.read_frame(tmp_path / "frame.png", CameraInfo(camera, lens, 0.5))
-    np.testing.assert_array_equal(found, Undistorter(camera, lens)(depth.astype(np.float32) / 2))
-
-
-def test_depth_packed_in_colours() -> None:
-    """Whole mm survive packing and unpacking; the green channel counts units of 256 mm."""
-    depth = np.array([[0, 1, 255], [256, 773, 65535]])
-    pixels = pack_depth(depth)
-    assert pixels[1, 1].tolist() == [5, 3, 0]
-    np.testing.assert_array_equal(images.unpack_depth(pixels), depth)
-
-
 def test_what_is_masked_was_not_read() -> None:
     """Masked pixels become 0; an array without a mask is returned unchanged."""
     image = np.array([[700, 0], [65535, 800]], np.uint16)
@@ -103,7 +77,6 @@ def test_one_plausible_depth(image: np.ndarray) -> None:
 
 @pytest.mark.parametrize("unread", [0, -1, np.nan, np.inf])
 def test_nothing_read(unread: float) -> None:
-    """An image without readings passes the check of units."""
     check_unit(np.full((2, 2), unread))
 
 

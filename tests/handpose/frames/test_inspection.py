@@ -18,37 +18,18 @@ from tests.handpose.frames.conftest import CAMERA, hand_sized
 class Taken(Recording):
     """A recording of given images."""
 
-    def __init__(
-        self, images: Sequence[np.ndarray], camera: Camera = CAMERA, unit_mm: float = 1.0, step: float = 1 / 30
-    ) -> None:
-        self.step = step
+    def __init__(self, images: Sequence[np.ndarray], camera: Camera = CAMERA, unit_mm: float = 1.0) -> None:
         self.name, self.images, self.camera, self.unit_mm, self.count = "take", images, camera, unit_mm, len(images)
         self.remarks = ("a remark",)
 
     def __iter__(self) -> Iterator[DepthFrame]:
         for i, image in enumerate(self.images):
-            yield DepthFrame(i, i * self.step, image.astype(np.float32))
+            yield DepthFrame(i, i / 30, image.astype(np.float32))
 
 
 def moving(factor: float = 1.0) -> list[np.ndarray]:
     """Images of an object 500 mm away and 100 mm wide, if the factor is right."""
     return [hand_sized(distance=500 + i) * float(factor) for i in range(3)]
-
-
-@pytest.mark.parametrize("step", [33.3, 1.2, 1e-9])
-def test_times_that_are_no_seconds(step: float) -> None:
-    (warning,) = inspect(Taken(moving(), step=step)).warnings
-    assert warning == f"a frame comes every {step:g} s; check --time-unit or --rate"
-
-
-def test_a_rate_that_is_not_that_of_the_times() -> None:
-    """A given rate that contradicts the frames' times gives a warning."""
-    taken = Taken(moving(), step=1 / 30)
-    taken.rate = 60.0
-    (warning,) = inspect(taken).warnings
-    assert warning == "60 frames per second given, but 30 by their times; the times are used"
-    taken.rate = 28.0
-    assert not inspect(taken).warnings
 
 
 def test_what_is_seen() -> None:
@@ -64,15 +45,11 @@ def test_what_is_seen() -> None:
     assert (found.remarks, found.warnings, len(found.frames)) == (("a remark",), (), 3)
 
 
-def test_only_the_first_frames_are_read() -> None:
-    """Only the requested number of frames is read."""
-    assert len(inspect(Taken(moving()), frames=2).frames) == 2
-
-
 def test_every_frame_is_read_once() -> None:
     """The frames that were inspected are not read again; those of a camera are not kept."""
     taken = Taken(moving() * 4)
     seen = inspect(taken, frames=2)
+    assert len(seen.frames) == 2
     assert [frame.number for frame in seen.all_frames(taken)] == list(range(12))
     camera = Taken(moving())
     camera.live = True
@@ -82,7 +59,6 @@ def test_every_frame_is_read_once() -> None:
 
 @pytest.mark.parametrize("factor", [0.001, 1.0, 30.0])
 def test_the_nearest_thing_does_not_depend_on_the_unit(factor: float) -> None:
-    """Distance and width scale with the unit; specks in front and the wall behind are ignored."""
     image = hand_sized(distance=500).astype(np.float32)
     image[3, 3] = 200
     assert nearest_thing(image * np.float32(factor), CAMERA) == pytest.approx((500 * factor, 100 * factor), rel=0.01)
@@ -101,7 +77,6 @@ def test_the_nearest_thing_does_not_depend_on_the_unit(factor: float) -> None:
      (80, 1.0, "40 m away and 8 m wide, which is not plausible for a hand: check the unit")],
 )
 def test_a_unit_that_is_likely_wrong(factor: float, unit_mm: float, advice: str) -> None:
-    """An implausible distance or width gives a warning, with the units of known cameras that would be plausible."""
     warnings = inspect(Taken(moving(factor), unit_mm=unit_mm)).warnings
     assert len(warnings) == (advice != "^$")
     assert re.search(advice, "".join(warnings).replace("it would be ", ""))
@@ -135,26 +110,6 @@ def test_a_person_is_no_hand() -> None:
     assert (found.warnings, found.doubt) == ((), "")
 
 
-def noisy(distance: float, unit_mm: float = 1.0, seed: int = 0) -> np.ndarray:
-    """Stored values of a sloping object before a wall, with noise of 2 mm."""
-    rng = np.random.default_rng(seed)
-    image = np.full((48, 64), 2.5 * distance) + np.arange(64) * 3
-    image[16:30, 24:40] = distance + np.arange(16)
-    image[:3] = 0
-    return np.where(image > 0, np.rint((image + rng.normal(0, 2, image.shape)) / unit_mm), 0).astype(np.uint16)
-
-
-def test_a_median_beyond_all_cameras() -> None:
-    """A plausible object before a scene of 20 m gives a warning, but not if these values mean no reading."""
-    image = noisy(450)
-    image[32:] = 20000 + np.arange(64)
-    image[:16] = 21000 + np.arange(64)
-    (warning,) = warnings_of(image.astype(np.float32), CAMERA, 1.0)
-    assert "the median depth is 20" in warning
-    image[image > 15000] = 65535
-    assert warnings_of(image.astype(np.float32), CAMERA, 1.0) == []
-
-
 @pytest.mark.parametrize(
     ("camera", "what"),
     [
@@ -165,12 +120,10 @@ def test_a_median_beyond_all_cameras() -> None:
     ],
 )
 def test_a_camera_of_another_picture(camera: Camera, what: str) -> None:
-    """Camera parameters for another image size give a warning."""
     assert what in " ".join(inspect(Taken(moving(), camera)).warnings)
 
 
 def test_warnings_of_a_single_frame() -> None:
-    """A single frame gets the same warnings about camera and unit as a recording."""
     (image, *_), wrong = moving(0.001), replace(CAMERA, fx=9.0, fy=9.0)
     assert warnings_of(moving()[0].astype(np.float32), CAMERA, 1.0) == []
     camera, unit = warnings_of(image.astype(np.float32), wrong, 1.0)
@@ -180,7 +133,6 @@ def test_warnings_of_a_single_frame() -> None:
 
 
 def test_readings_nearer_than_the_camera_measures() -> None:
-    """A warning names the share of readings that count as missing."""
     images = moving()
     for image in images:
         image[:2] = 90
@@ -192,14 +144,12 @@ def test_readings_nearer_than_the_camera_measures() -> None:
 
 
 def test_nothing_was_read() -> None:
-    """Images of zeros give a warning."""
     found = inspect(Taken([np.zeros((48, 64))] * 3))
     assert (found.depth_mm, found.nearest, found.zeros) == (None, None, 1)
     assert "every depth is 0" in found.warnings[0]
 
 
 def test_frames_that_do_not_change() -> None:
-    """Identical frames give a warning, because a real camera has noise."""
     assert (
         "the first 3 frames are the same to the last value"
         in inspect(Taken([hand_sized(distance=500)] * 3)).warnings[0]

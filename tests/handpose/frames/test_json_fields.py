@@ -54,6 +54,5 @@ def test_what_is_not_what_it_should_be(given: Callable[[Fields], object], reject
     "long": ("1" * 5000, "f: not whole JSON: ..."),
 })
 def test_what_is_no_json(given: str, rejected: Any) -> None:
-    """Invalid JSON raises an error of one line."""
     with rejected:
         parsed(given, "f")

@@ -41,7 +41,6 @@ def test_the_same_map_as_opencvs(coefficients: tuple[float, ...]) -> None:
 
 
 def test_no_distortion_changes_nothing() -> None:
-    """A lens without coefficients, or with zeros only, changes nothing."""
     for lens in (Lens(), Lens((0, 0, 0, 0, 0))):
         assert lens.is_straight
         np.testing.assert_array_equal(Undistorter(CAMERA, lens)(numbered()), numbered())
@@ -49,7 +48,6 @@ def test_no_distortion_changes_nothing() -> None:
 
 @given(st.tuples(st.floats(-0.1, 0.2), st.floats(-0.02, 0.05), st.floats(-0.01, 0.01), st.floats(-0.01, 0.01)))
 def test_the_inverse_lens_is_the_inverse(coefficients: tuple[float, ...]) -> None:
-    """Distorting by a lens and by its inverse gives the original coordinates."""
     x, y = np.meshgrid(np.linspace(-0.6, 0.6, 9), np.linspace(-0.5, 0.5, 7))
     there = Lens(coefficients, "inverse_brown_conrady").distorted(x, y)
     back = Lens(coefficients).distorted(*there)

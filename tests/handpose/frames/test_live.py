@@ -61,7 +61,6 @@ def test_frames_as_they_come() -> None:
 
 
 def test_frames_without_numbers() -> None:
-    """Without a count of the device, frames are numbered as they are read."""
     recording = LiveRecording(Simulated([frame(1.0), frame(1.2), frame(1.9), EOFError()]))
     assert [one.number for one in recording] == [0, 1, 2] and recording.remarks == ()
 
@@ -164,6 +163,5 @@ def test_parameters_that_do_not_fit(given: tuple[CameraInfo, CameraInfo], reject
                                 "simulated: 4 x 3 pixels; the camera has 64 x 48"),
 })
 def test_bad_events(given: Event, rejected: Any) -> None:
-    """A frame that does not fit raises an error with the device's name; an error of the device is raised as it is."""
     with rejected:
         list(LiveRecording(Simulated([given])))

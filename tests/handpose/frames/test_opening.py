@@ -40,7 +40,6 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, object, CameraInfo
 
 
 def test_folders_and_pictures(folder: Path) -> None:
-    """Folders, patterns and pictures are accepted as paths and as text."""
     for source in (folder, str(folder), folder / "*.png", folder / "1.png"):
         with open_recording(source, GIVEN) as recording:
             assert isinstance(recording, FolderRecording)
@@ -65,7 +64,6 @@ def test_containers(tmp_path: Path, asked: list[tuple[str, object, CameraInfo]],
 
 
 def test_a_bag_that_is_a_folder(tmp_path: Path, asked: list[tuple[str, object, CameraInfo]]) -> None:
-    """A folder with metadata.yaml is opened as a bag of ROS 2."""
     (tmp_path / "metadata.yaml").touch()
     open_recording(tmp_path)
     assert asked == [("open_bag", tmp_path, UNKNOWN)]

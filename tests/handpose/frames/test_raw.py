@@ -25,19 +25,16 @@ def decode(raw: np.ndarray, unit_mm: float = 0.5) -> np.ndarray:
 
 @pytest.mark.parametrize("dtype", [np.uint16, ">u2", np.int32, np.uint64, np.float32, np.float64])
 def test_depth_is_in_mm(dtype: str) -> None:
-    """Values of any type are converted to float32 in mm."""
     depth = decode(np.array([[0, 1, 65]], dtype))
     assert depth.dtype == np.float32
     np.testing.assert_array_equal(depth, [[0, 0.5, 32.5]])
 
 
 def test_what_is_no_number_was_not_read() -> None:
-    """NaN, infinities, and values too large for float32 become 0."""
     np.testing.assert_array_equal(decode(np.array([[np.nan, np.inf, -np.inf, 1e300, 2]])), [[0, 0, 0, 0, 1]])
 
 
 def test_the_lens_is_taken_out() -> None:
-    """The distortion is removed as by Undistorter."""
     lens, raw = Lens((0.3, 0, 0, 0)), hand_sized()
     expected = Undistorter(CAMERA, lens)(raw.astype(np.float32))
     np.testing.assert_array_equal(DepthDecoder(CAMERA, lens, 1.0, "take")(raw), expected)
@@ -51,7 +48,6 @@ def test_stored_is_the_inverse(values: list[int], unit_mm: float) -> None:
 
 
 def test_the_user_is_believed_first() -> None:
-    """Precedence, for each parameter: the user, the file, camera.json."""
     own, beside = CameraInfo(SR305, unit_mm=0.25), CameraInfo(CAMERA, unit_mm=2.0, rate=5.0, origin="camera.json")
     shape = (SR305.height, SR305.width)
     found = calibration_of(CameraInfo(unit_mm=3.0), own, beside, shape, U16, "take")
@@ -70,7 +66,6 @@ def test_the_unit_of_a_known_camera() -> None:
 
 
 def test_a_camera_without_a_size() -> None:
-    """A camera without a size takes that of the frames."""
     assert sized(replace(CAMERA, width=0, height=0), (48, 64), "take") == CAMERA
 
 

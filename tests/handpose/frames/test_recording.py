@@ -10,7 +10,6 @@ LENS = Lens((0.1, 0, 0, 0))
 
 
 def test_what_is_not_known_is_filled_in() -> None:
-    """Only unknown parameters are filled in."""
     assert CameraInfo(NYU, unit_mm=0.5).or_else(CameraInfo(KINECT2, None, 1.0, 30.0, "a file")) == CameraInfo(
         NYU, None, 0.5, 30.0, "a file"
     )

@@ -54,7 +54,6 @@ def test_a_recording_comes_back(tmp_path: Path, name: str) -> None:
 def test_to_the_last_value(
     tmp_path_factory: pytest.TempPathFactory, name: str, values: list[list[int]], gaps: list[int], unit_mm: float
 ) -> None:
-    """Every stored value is restored, and every time in whole microseconds."""
     path = tmp_path_factory.mktemp("any") / name
     stored = np.array(values, np.uint16).reshape(-1, 3, 4)
     times = [sum(gaps[:i]) / 10**6 for i in range(len(stored))]
@@ -63,27 +62,6 @@ def test_to_the_last_value(
     found = list(open_recording(path))
     np.testing.assert_array_equal([frame.depth for frame in found], depths)
     assert [frame.time for frame in found] == times
-
-
-@pytest.mark.parametrize("name", ["take", "take.npz"])
-def test_times_are_not_guessed(tmp_path: Path, name: str) -> None:
-    """Steps of 4 s are not taken for 4 ms, the period of a fast camera."""
-    pictures = [DepthFrame(n, 4.0 * n, np.full((3, 4), 500, np.float32)) for n in range(3)]
-    write(tmp_path / name, pictures, 1.0)
-    recording = open_recording(tmp_path / name)
-    assert [frame.time for frame in recording] == [0, 4, 8]
-    assert not any("by their size or steps" in remark for remark in recording.remarks)
-
-
-@pytest.mark.parametrize("name", ["take", "take.npz"])
-@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
-def test_what_was_done_is_kept(tmp_path: Path, name: str, error: type[BaseException]) -> None:
-    """After Ctrl-C or an error in the block, the frames so far are kept."""
-    with pytest.raises(error), RecordingWriter(tmp_path / name, SMALL, 1.0) as writer:
-        for frame in frames(2):
-            writer.write(frame)
-        raise error
-    assert len(list(open_recording(tmp_path / name))) == 2
 
 
 @pytest.mark.parametrize("name", ["take", "take.npz"])
@@ -96,7 +74,6 @@ def test_what_was_done_is_kept(tmp_path: Path, name: str, error: type[BaseExcept
                      "...: frame 9 has the shape (4, 3), expected (3, 4)"),
 })
 def test_frames_that_cannot_be_kept(tmp_path: Path, name: str, given: DepthFrame, rejected: Any) -> None:
-    """An invalid frame raises an error, and the frames before it are kept."""
     with rejected, RecordingWriter(tmp_path / name, SMALL, 1.0) as writer:
         for one in (*frames(2), given):
             writer.write(one)
@@ -186,7 +163,6 @@ def test_places_that_are_refused(
 def test_a_name_that_no_recording_can_have(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any
 ) -> None:
-    """Invalid names raise an error."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "loop").symlink_to("loop")
     with rejected:
@@ -194,6 +170,5 @@ def test_a_name_that_no_recording_can_have(
 
 
 def test_without_frames_there_is_no_stack(tmp_path: Path) -> None:
-    """Without frames no file is left."""
     write(tmp_path / "take.npz", [])
     assert list(tmp_path.iterdir()) == []

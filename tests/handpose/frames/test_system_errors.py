@@ -89,7 +89,6 @@ def test_reads_that_fail(make: Callable[[Path], Path], tmp_path: Path, monkeypat
 def test_files_that_cannot_be_opened(
     make: Callable[[Path], Path], number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A file that the system does not open raises DataError with its reason."""
     place = make(tmp_path)
 
     def refuse(*args: Any, **options: Any) -> FileIO:

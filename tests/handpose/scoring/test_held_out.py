@@ -1,4 +1,6 @@
-"""A net's predictions over a test set, and their figures."""
+"""handpose/scoring/held_out.py"""
+
+from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
@@ -10,10 +12,13 @@ import numpy as np
 import pytest
 
 import netlib
+from handpose.frames.cameras import NYU
 from handpose.scoring import held_out
+from handpose.scoring.held_out import centers_of, crops_of, data_layer, deploy_of
 from layers.hand import skeleton
 from layers.hand.bodies import kinematics_of
-from netlib.errors import DataError, NetlibError
+from netlib.errors import DataError, NetlibError, WeightsError
+from netlib.net import Net
 from netlib.proto import prototxt
 from tests.support.bad_input import bad_inputs
 from tests.support.hdf5_files import write_hdf5
@@ -58,7 +63,6 @@ def test_every_frame_counts_once(frames: Path, batch: int) -> None:
 
 
 def test_a_second_run_begins_at_the_first_frame(frames: Path) -> None:
-    """A second run of the same net starts at the first frame again."""
     net = net_of(frames, 3)
     first, second = held_out.predict_all(net), held_out.predict_all(net)
     assert np.array_equal(first.joints, second.joints)
@@ -87,3 +91,62 @@ def test_frames_that_cannot_be_judged(frames: Path, given: Callable[[Path], obje
     """Values that are not finite are reported with the file and frame; half-cubes are in the order of frames."""
     with rejected:
         given(frames)
+
+
+LEARNED = (
+    'layer {{ name: "{0}" type: "InnerProduct" bottom: "{1}" top: "{0}" inner_product_param {{ num_output: 47 }} }} '
+)
+DEPLOY = """
+input: "x" input_shape {{ dim: 1 dim: 47 }} {0}
+layer {{ name: "hand" type: "HandModel" bottom: "{1}" top: "pred" }}
+"""
+
+
+def test_a_deploy_net_with_a_layer_that_the_weights_lack(tmp_path: Path) -> None:
+    """The error names the layer, because a layer with random weights would give meaningless figures."""
+    one, two = LEARNED.format("one", "x"), LEARNED.format("two", "one")
+    net = netlib.Net(prototxt.parse(DEPLOY.format(one, "one")), netlib.TEST)
+    net.save(tmp_path / "w.caffemodel.h5")
+    for text, top in ((one, "one"), (one + two, "two")):
+        (tmp_path / f"{top}.prototxt").write_text(DEPLOY.format(text, top))
+    deploy_of(net, tmp_path / "one.prototxt", tmp_path / "w.caffemodel.h5")
+    with pytest.raises(WeightsError, match=r"w\.caffemodel\.h5: no weights for layer 'two' of net .*; it has "):
+        deploy_of(net, tmp_path / "two.prototxt", tmp_path / "w.caffemodel.h5")
+
+
+INPUT = 'layer { name: "in" type: "Input" top: "depth" input_param { shape { dim: 1 dim: 1 dim: 4 dim: 4 } } }'
+DATA = """layer {{ name: "data" type: "HDF5Data" top: "label" top: "depth"
+                  hdf5_data_param {{ source: "{}" batch_size: 2 }} }}"""
+
+
+def net_in(text: str) -> Net:
+    """A test net."""
+    return Net(prototxt.parse(text, "net.prototxt"), netlib.TEST)
+
+
+@pytest.fixture
+def of_file(tmp_path: Path) -> Net:
+    """A net that reads five crops (1, 4, 4), of which each value is the number of its frame."""
+    write_hdf5(
+        tmp_path / "a.h5",
+        depth=np.ones((5, 1, 4, 4), np.float32) * np.arange(5, dtype=np.float32)[:, None, None, None],
+        label=np.zeros((5, 3), np.float32),
+    )
+    (tmp_path / "list.txt").write_text(f"{tmp_path / 'a.h5'}\n")
+    return net_in(DATA.format(tmp_path / "list.txt"))
+
+
+def test_the_data_of_a_test_net(of_file: Net) -> None:
+    """The layer that reads the test set is found by its type; a net that reads none is an error."""
+    assert data_layer(of_file).rows == 5
+    with pytest.raises(NetlibError, match="no HDF5Data layer in phase TEST; expected a net that reads a test set"):
+        data_layer(net_in(INPUT))
+
+
+def test_crops_by_number(of_file: Net) -> None:
+    assert [crop.shape for crop in crops_of(of_file, [3, 1])] == [(4, 4)] * 2
+    assert [float(crop[0, 0]) for crop in crops_of(of_file, [3, 1])] == [3, 1]
+
+
+def test_files_without_places(of_file: Net) -> None:
+    assert centers_of(of_file, np.arange(2)) == (None, NYU)

@@ -16,14 +16,12 @@ ERRORS = np.array([[3.0, 5.0], [10.0, 0.0], [20.0, 40.0]])
 
 
 def test_joint_errors() -> None:
-    """Errors are Euclidean distances per joint."""
     truth = np.zeros((1, 2, 3))
     predicted = np.array([[[3.0, 4.0, 0.0], [1.0, 2.0, 2.0]]])
     np.testing.assert_allclose(metrics.joint_errors(predicted, truth), [[5, 3]])
 
 
 def test_means_over_nyus_joints() -> None:
-    """Each frame's mean is over NYU's 14 evaluation joints."""
     truth = np.zeros((2, 31, 3))
     joints = truth.copy()
     joints[1, EVALUATION_JOINTS[0]] = (0, 3, 4)
@@ -52,7 +50,6 @@ def test_fraction_out_of_limits() -> None:
 
 
 def test_shapes_must_match() -> None:
-    """Different numbers of joints raise an error."""
     with pytest.raises(DataError, match=r"\(2, 14, 3\).*\(2, 31, 3\)"):
         metrics.joint_errors(np.zeros((2, 14, 3)), np.zeros((2, 31, 3)))
 
@@ -62,7 +59,6 @@ def test_shapes_must_match() -> None:
     [("IJCAI16_NYU_DeepModel", 17.0359), ("CVWW15_NYU_Prior", 20.7499), ("ICCV15_NYU_Feedback", 15.9727)],
 )
 def test_published_results(nyu_data: Path, name: str, mean: float) -> None:
-    """Published predictions have the published errors."""
     truth = np.loadtxt(nyu_data / "test_groundtruth_uvd.txt").reshape(-1, 14, 3)
     predicted = np.loadtxt(nyu_data / "predictions" / f"{name}.txt").reshape(-1, 14, 3)
     errors = metrics.joint_errors(NYU.unproject(predicted), NYU.unproject(truth))

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from handpose.body.nyu import EVALUATION_JOINTS
 from handpose.frames.cameras import ICVL, NYU
 from handpose.scoring import published_predictions as published
 from handpose.scoring.metrics import joint_errors
-from handpose.scoring.published_predictions import Format, Score
+from handpose.scoring.published_predictions import Format, Score, compare_angles
+from handpose.synthetic import prior_file
+from handpose.synthetic.pose_prior import BodySampler
+from layers.hand import skeleton as skeletons
+from layers.hand.bodies import kinematics_of
 from netlib.errors import DataError
 from tests.handpose.conftest import SHARED
 from tests.support.bad_input import bad_inputs
@@ -64,7 +71,6 @@ METRES = "320 240 0.7  330.5 230 0.65\n300 200 0.71  310 200 0.7\n"
           for fmt in ("uvd", "xyz")))
 })
 def test_mistakes(tmp_path: Path, given: tuple[str | bytes | None, Format], rejected: Any) -> None:
-    """The error names the line and the column, what was found and what was expected."""
     text, fmt = given
     with rejected:
         if text is None:
@@ -73,7 +79,6 @@ def test_mistakes(tmp_path: Path, given: tuple[str | bytes | None, Format], reje
 
 
 def test_a_folder(tmp_path: Path) -> None:
-    """A folder raises an error with the reason."""
     with pytest.raises(DataError, match=f"^{tmp_path}: cannot read the joints: Is a directory; expected a file$"):
         published.read_joints(tmp_path, 2, "uvd", NYU)
 
@@ -87,7 +92,6 @@ def test_pixels_without_depth(tmp_path: Path) -> None:
 
 
 def test_benchmarks() -> None:
-    """The joints of each data set are named in the order of its files."""
     nyu, icvl = published.nyu_benchmark(), published.icvl_benchmark()
     assert len(nyu.joints) == 14 and len(icvl.joints) == 16
     assert nyu.joints[:2] == ("little_tip", "little_pip_a") and nyu.joints[8:] == (
@@ -134,7 +138,6 @@ def published_score(dataset: str, name: str) -> Score:
     ],
 )
 def test_published_results(dataset: str, name: str, mean: float) -> None:
-    """Published predictions have the published errors."""
     found = published_score(dataset, name)
     assert found.mean_mm == pytest.approx(mean, abs=1e-4)
     assert np.mean(list(found.joints_mm.values())) == pytest.approx(found.mean_mm)
@@ -147,3 +150,42 @@ def test_published_curve() -> None:
     assert found.parts_mm == pytest.approx({"subject 1": 10.154, "subject 2": 19.925}, abs=1e-3)
     rates = [found.success_max[t] for t in range(10, 81, 10)]
     np.testing.assert_allclose(rates, [0.019, 0.190, 0.419, 0.582, 0.718, 0.834, 0.911, 0.951], atol=5e-4)
+
+
+SKELETON = skeletons.load()
+
+
+def test_a_method_without_errors() -> None:
+    """Exact joints have no residual and no angle beyond the limits; progress covers every frame of each fit."""
+    inputs = BodySampler(prior_file.load().but(scale_std=0, bone_std=0)).draw(np.random.default_rng(2), 2).inputs
+    truth = kinematics_of(SKELETON).joints(inputs)[:, EVALUATION_JOINTS] * 150 + (0, 0, 700)
+    watched: list[tuple[str, int, int]] = []
+
+    @contextlib.contextmanager
+    def watch(total: int, *, what: str) -> Iterator[Callable[[int], None]]:
+        done: list[int] = []
+        yield done.append
+        watched.append((what, total, sum(done)))
+
+    found = compare_angles(SKELETON, truth, {"same": truth}, watch)["same"]
+    assert watched == [(what, 2, 2) for what in ("annotation", "same", "same, no limits", "same, exactly")]
+    assert found.residual_mm < 0.1 and found.free_residual_mm < 0.01
+    assert found.out_of_limits == 0
+    assert found.error_deg < 8, "the ridge moves only angles that 14 joints hardly determine"
+
+
+def test_a_finger_beyond_its_limits_and_noise() -> None:
+    """Angles beyond the limits are counted for joints on the model; noise is not on it."""
+    inputs = BodySampler(prior_file.load().but(scale_std=0, bone_std=0)).draw(np.random.default_rng(2), 2).inputs
+    bent = inputs.copy()
+    dof = SKELETON.dof_names.index("index_base_rot_z")
+    bent[1, dof] = SKELETON.upper[dof] + 0.3
+    truth, beyond = (
+        kinematics_of(SKELETON).joints(x)[:, EVALUATION_JOINTS] * 150 + (0, 0, 700) for x in (inputs, bent)
+    )
+    noise = truth + np.random.default_rng(0).normal(0, 5, truth.shape)
+    found = compare_angles(SKELETON, truth, {"beyond": beyond, "noise": noise})
+    assert found["beyond"].out_of_limits == 0.5 and found["noise"].out_of_limits is None
+    assert found["beyond"].free_residual_mm < 0.01 < 0.1 < found["beyond"].residual_mm
+    assert found["noise"].free_residual_mm < found["noise"].residual_mm < 8  # mm; noise of 5 mm per axis
+    assert 0 < found["beyond"].error_deg < found["noise"].error_deg < 60

@@ -7,9 +7,8 @@ import pytest
 
 from handpose.frames.cameras import ICVL, NYU
 from handpose.sequences.acts import FINGER_SPEED, HAND_SPEED, Act, Actor, Choices
-from handpose.sequences.gestures import fingers_of, poses
 from handpose.sequences.movements import Movement
-from handpose.sequences.person import Person
+from handpose.sequences.person import Person, fingers_of, poses
 from handpose.sequences.surroundings import Volume
 from handpose.synthetic.pose_prior import BodySampler
 
@@ -46,20 +45,10 @@ def test_a_moving_hand_is_a_hand_that_moves() -> None:
 
 
 def test_rest_is_rest() -> None:
-    """During a rest nothing moves."""
     movement = played(Act("rest", 3), Act("gestures", 4), seconds=7)
     early, late, then = (movement.pose_at(t).xyz for t in (0.0, 3.0, 6.0))
     np.testing.assert_array_equal(early, late)
     assert np.abs(then - early).max() > 5
-
-
-def test_the_same_acts_make_the_same_movement() -> None:
-    """The movement does not depend on its total length; another seed gives another movement."""
-    acts = (Act("moving", 5), Act("wave", 2), Act("gestures", 4))
-    short, long, other = played(*acts, seconds=6), played(*acts, seconds=20), played(*acts, seconds=6, seed=2)
-    for time in (0.0, 2.5, 5.5):
-        np.testing.assert_array_equal(short.pose_at(time).xyz, long.pose_at(time).xyz)
-        assert np.abs(short.pose_at(time).xyz - other.pose_at(time).xyz).max() > 1
 
 
 def test_a_hand_returns_however_long_the_movement_is_to_be() -> None:
@@ -86,7 +75,6 @@ def test_away(first: bool) -> None:
 
 
 def test_a_wave_turns_the_palm_to_and_fro() -> None:
-    """The palm turns about the camera's axis to both sides."""
     movement = played(Act("wave", 4), seconds=4)
     start = movement.palm.at(0.0)
     turned = [float((movement.palm.at(t) * start.inv()).as_rotvec()[2]) for t in np.arange(0, 4, 0.05)]
@@ -94,7 +82,6 @@ def test_a_wave_turns_the_palm_to_and_fro() -> None:
 
 
 def test_elbows_stay_on_their_side() -> None:
-    """The forearm stays on the hand's side, so that it does not cross the other hand."""
     for side, outward in (("right", -1.0), ("left", 1.0)):
         movement = played(Act("moving", 6), seconds=6, side=side, outward=outward)
         for time in np.arange(0, 6, 0.5):

@@ -73,7 +73,6 @@ def test_turns_take_the_shortest_way() -> None:
 
 
 def test_overlapping_turns_have_no_jumps() -> None:
-    """The speed of overlapping turns has no jumps, also where a stroke ends."""
     keys = Rotation.random(3, np.random.default_rng(1))
     turns = Turns(keys[0])
     turns.move(0.0, 1.0, keys[1])

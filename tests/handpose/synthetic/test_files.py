@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import select
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import h5py
@@ -9,9 +14,11 @@ import numpy as np
 import pytest
 
 from handpose.datasets import parts
-from handpose.synthetic.files import DataSet, pieces_of
-from handpose.synthetic.generator import Generator
+from handpose.datasets.frames import Frames
+from handpose.synthetic.files import DataSet, generate, no_interrupt, pieces_of, processes
+from handpose.synthetic.generator import BLOCK, Generator
 from netlib.errors import DataError
+from tests.handpose.synthetic.same_frames import assert_equal
 
 SOURCES = [(Generator(split="train"), 5), (Generator(split="test"), 2)]
 
@@ -23,7 +30,6 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_pieces(tmp_path: Path) -> None:
-    """Pieces follow one another, and the last one has the remaining frames."""
     pieces = pieces_of(Generator(), 5, tmp_path)
     assert [(piece.start, piece.part.rows, piece.part.path.name) for piece in pieces] == [
         (0, 2, "train_000.h5"),
@@ -86,10 +92,67 @@ def test_lists_stand_until_there_is_room(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def test_a_missing_list_is_written_again(tmp_path: Path) -> None:
-    """A missing list is written again, without writing frames."""
     DataSet(tmp_path, SOURCES).write(1, lambda count: None)
     (tmp_path / "train.txt").unlink()
     data = DataSet(tmp_path, SOURCES)
     assert (data.missing_frames, data.is_whole) == (0, False)
     data.write(1, lambda count: pytest.fail("writes frames"))
     assert (tmp_path / "train.txt").exists()
+
+
+def test_generate_cuts_anywhere(generator: Generator, frames: Frames) -> None:
+    pieces = list(generate(BLOCK, generator, start=BLOCK // 2))
+    assert [len(piece) for piece in pieces] == [BLOCK // 2, BLOCK // 2]
+    np.testing.assert_array_equal(pieces[0].depth, frames.depth[BLOCK // 2 :])
+    np.testing.assert_array_equal(np.concatenate([p.index for p in pieces]), np.arange(BLOCK // 2, BLOCK * 3 // 2))
+    (few,) = generate(3, generator)
+    np.testing.assert_array_equal(few.joint, frames.joint[:3])
+    assert not list(generate(0, generator))
+
+
+def test_workers_change_nothing(generator: Generator) -> None:
+    count = 2 * BLOCK + 5
+    for one, two in zip(generate(count, generator), generate(count, generator, workers=2), strict=True):
+        assert_equal(one, two)
+
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="signals cannot be blocked here")
+def test_what_starts_within_does_not_see_ctrl_c() -> None:
+    """Processes started within the block inherit the blocked SIGINT; this process is unchanged."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    with processes(1) as pool:
+        with no_interrupt():
+            blocked = pool.submit(signal.pthread_sigmask, signal.SIG_BLOCK, ())
+        assert signal.SIGINT in blocked.result()
+    assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == before
+
+
+@pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="waiting for a process that is not a child needs pidfd_open")
+def test_workers_do_not_outlive_their_parent(tmp_path: Path) -> None:
+    script = tmp_path / "parent.py"
+    script.write_text(
+        "import os, sys\n"
+        "from handpose.synthetic.files import processes\n"
+        "if __name__ == '__main__':\n"
+        "    with processes(1) as pool:\n"
+        "        print(pool.submit(os.getpid).result(), flush=True)\n"
+        "        sys.stdin.read()\n"
+    )
+    parent = subprocess.Popen(
+        [sys.executable, str(script)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    with parent:
+        assert parent.stdout is not None
+        worker = os.pidfd_open(int(parent.stdout.readline()))
+        try:
+            parent.kill()
+            ended, _, _ = select.select([worker], [], [], 60)
+        finally:
+            os.close(worker)
+    assert ended

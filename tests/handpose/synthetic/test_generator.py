@@ -11,12 +11,11 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from handpose.synthetic.places import PlaceGenerator
 
+from handpose.body.joint_formats.frames import palm_frame
 from handpose.body.nyu import ANNOTATION_OF_JOINT, CENTER_JOINT
 from handpose.body.render import Capsules, normalise_depth, render_crop
 from handpose.datasets.frames import Frames
-from handpose.estimate.starts import palm_frame
 from handpose.frames.cameras import NYU
 from handpose.frames.crops import (
     crop_pixels,
@@ -24,8 +23,8 @@ from handpose.frames.crops import (
     window,
 )
 from handpose.synthetic import prior_file, recipes
+from handpose.synthetic.files import generate, processes
 from handpose.synthetic.generator import BLOCK, VERSION, Generator, Recipe, View
-from handpose.synthetic.many import generate, processes
 from handpose.synthetic.prior_file import NormalParameter, RangeParameter
 from netlib.errors import DataError
 from netlib.files.paths import ROOT
@@ -34,7 +33,6 @@ from tests.support.bad_input import bad_inputs
 
 
 def test_arrays(generator: Generator, frames: Frames) -> None:
-    """Frames have the documented shapes, types and ranges."""
     shapes = [(BLOCK, 1, 128, 128), (BLOCK, 93), (BLOCK, 47), (BLOCK, 31)]
     shapes += [(BLOCK, 3), (BLOCK, 3), (BLOCK,), (BLOCK,)]
     arrays = list(frames.arrays().values())
@@ -103,14 +101,12 @@ def test_nothing_is_seen_outside_the_image() -> None:
 
 @pytest.mark.parametrize("name", recipes.NAMES)
 def test_recipes(name: str) -> None:
-    """Every recipe draws reproducible frames."""
     scene = Generator(3, "test", recipes.recipe(name)).scene(1)
     np.testing.assert_array_equal(scene.depth, Generator(3, "test", recipes.recipe(name)).scene(1).depth)
     assert np.isfinite(scene.depth).all() and (scene.depth < 1).any(axis=(1, 2)).all()
 
 
 def test_recipes_differ() -> None:
-    """All recipes have different descriptions."""
     texts = {json.dumps(Generator(3, "test", recipe).made_from()) for recipe in map(recipes.recipe, recipes.NAMES)}
     assert len(texts) == len(recipes.NAMES)
 
@@ -161,7 +157,6 @@ def test_crops_look_like_real_ones(generator: Generator) -> None:
 
 
 def test_the_present_version_is_documented() -> None:
-    """The present version is in one row of the table of versions."""
     rows = [line for line in (ROOT / "docs" / "experiments.md").read_text().splitlines() if "present version" in line]
     assert len(rows) == 1 and rows[0].startswith(f"| {VERSION} |")
 
@@ -173,13 +168,10 @@ SEED, SPLIT = "expected 0 to 4294967295", "expected one of train, test"
     "seed": (lambda: Generator(-1), f"seed -1, {SEED}"),
     "seed of the other split": (lambda: Generator(1 << 32), f"seed 4294967296, {SEED}"),
     "split": (lambda: Generator(0, "tset"), f"split 'tset', {SPLIT}"),  # type: ignore[arg-type]
-    "places' seed": (lambda: PlaceGenerator(-1), f"seed -1, {SEED}"),
-    "places' split": (lambda: PlaceGenerator(0, "valid"), f"split 'valid', {SPLIT}"),  # type: ignore[arg-type]
     "frames": (lambda: list(generate(-1, Generator())), "-1 frames from number 0, expected 0 or more of both"),
     "workers": (lambda: list(generate(1, Generator(), workers=0)), "0 worker processes, expected at least one"),
     "a pool": (lambda: processes(0).__enter__(), "0 worker processes, expected at least one"),
 })
 def test_mistakes(given: Callable[[], object], rejected: Any) -> None:
-    """An invalid seed, split or number raises an error that names it."""
     with rejected:
         given()

@@ -174,7 +174,6 @@ FREE = "joint: expected one without a parent that translates along X, Y and Z"
                             f"...tail_prior.prototxt:4:10: error: {FREE}"),
 })
 def test_refusals(tail: Path, given: tuple[str, str], rejected: Any) -> None:
-    """An invalid value of the prior or its skeleton raises an error of one line with its place."""
     assert given[0] in PRIOR + SKELETON
     tail.write_text(PRIOR.replace(*given, 1))
     tail.with_name("tail.prototxt").write_text(SKELETON if given[0] in PRIOR else SKELETON.replace(*given))
@@ -183,7 +182,6 @@ def test_refusals(tail: Path, given: tuple[str, str], rejected: Any) -> None:
 
 
 def test_the_skeleton_beside_the_prior_comes_first(tail: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The skeleton in the prior's folder takes precedence over one in the working directory."""
     other = tail.parent / "other"
     other.mkdir()
     (other / "tail.prototxt").write_text('name: "other" joint { name: "root" }')
@@ -201,6 +199,5 @@ def test_a_body_beside_the_crops(tail: Path, old: str, new: str) -> None:
 
 
 def test_packaged_bodies_are_in_view() -> None:
-    """The packaged person and arm are within their crops."""
     for name in ("person", "arm"):
         check_in_view(recipe_of(NYU_HAND.parents[1] / "body" / f"{name}_prior.prototxt"), 0)

@@ -58,7 +58,6 @@ def edges(depth: np.ndarray) -> np.ndarray:
 
 
 def test_dropped_pixels() -> None:
-    """Dropped pixels are at edges and read as background: all for a dropout of 1, about a third for 1/3, none for 0."""
     whole = sense(np.random.default_rng(0), slope(), FAR, PERFECT, NYU)
     at_edge = edges(whole) & (whole < 950)
     assert at_edge.sum() == 2 * (4 * 60 - 4)  # the outline of the plate
@@ -93,7 +92,6 @@ def test_time_of_flight() -> None:
 
 
 def test_flying_pixels() -> None:
-    """Some pixels at an edge between two surfaces read a depth between them; at the background none do."""
     depth = np.full((1, 64, 64), 950, np.float32)
     depth[:, 10:50, 10:30], depth[:, 10:50, 30:50] = 600, 700
     flying = replace(PERFECT, baseline=0.0, flying=(1.0, 1.0))

@@ -7,12 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handpose.body.render import CLEAR_MM, Capsules, normalise_depth, render_crop
-from handpose.frames.cameras import NYU
-from handpose.frames.crops import crop
+from handpose.body.render import CLEAR_MM, Capsules
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.surface_prior import DEFAULT_SURFACE, SurfacePrior
-from tests.handpose.whole_images import capsules_of, render_image
+from tests.handpose.whole_images import capsules_of
 
 EXACT = replace(DEFAULT_SURFACE, thickness_std=0)
 
@@ -27,17 +25,6 @@ def drawn(sampler: BodySampler, prior: SurfacePrior, count: int = 300, depth: fl
     """The capsules of hands in front of a camera."""
     rng = np.random.default_rng(0)
     return capsules_of(sampler, rng, sampler.draw(rng, count), (0, 0, depth), prior)
-
-
-def test_rendered_hand_equals_its_cropped_image(sampler: BodySampler) -> None:
-    """A hand rendered along the crop's rays equals the crop of the hand rendered in the whole image."""
-    rng = np.random.default_rng(5)
-    hands = sampler.draw(rng, 3)
-    centers = sampler.centers(rng, 3, NYU)
-    surface = capsules_of(sampler, rng, hands, NYU.unproject(centers))
-    direct = normalise_depth(render_crop(surface, centers, 300.0), centers[:, 2], 300.0)
-    for n, whole in enumerate(render_image(surface, NYU, background=9999.0)):
-        assert (np.abs(direct[n] - crop(whole, centers[n], 300.0)) > 1e-3).sum() <= 5
 
 
 def test_forearms_do_not_point_at_the_camera(sampler: BodySampler) -> None:

@@ -65,7 +65,6 @@ POSITION = "joint 'ring_tip' at [4.4..., {}, 554...]; expected finite numbers of
        for kind, xyz in (("<U4", "hand"), ("<U1", [["x"]]), ("complex128", XYZ.astype(complex)))},
 })
 def test_joints_that_are_no_positions(call: str, given: Any, rejected: Any) -> None:
-    """Another shape, and numbers that are not finite, raise DataError."""
     with rejected:
         CALLS[call](given)
 
@@ -115,6 +114,5 @@ def read_at(time: float) -> Callable[[], object]:
        for time in (0.5, np.nan, np.inf)},
 })
 def test_other_arguments(given: Callable[[], object], rejected: Any) -> None:
-    """An unknown side, format or cube, and times that descend, raise DataError."""
     with rejected:
         given()

@@ -148,8 +148,6 @@ def test_a_camera_that_does_not_fit(monkeypatch: pytest.MonkeyPatch, given: Any,
         "pyrealsense2 cannot be loaded: libusb-1.0.so.0: cannot open shared object file: apt install libusb-1.0-0"),
 })
 def test_without_the_package(monkeypatch: pytest.MonkeyPatch, given: ImportError, rejected: Any) -> None:
-    """The error names the command that installs the package."""
-
     class Finder:
         def find_spec(self, name: str, *others: object) -> None:
             if name == "pyrealsense2":
@@ -167,7 +165,6 @@ def rs() -> Any:
 
 
 def test_the_stand_in_is_like_the_real_one(rs: Any) -> None:
-    """Every attribute of the fake that is used exists in the real module."""
     fake = FakeModule([])
     for name, parts in vars(fake).items():
         if isinstance(parts, SimpleNamespace):

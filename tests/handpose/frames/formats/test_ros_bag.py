@@ -72,7 +72,6 @@ def test_every_kind_of_bag(tmp_path: Path, name: str) -> None:
 
 @pytest.mark.parametrize("name", ["sqlite", "mcap"])
 def test_a_file_without_its_folder(tmp_path: Path, name: str) -> None:
-    """A single database or mcap file is read without its folder, as recorded by RealSense."""
     KINDS[name](tmp_path / name, DEPTH)
     suffix = {"sqlite": "db3", "mcap": "mcap"}[name]
     assert len(read(tmp_path / name / f"{name}.{suffix}")[1]) == 4
@@ -148,7 +147,6 @@ def test_quantised_metres(tmp_path: Path, a: float, b: float) -> None:
 
 
 def test_metres_as_tiff(tmp_path: Path) -> None:
-    """A 32FC1 TIFF has metres."""
     make = compressed(png(DEPTH[0].astype(np.float32) / 1000, ".tiff"), "32FC1; tiff compressed ")
     _, frames = read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make))
     np.testing.assert_allclose(frames[0].depth, DEPTH[0], rtol=1e-6)
@@ -197,15 +195,6 @@ def test_a_camera_of_another_size(tmp_path: Path) -> None:
     assert open_bag(path, GIVEN).camera.fx == 60
 
 
-def test_holes_of_metres(tmp_path: Path) -> None:
-    """NaN and infinity become 0."""
-    values = np.full((48, 64), 0.5, np.float32)
-    values[0, :2] = np.nan, np.inf
-    message = bags.Messages(True).image(values, 5, "32FC1")
-    _, frames = read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=images((message, 5))))
-    assert frames[0].depth[0, :3].tolist() == [0, 0, 500]
-
-
 @pytest.mark.parametrize(
     ("model", "d", "lens"),
     [
@@ -216,7 +205,6 @@ def test_holes_of_metres(tmp_path: Path) -> None:
     ],
 )
 def test_lenses(tmp_path: Path, model: str, d: tuple[float, ...], lens: Lens) -> None:
-    """The lens of camera_info is used like a given one."""
     make = functools.partial(bags.driver, model=model, d=d)
     path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make)
     own, frames = read(path)
@@ -226,7 +214,6 @@ def test_lenses(tmp_path: Path, model: str, d: tuple[float, ...], lens: Lens) ->
 
 
 def test_rectified_images(tmp_path: Path) -> None:
-    """Rectified images have no distortion, and the camera of the matrix P."""
     p = [70.0, 0, 30, 0, 0, 71, 20, 0, 0, 0, 1, 0]
     make = functools.partial(bags.driver, topic="/camera/depth/image_rect", d=(0.2, 0.1, 0, 0, 0), p=p)
     recording, frames = read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make))
@@ -235,7 +222,6 @@ def test_rectified_images(tmp_path: Path) -> None:
 
 
 def test_a_camera_that_is_not_calibrated(tmp_path: Path) -> None:
-    """For an uncalibrated camera the parameters must be given."""
     path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=functools.partial(bags.driver, k=[0] * 9, p=[0] * 12))
     with pytest.raises(DataError, match="the camera of these frames is unknown"):
         open_bag(path, UNKNOWN)
@@ -250,7 +236,6 @@ class TestTopics:
         return bags.driver(of, depth) + aligned
 
     def test_several_of_depth(self, tmp_path: Path) -> None:
-        """Several depth topics raise an error that lists them; PATH#TOPIC selects one."""
         path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=self.two)
         both = "depth of 2 topics: /camera/aligned_depth_to_color/image_raw, /camera/depth/image_raw; name one by"
         with pytest.raises(DataError, match=both):
@@ -262,8 +247,6 @@ class TestTopics:
             open_bag(Path(f"{path}#/camera/depth/image_rw"), CameraInfo())
 
     def test_infrared_and_colour_are_no_depth(self, tmp_path: Path) -> None:
-        """Infrared and colour topics are ignored, although infrared has 16 bits as well."""
-
         def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
             ir = ("/camera/ir/image_raw", IMAGE, 1, of.image(depth[0], 1, "mono16"))
             colour = ("/camera/color/image_raw", IMAGE, 1, of.image(depth[0], 1, "rgb8"))
@@ -272,8 +255,6 @@ class TestTopics:
         assert len(read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make))[1]) == 4
 
     def test_packed_beside_raw(self, tmp_path: Path) -> None:
-        """Compressed images in addition to raw ones are not a second topic."""
-
         def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
             packed = (f"{bags.TOPIC}/compressedDepth", "sensor_msgs/msg/CompressedImage", 1, of.packed(depth[0], 1))
             return [packed, *bags.driver(of, depth)]
@@ -306,7 +287,6 @@ def test_messages_of_another_type_than_declared(tmp_path: Path, kind: str) -> No
 
 class TestTimes:
     def test_without_stamps(self, tmp_path: Path) -> None:
-        """Without stamps the times are the bag's own."""
         image = bags.Messages(True).image
         path = bags.write_ros1(
             tmp_path / "a.bag", DEPTH, make=images((image(DEPTH[0], 0), 10**9), (image(DEPTH[1], 0), 3 * 10**9))
@@ -409,7 +389,6 @@ def test_depth_units_that_are_no_number(tmp_path: Path, given: str, rejected: An
 
 
 def test_without_rosbags(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """The error names the command that installs rosbags."""
     monkeypatch.setitem(sys.modules, "rosbags", None)
     with pytest.raises(NetlibError, match="pip install rosbags"):
         open_bag(tmp_path / "a.bag", CameraInfo())

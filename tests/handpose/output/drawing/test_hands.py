@@ -30,7 +30,6 @@ def test_overlay_shows_joints_where_they_are_seen() -> None:
 
 
 def test_every_finger_has_its_colour() -> None:
-    """The picture has five colours for five fingers, and grey for the rest."""
     for picture in (hands.overlay(EMPTY, JOINTS, SKELETON), hands.view_3d(JOINTS, SKELETON)):
         shown = {tuple(int(c) for c in colour) for colour in np.unique(picture.reshape(-1, 3), axis=0)}
         assert {*hands.COLOURS.values(), hands.GREY} <= shown
@@ -69,7 +68,6 @@ def test_truth_is_drawn_too() -> None:
 
 
 def test_joints_far_outside_do_no_harm() -> None:
-    """Joints far outside do not move the others: a joint in the middle of the crop is drawn there."""
     wild = JOINTS * 1e9
     tip = SKELETON.joint_names.index("index_tip")
     wild[tip] = 0

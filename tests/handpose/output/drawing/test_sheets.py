@@ -1,4 +1,4 @@
-"""handpose/output/drawing/sheets.py"""
+"""handpose/output/drawing/sheets.py and strokes.py"""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from handpose.output.drawing import hands, sheets, strokes
-from handpose.output.drawing.sheets import PAGES, ContactSheet
+from handpose.output.drawing.sheets import PAGES, PLACES, ContactSheet
 from handpose.output.drawing.strokes import Image
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
@@ -22,38 +22,37 @@ def picture(value: int = 0) -> Image:
     return np.full((3, 4, 3), value % 256, np.uint8)
 
 
-@given(frames=st.integers(1, 2000), columns=st.integers(1, 4), rows=st.integers(1, 4))
-def test_moments_evenly_apart(frames: int, columns: int, rows: int) -> None:
+@given(frames=st.integers(1, 2000))
+def test_moments_evenly_apart(frames: int) -> None:
     """Moments span the whole sequence for any number of frames; few pictures are kept, and few are drawn."""
-    sheet, drawn = ContactSheet(columns, rows), []
+    sheet, drawn = ContactSheet(), []
     for n in range(frames):
         sheet.add(n, lambda n=n: drawn.append(n) or picture(n))
-        assert len(sheet._kept) <= PAGES * columns * rows
+        assert len(sheet._kept) <= PAGES * PLACES
     times = sheet.times()
-    assert len(times) == min(frames, columns * rows) and times[0] == 0
+    assert len(times) == min(frames, PLACES) and times[0] == 0
     gaps = np.diff(times)
     if len(gaps):
         assert gaps.min() >= 1 and gaps.max() <= 2 * gaps.min()
         assert frames - times[-1] <= gaps.max() + 1
-    assert len(drawn) <= PAGES * columns * rows * (1 + np.log2(max(frames, 2)) / 2)
+    assert len(drawn) <= PAGES * PLACES * (1 + np.log2(max(frames, 2)) / 2)
 
 
 def test_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each picture is reduced to the requested width, with its time in seconds above it."""
     received = {}
     monkeypatch.setattr(sheets.strokes, "sheet", lambda *given: received.update(given=given))
-    sheet = ContactSheet(2, 2, width=100)
+    sheet = ContactSheet()
     for n in range(3):
-        sheet.add(n / 30, lambda n=n: np.full((150, 200, 3), n, np.uint8))
+        sheet.add(n / 30, lambda n=n: np.full((300, 960, 3), n, np.uint8))
     sheet.page()
     images, columns, titles = received["given"]
-    assert [image.shape for image in images] == [(75, 100, 3)] * 3 and [image[0, 0, 0] for image in images] == [0, 1, 2]
-    assert columns == 2 and titles == ["0.00 s", "0.03 s", "0.07 s"]
+    assert [image.shape for image in images] == [(150, 480, 3)] * 3
+    assert [image[0, 0, 0] for image in images] == [0, 1, 2]
+    assert columns == 4 and titles == ["0.00 s", "0.03 s", "0.07 s"]
 
 
 def test_a_page_can_be_drawn() -> None:
-    """A page has only as many cells as there are pictures."""
-    sheet = ContactSheet(2, 2)
+    sheet = ContactSheet()
     sheet.add(0.0, picture)
     assert sheet.page().shape == (3 + 22 + 16, 4 + 16, 3)
 
@@ -81,3 +80,12 @@ def test_an_annotation_of_other_joints_is_not_drawn(joints: Array) -> None:
     few = sheets.two_views(CROPS, joints, joints[:, :16], SKELETON, titles)
     assert few.shape == sheets.two_views(CROPS, joints, joints, SKELETON, titles).shape
     assert not np.array_equal(few, sheets.two_views(CROPS, joints, joints, SKELETON, titles))
+
+
+def test_sheet() -> None:
+    pictures = [np.full((60, 40), 10, np.uint8), np.full((30, 80, 3), 20, np.uint8), np.full((60, 80), 30, np.uint8)]
+    page = strokes.sheet(pictures, 2, ["one", "a title that is far too long for its cell", "three"])
+    assert page.shape == (2 * (60 + 22 + 8) + 8, 2 * (80 + 8) + 8, 3)
+    for value, picture in zip((10, 20, 30), pictures, strict=True):
+        assert (page == value).all(axis=2).sum() >= picture.shape[0] * picture.shape[1]
+    assert strokes.sheet(pictures[:1], 4).shape == (60 + 16, 40 + 16, 3)

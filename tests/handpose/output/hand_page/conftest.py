@@ -14,9 +14,8 @@ from handpose.output.hand_page.assembly import page
 from handpose.output.hand_page.content import body, content
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
-from layers.hand.skeleton_file import SkeletonParameter
-from netlib.proto import prototxt, schema
 from tests.support.chromium_tabs import visits
+from tests.support.made_tracks import skeleton_of
 
 # Two bones in a plane, without a surface; one DoF drives two joints, the second with the opposite sign.
 ARM = """name: "arm"
@@ -26,11 +25,6 @@ joint { name: "elbow" parent: "base" rotate { axis: Z dof: "shoulder" } bone { a
 joint { name: "base" translate { axis: X dof: "x" } }
 joint { name: "other" parent: "base" rotate { axis: NEG_Z dof: "shoulder" } bone { axis: NEG_Y length: 0.5 } }
 """
-
-
-def skeleton_of(text: str) -> Skeleton:
-    """The skeleton described by a text."""
-    return Skeleton(schema.read(prototxt.parse(text, "body.prototxt"), SkeletonParameter))
 
 
 def any_skeleton(seed: int) -> Skeleton:

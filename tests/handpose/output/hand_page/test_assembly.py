@@ -37,7 +37,6 @@ def test_only_its_own_script_and_style_may_run() -> None:
 @pytest.mark.parametrize("evil", ["</script><script>", "<!--<script>", "]]>", "&lt;", "\u2028'\"\\", "\ud800"],
                          ids=["script", "comment", "CDATA", "entity", "quotes", "surrogate"])
 def test_data_cannot_leave_their_place(evil: str) -> None:
-    """The escaped text has no character that is special in HTML, and parses to the same data."""
     text = escaped({evil: [evil]})
     assert not set(text) & set("<>&") and text.isascii()
     assert json.loads(text) == {evil: [evil]}

@@ -31,7 +31,6 @@ def test_points_are_where_the_camera_saw_them(camera: Camera) -> None:
 
 
 def test_a_crop_beside_the_image() -> None:
-    """Neither pixels outside the image nor an empty crop yield points."""
     uvd = np.array([3.0, 3, 700])
     frame = np.full((480, 640), 700, np.float32)
     found = crop_points(crop(frame, uvd, 300.0), uvd, 300.0, NYU)

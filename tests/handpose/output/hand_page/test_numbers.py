@@ -18,7 +18,8 @@ from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
 from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import Skeleton
-from tests.handpose.output.hand_page.conftest import ARM, any_skeleton, ask, skeleton_of
+from tests.handpose.output.hand_page.conftest import ARM, any_skeleton, ask
+from tests.support.made_tracks import skeleton_of
 
 MM = 150.0
 HANDS = {name: skeletons.load(skeletons.NYU_HAND.with_name(f"{name}.prototxt")) for name in ("nyu", "people", "icvl")}

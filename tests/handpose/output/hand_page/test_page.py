@@ -19,8 +19,9 @@ from handpose.output.hand_page.assembly import page
 from handpose.output.hand_page.content import body, content, hand
 from layers.hand import skeleton as skeletons
 from layers.hand.kinematics import Kinematics
-from tests.handpose.output.hand_page.conftest import ARM, skeleton_of
+from tests.handpose.output.hand_page.conftest import ARM
 from tests.support.chromium_tabs import picture
+from tests.support.made_tracks import skeleton_of
 
 Visit = Callable[..., Any]
 HAND = skeletons.load()
@@ -287,7 +288,6 @@ def predicted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarra
 
 
 def test_predicted_hands(visit: Visit, predicted: tuple[Path, np.ndarray]) -> None:
-    """A hand chosen from the list is shown with its size, a left one mirrored; drawn and recorded depth agree."""
     path, joints = predicted
     tab = visit(path)
     assert tab.locator("#description").inner_text() == "right hand, 90% sure"
@@ -327,7 +327,6 @@ def test_names_are_text_and_no_markup(visit: Visit, tmp_path: Path) -> None:
 
 
 def test_nothing_else_runs_and_nothing_is_fetched(browser: Any, bare: Path) -> None:
-    """The browser blocks further scripts, handlers and requests in the page."""
     tab, console = browser.new_page(), []
     tab.on("console", lambda message: console.append(message.text))
     tab.goto(bare.as_uri())

@@ -139,7 +139,6 @@ def test_names_and_a_hand_that_leaves(shown: Shown) -> None:
 
 
 def test_a_page_that_is_slow_gets_the_newest_frame(shown: Shown) -> None:
-    """Frames that arrive while the page is busy are dropped."""
     shown.show(BOTH)
     frames = [BOTH._replace(number=number, time=number / 30) for number in range(1, 60)]
     encoded = [shown.messages.view(shown.messages.record(frame), DEPTH, frame) for frame in frames]

@@ -62,7 +62,6 @@ def test_lines(clients: Clients, serve: Serve) -> None:
 
 
 def test_two_clients(clients: Clients, serve: Serve) -> None:
-    """Two clients receive the same frames; a client that has left is no longer served."""
     with serve() as server:
         one, other = clients.connect(server), clients.connect(server)
         server.put(LINES, "a")
@@ -98,7 +97,6 @@ def test_a_slow_program_misses_frames(clients: Clients, server: LiveServer) -> N
 
 
 def test_a_client_that_leaves_in_the_middle_of_a_frame(clients: Clients, serve: Serve) -> None:
-    """If one client disconnects without a close frame, the others still receive their frames."""
     with serve() as server:
         gone, other = (clients.connect(server, max_size=None) for _ in range(2))
         gone.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # close by a reset
@@ -109,7 +107,6 @@ def test_a_client_that_leaves_in_the_middle_of_a_frame(clients: Clients, serve: 
 
 
 def test_without_clients(serve: Serve) -> None:
-    """The server does not wait for clients, and stores nothing for them."""
     with serve() as server:
         assert not server.wait_for_client(0) and not server.has_clients(LINES) and not server.has_clients(VIEWS)
         server.put(LINES, "a")
@@ -119,7 +116,6 @@ def test_without_clients(serve: Serve) -> None:
 
 
 def test_a_run_that_is_stopped(clients: Clients, serve: Serve) -> None:
-    """Stopping is reported as the close reason, and the stream ends normally."""
     with contextlib.suppress(KeyboardInterrupt), serve() as server:
         client = clients.connect(server)
         raise KeyboardInterrupt
@@ -270,7 +266,6 @@ def test_what_the_gate_must_hold(
 
 
 def test_the_page(server: LiveServer) -> None:
-    """The token is long and different for each server; a request without one gets the page that finds it again."""
     page = exchange(server, request("/?token=TOKEN")).decode()
     assert "<!DOCTYPE html>" in page and "connect-src 'self'" in page
     assert "Content-Type: text/html; charset=utf-8" in page
@@ -316,7 +311,6 @@ def test_other_machines(serve: Serve) -> None:
 
 @pytest.mark.skipif(not socket.has_ipv6, reason="no IPv6")
 def test_an_address_of_ipv6(clients: Clients, serve: Serve) -> None:
-    """An IPv6 address is written in brackets."""
     try:
         with serve("::1") as server:
             assert not server.is_public and server.lines_url.startswith(f"ws://[::1]:{server.port}/frames?token=")
@@ -326,7 +320,6 @@ def test_an_address_of_ipv6(clients: Clients, serve: Serve) -> None:
 
 
 def test_a_port_that_is_in_use(serve: Serve, server: LiveServer) -> None:
-    """A port in use raises an error."""
     line = f"^127.0.0.1:{server.port}: the port is in use; choose another one, or 0 for any that is free$"
     with pytest.raises(NetlibError, match=line), serve(port=server.port):
         pass
@@ -334,13 +327,11 @@ def test_a_port_that_is_in_use(serve: Serve, server: LiveServer) -> None:
 
 @pytest.mark.parametrize(("host", "why"), [("x" * 70, "unknown host"), ("192.0.2.1", "cannot listen: ")])
 def test_an_address_that_is_not_of_this_machine(serve: Serve, host: str, why: str) -> None:
-    """An unknown host, or an address of another machine, raises an error."""
     with pytest.raises(NetlibError, match=f"^{host}:0: {why}"), serve(host):
         pass
 
 
 def test_without_websockets(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without websockets the constructor raises an error with the command that installs it."""
     monkeypatch.setitem(sys.modules, "websockets", None)
     with pytest.raises(NetlibError, match=r"^websockets is missing: pip install 'websockets>=13'$"):
         LiveServer("127.0.0.1", 0, "", "")

@@ -36,7 +36,6 @@ def test_records_are_those_of_a_track_with_the_bones_in_each() -> None:
 
 @pytest.mark.parametrize("joints", FORMATS)
 def test_records_of_all_formats_are_valid(joints: FormatName) -> None:
-    """Joint formats and gestures are in the schema."""
     messages = Messages(HEADER, joints, gestures=True)
     assert not json_schema.faults(json.loads(messages.header), "header")
     assert not json_schema.faults(json.loads(messages.line(messages.record(BOTH))), "frame")
@@ -50,7 +49,6 @@ def test_records_have_no_raw_positions() -> None:
 
 
 def test_joints_and_gestures() -> None:
-    """The joint format and the gestures are those of the options."""
     messages = Messages(HEADER, "mano", gestures=True)
     assert json.loads(messages.header)["joint_format"]["name"] == "mano"
     hand = messages.record(BOTH)["hands"][0]
@@ -58,7 +56,6 @@ def test_joints_and_gestures() -> None:
 
 
 def test_the_message_for_the_page() -> None:
-    """The message has record, contrast, depth and capsules in the documented layout."""
     messages = Messages(HEADER)
     message = messages.view(messages.record(BOTH), DEPTH, BOTH)
     (size,) = struct.unpack_from("<I", message)

@@ -30,7 +30,6 @@ def written(path: Path, header: TrackHeader, frames: list[TrackedFrame]) -> list
 
 @pytest.mark.parametrize("header", [HAND, header_of(any_skeleton(2))], ids=["the hand", "another body"])
 def test_a_row_per_frame_and_hand(tmp_path: Path, header: TrackHeader) -> None:
-    """Each row has the joints in mm and the angles in rad, by column."""
     frames = any_track(header, 3, 6)
     rows = iter(written(tmp_path / "a.csv", header, frames))
     sk = header.skeleton
@@ -69,7 +68,6 @@ def test_what_is_not_known_is_empty(tmp_path: Path) -> None:
 
 
 def test_no_hand_no_row(tmp_path: Path) -> None:
-    """Without hands the file has only its header."""
     assert written(tmp_path / "a.csv", HAND, [TrackedFrame(0, 0.0, ())]) == []
     assert (
         (tmp_path / "a.csv")

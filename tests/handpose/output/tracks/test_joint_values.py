@@ -90,14 +90,12 @@ def test_gestures(tmp_path: Path) -> None:
 
 
 def test_without_a_format_nothing_changes(tmp_path: Path) -> None:
-    """Without a format neither the header nor the hands have its keys."""
     found = json.loads(written(tmp_path / "a.json", None).read_text())
     assert "joint_format" not in found
     assert "anatomical_deg" not in found["frames"][0]["hands"][0]
 
 
 def test_another_body_has_no_format(tmp_path: Path) -> None:
-    """A body other than a hand raises an error, and no file is written."""
     header = header_of(any_skeleton(2))
     with (
         pytest.raises(DataError, match=r"no joint 'palm'; only hands have joints and angles of other formats$"),

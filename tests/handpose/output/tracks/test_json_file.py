@@ -107,7 +107,6 @@ def test_keys_and_units(tmp_path: Path) -> None:
 
 
 def test_raw_positions_of_smoothed_hands(tmp_path: Path) -> None:
-    """Joints before smoothing are written and read; without smoothing there are none."""
     hand = any_hand(HAND, np.random.default_rng(0))
     smoothed = replace(hand, raw_xyz=hand.xyz + 7.125)
     written(tmp_path / "a.json", HAND, [TrackedFrame(7, 0.25, (smoothed,)), TrackedFrame(8, 0.5, (hand,))])
@@ -149,7 +148,6 @@ def test_an_interruption_leaves_a_whole_document(tmp_path: Path, error: type[Bas
 
 
 def test_no_frame_at_all(tmp_path: Path) -> None:
-    """A recording without frames gives a track without frames."""
     assert written(tmp_path / "a.json", HAND, []).frames == []
     assert written(tmp_path / "a.jsonl", HAND, []).frames == []
 
@@ -175,7 +173,6 @@ def test_lines_that_are_cut(tmp_path: Path) -> None:
 
 
 def test_a_document_that_another_program_laid_out(tmp_path: Path) -> None:
-    """A document formatted by another program is read, on one line or on many."""
     frames = any_track(HAND, 1, 2)
     written(tmp_path / "a.json", HAND, frames)
     values = json.loads((tmp_path / "a.json").read_text())

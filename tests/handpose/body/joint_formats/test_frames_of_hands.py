@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from posed_hands import PEOPLE, any_pose, right_hand
+from scipy.spatial.transform import Rotation
 
-from handpose.body.joint_formats.frames import FINGERS, POINTS, SKIN, hinges_of, weights_of
+from handpose.body.joint_formats.frames import FINGERS, POINTS, SKIN, best_rotation, hinges_of, weights_of
 from layers.hand.skeleton import NYU_HAND, Skeleton, load
 from netlib.errors import DataError
 
@@ -69,7 +70,6 @@ def test_straight_fingers_end_where_nyus_do() -> None:
 
 
 def test_joints_of_people_are_where_they_bend() -> None:
-    """PIP and DIP of the packaged hand are the joints at which it bends."""
     hinges = hinges_of(PEOPLE)
     for finger in FINGERS:
         weights = weights_of([POINTS[f"{finger}_pip"], POINTS[f"{finger}_dip"]], PEOPLE)
@@ -78,7 +78,6 @@ def test_joints_of_people_are_where_they_bend() -> None:
 
 
 def test_the_joints_of_a_finger_follow_each_other() -> None:
-    """The joints run from the wrist to the tip, at plausible distances."""
     joints = right_hand(any_pose(np.random.default_rng(1)))
     for finger in FINGERS:
         cmc, mcp, pip, dip, tip, skin = (
@@ -106,3 +105,19 @@ def test_another_body_has_none() -> None:
     arm = load(NYU_HAND.parents[1] / "body" / "arm.prototxt")
     with pytest.raises(DataError, match=r"no joint 'thumb_mcp'; only hands"):
         weights_of(list(POINTS.values()), arm)
+
+
+RNG = np.random.default_rng(0)
+CLOUD = RNG.standard_normal((7, 3))
+
+
+def test_a_rotation_is_found_again() -> None:
+    for wanted in Rotation.random(20, random_state=RNG).as_matrix():
+        np.testing.assert_allclose(best_rotation(CLOUD, CLOUD @ wanted.T), wanted, atol=1e-12)
+
+
+def test_of_a_mirror_image() -> None:
+    """For mirrored points the result is a rotation, with determinant 1."""
+    found = best_rotation(CLOUD, CLOUD * (-1, 1, 1))
+    np.testing.assert_allclose(found @ found.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(found) > 0

@@ -1,4 +1,4 @@
-"""handpose/body/gestures.py: hysteresis"""
+"""handpose/body/gestures.py"""
 
 from __future__ import annotations
 
@@ -6,8 +6,44 @@ import numpy as np
 import pytest
 
 from handpose.body import gestures
-from handpose.body.gestures import BEGIN, END, FORGET_S, GESTURES, GestureReader
+from handpose.body.gestures import BEGIN, END, FORGET_S, GESTURES, NUMBERS, GestureReader, scores
+from handpose.sequences.person import SHOWN
+from handpose.synthetic import prior_file
+from handpose.synthetic.pose_prior import BodySampler
+from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import load
+from netlib.blob import Array
+
+SAMPLER = BodySampler(prior_file.load(prior_file.PEOPLE_PRIOR).but(pose=SHOWN))
+SK = SAMPLER.skeleton
+
+
+def joints(inputs: Array, unit_mm: float = 130.0) -> Array:
+    """A right hand (K, 3) in mm."""
+    return np.asarray(Kinematics(SK).joints(inputs[None])[0] * unit_mm)
+
+
+@pytest.mark.parametrize("gesture", [pose.name for pose in SHOWN])
+@pytest.mark.parametrize("unit_mm", [100.0, 160.0])
+def test_each_gesture_is_its_own(gesture: str, unit_mm: float) -> None:
+    """Shown poses are recognised for hands of any size and orientation, right and left."""
+    inputs = SAMPLER.poses[gesture].copy()
+    inputs[3:6] = (0.4, -1.1, 2.0)
+    right = joints(inputs, unit_mm)
+    for found in (scores(SK, "right", right), scores(SK, "left", right * [-1, 1, 1])):
+        assert max(found, key=lambda name: found[name]) == gesture
+        assert found[gesture] > 0.7 and sum(found.values()) <= 1 + 1e-9
+
+
+def test_a_half_bent_hand_shows_none() -> None:
+    """Fingers between straight and bent give no gesture a high score."""
+    found = scores(SK, "right", joints((SAMPLER.poses["open"] + SAMPLER.poses["fist"]) / 2))
+    assert max(found.values()) < 0.5
+
+
+def test_numbers() -> None:
+    assert set(NUMBERS) < set(GESTURES) and sorted(NUMBERS.values()) == [0, 1, 2, 3, 4, 5]
+
 
 RATE = 30.0
 
@@ -23,19 +59,16 @@ def read(monkeypatch: pytest.MonkeyPatch, *seen: dict[str, float], ids: list[int
 
 
 def test_one_frame_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A single frame with another gesture, or with none, does not change the result."""
     open_, fist = {"open": 1.0}, {"fist": 1.0}
     assert read(monkeypatch, *[open_] * 5, fist, open_, {}, open_) == ["open"] * 9
 
 
 def test_a_gesture_that_lasts_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A new gesture is read after two or three frames."""
     found = read(monkeypatch, *[{"open": 1.0}] * 5, *[{"fist": 1.0}] * 8)
     assert found[:5] == ["open"] * 5 and found[-1] == "fist" and found.index("fist") - 5 in (2, 3)
 
 
 def test_between_the_thresholds_it_stays_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A score between the two thresholds neither begins nor ends a gesture."""
     doubtful = {"two": (BEGIN + END) / 2}
     assert read(monkeypatch, *[doubtful] * 20) == [""] * 20
     assert read(monkeypatch, {"two": 1.0}, *[doubtful] * 20) == ["two"] * 21
@@ -43,13 +76,11 @@ def test_between_the_thresholds_it_stays_as_it_is(monkeypatch: pytest.MonkeyPatc
 
 
 def test_hands_are_apart(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each hand has its own gesture."""
     seen = [{"open": 1.0}, {"fist": 1.0}] * 4
     assert read(monkeypatch, *seen, ids=[0, 1] * 4, times=[i // 2 / RATE for i in range(8)]) == ["open", "fist"] * 4
 
 
 def test_a_hand_that_was_away_begins_anew(monkeypatch: pytest.MonkeyPatch) -> None:
-    """After an absence the hand's previous gesture is forgotten."""
     away = FORGET_S + 0.1
     assert read(monkeypatch, {"open": 1.0}, {"two": 0.5}, times=[0.0, away]) == ["open", ""]
 

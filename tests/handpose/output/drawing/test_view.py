@@ -1,0 +1,176 @@
+"""handpose/output/drawing/view.py"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from handpose.output.drawing.view import (
+    HEIGHT,
+    MARGIN,
+    MAX_ZOOM,
+    Contrast,
+    Tags,
+    View,
+    Window,
+    box_of,
+    colour_of,
+    percent,
+    spoken,
+    spoken_loss,
+)
+from handpose.tracking.track import LostHand
+from tests.support.tracked_hands import CAMERA, tracked
+
+NEAR, FAR, BESIDE = tracked("right", (0, 0, 600)), tracked("left", (40, 0, 3000)), tracked("right", (-250, 0, 600))
+WHOLE = View(0.0, 0.0, CAMERA.width, CAMERA.height)
+
+
+def test_the_crop_is_in_the_middle() -> None:
+    """The part has the frame's aspect ratio and shows the crop with a margin, at once for the first frame."""
+    view, (left, top, right, bottom) = Window(CAMERA).see(5.0, [NEAR]), box_of(NEAR, CAMERA)
+    assert view.width / view.height == pytest.approx(CAMERA.width / CAMERA.height)
+    assert view.height == pytest.approx(MARGIN * (bottom - top))
+    assert view.left + view.width / 2 == pytest.approx((left + right) / 2)
+
+
+def test_box() -> None:
+    left, top, right, bottom = box_of(NEAR, CAMERA)
+    assert (right - left, bottom - top) == pytest.approx((73.5, 73.5)) and (left + right) / 2 == pytest.approx(80.5)
+
+
+@given(st.lists(st.sampled_from([NEAR, FAR, BESIDE]), max_size=3), st.floats(0, 10))
+def test_a_part_lies_within_the_frame(hands: list, time: float) -> None:
+    window = Window(CAMERA)
+    window.see(0.0, [NEAR])
+    view = window.see(time, hands)
+    assert view.left >= 0 and view.top >= 0
+    assert view.left + view.width <= CAMERA.width + 1e-6 and view.top + view.height <= CAMERA.height + 1e-6
+    assert CAMERA.width / MAX_ZOOM <= view.width * 1.0001
+
+
+def test_it_moves_slowly() -> None:
+    """Without hands the whole frame is shown, at once in the first frame and later after some seconds."""
+    assert Window(CAMERA).see(0.0, []) == WHOLE
+    window = Window(CAMERA)
+    before = window.see(0.0, [NEAR])
+    after = window.see(1 / 30, [])
+    assert before.width < after.width < 1.06 * before.width
+    np.testing.assert_allclose(window.see(10.0, []), WHOLE, atol=1e-3)
+
+
+DEPTH = np.array([[0, 400, 600, 620, 1000, 3000, 70000]], np.float32)
+
+
+@given(st.lists(st.floats(100, 5000), max_size=5))
+def test_nearer_is_lighter(hands: list[float]) -> None:
+    """Nearer pixels are lighter for hands at any depth; pixels without a reading, and only they, are black."""
+    contrast = Contrast()
+    contrast.see(0.0, DEPTH, np.array(hands))
+    grey = contrast.grey(DEPTH)[0].astype(int)
+    assert grey[0] == 0 and (grey[1:] > 0).all()
+    assert (np.diff(grey[1:]) <= 0).all()
+
+
+def test_hands_get_most_of_the_greys() -> None:
+    """Two centimetres are distinguishable at the hand, but not at the wall."""
+    contrast = Contrast()
+    contrast.see(0.0, DEPTH, np.array([580.0, 640.0]))
+    near, far = contrast.grey(np.array([[600, 620], [3000, 3020]], np.float32)).astype(int)
+    assert near[0] - near[1] >= 8 and far[0] == far[1]
+
+
+def test_it_does_not_flicker() -> None:
+    """A hand that jumps, or is lost, changes the greys by at most 20 from one frame to the next."""
+    contrast = Contrast()
+    contrast.see(0.0, DEPTH, np.array([600.0]))
+    before = contrast.grey(DEPTH).astype(int)
+    for n, hands in enumerate([[800.0], [], [], [500.0], [500.0, 900.0]]):
+        contrast.see((n + 1) / 30, DEPTH, np.array(hands))
+        after = contrast.grey(DEPTH).astype(int)
+        assert abs(after - before).max() <= 20
+        before = after
+
+
+def test_it_follows_in_seconds() -> None:
+    slow, fresh = Contrast(), Contrast()
+    slow.see(0.0, DEPTH, np.array([400.0]))
+    slow.see(10.0, DEPTH, np.array([900.0]))
+    fresh.see(0.0, DEPTH, np.array([900.0]))
+    assert abs(slow.grey(DEPTH).astype(int) - fresh.grey(DEPTH)).max() <= 1
+
+
+def test_without_hands_the_nearer_half_of_the_scene_counts() -> None:
+    """The nearer half of the readings has most of the greys; an image without readings raises no error."""
+    scene = Contrast()
+    scene.see(0.0, np.linspace(500, 1500, 6400, dtype=np.float32).reshape(80, 80), np.array([]))
+    near, half, far = scene.grey(np.array([[510, 1000, 1500]], np.float32))[0].astype(int)
+    assert near > 190 and near - half > 2 * (half - far) > 0
+    contrast = Contrast()
+    contrast.see(0.0, np.full((40, 40), 2500, np.float32), np.array([]))
+    assert 100 < contrast.grey(np.array([[2500.0]], np.float32))[0, 0] < 150
+    blind = Contrast()
+    blind.see(0.0, np.zeros((40, 40), np.float32), np.array([]))
+    assert blind.grey(np.zeros((4, 4), np.float32)).max() == 0
+
+
+PLACES = st.lists(st.tuples(st.floats(-300, 900), st.floats(-300, 900)), min_size=1, max_size=4)
+
+
+def test_colours() -> None:
+    colours = [colour_of(id) for id in range(6)]
+    assert len(set(colours)) == 6 and colour_of(6) in colours
+    assert all(0.11 * blue + 0.59 * green + 0.3 * red < 140 for blue, green, red in colours)
+
+
+def test_words() -> None:
+    """The confidence is in whole per cent, omitted if unknown; a lost hand has the time and the reason."""
+    assert spoken(tracked("right", confidence=0.934)) == "right 93%"
+    assert spoken(tracked("left", confidence=float("nan"))) == "left"
+    assert spoken(replace(tracked("left", confidence=0.49), side_confidence=0.7)) == "left? 49%"
+    assert [percent(sure) for sure in (0.0, 0.994, 0.996, 1.0)] == ["0%", "99%", ">99%", ">99%"]
+    assert spoken_loss(LostHand(1, "left", 2.0, "left the image"), 2.43) == "left hand lost 0.4 s: left the image"
+    assert spoken_loss(LostHand(1, None, 2.0, "left the image"), 2.43) == "hand lost 0.4 s: left the image"
+
+
+@given(PLACES)
+def test_all_are_within_the_picture_and_none_covers_another(places: list[tuple[float, float]]) -> None:
+    """Labels lie within the picture and do not overlap, for hands at any place."""
+    canvas = np.zeros((300, 400, 3), np.uint8)
+    tags = Tags(canvas)
+    areas = []
+    for n, (left, bottom) in enumerate(places):
+        before = canvas.copy()
+        tags.add("right 93%", left, bottom, (n + 1, n + 1, n + 1))
+        rows, columns = np.nonzero((canvas != before).any(axis=2))
+        assert rows.max() - rows.min() + 1 == HEIGHT
+        areas.append(len(np.unique(columns)) * HEIGHT)
+    assert len(set(areas)) == 1  # every label is as long as the first
+    assert (canvas.any(axis=2)).sum() == sum(areas)
+
+
+def test_a_tag_stands_where_it_was_asked_for() -> None:
+    canvas = np.zeros((100, 300, 3), np.uint8)
+    Tags(canvas).add("left", 40, 60, (0, 0, 200))
+    rows, columns = np.nonzero(canvas.any(axis=2))
+    assert (rows.max(), columns.min()) == (59, 40)
+
+
+def test_a_side_that_is_assumed_has_another_tag() -> None:
+    """The text is coloured on white, and the tag has the same place and size."""
+    pair = np.zeros((2, 100, 300, 3), np.uint8)
+    for canvas, sure in zip(pair, (True, False)):
+        Tags(canvas).add("left? 49%", 40, 60, (0, 0, 200), sure=sure)
+    assert (pair[0].any(axis=2) == pair[1].any(axis=2)).all()
+    white = (pair == 255).all(axis=-1).mean(axis=(1, 2))
+    assert white[1] > 2 * white[0] > 0
+
+
+def test_long_words_become_small() -> None:
+    canvas = np.zeros((100, 200, 3), np.uint8)
+    Tags(canvas).add("left hand lost 12.3 s: " + "a long reason " * 4, 0, 100, (0, 0, 200))
+    assert not canvas[:, -2:].any() or (canvas[-HEIGHT:, -2:] == (0, 0, 200)).all()
