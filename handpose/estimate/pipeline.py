@@ -78,6 +78,11 @@ class HandPipeline:
                             "behind the camera")
         return hand
 
+    def palm_at(self, depth: NDArray[np.generic], camera: Camera, start: Array, side: Side) -> Array:
+        """The centre (3,) of the palm that is predicted from a start. Raises DataError outside the image."""
+        candidate = Candidate(start, side, crop=clear_crop(depth, start, self.cube_mm, camera))
+        return self._moved_to_palm(depth, camera, candidate).center_uvd
+
     def _candidates(
         self, depth: NDArray[np.generic], camera: Camera, start: Array, unmoved_too: bool
     ) -> list[Candidate]:

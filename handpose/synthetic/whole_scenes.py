@@ -194,7 +194,9 @@ def draw_scenes(rng: np.random.Generator, sampler: BodySampler, count: int) -> t
     held = _solid_depth(_held(rng, first, palms[:, 0], shown[:, 0]), rays)
     people = np.minimum(arm, groups["person"])
     hand = np.minimum(*hands)
-    depth = np.minimum.reduce([hand, people, held, groups["table"], groups["things"], groups["planes"]])
+    beyond = _solid_depth(_beyond(rng, near), rays)
+    depth = np.minimum.reduce([hand, people, held, groups["table"], groups["things"], groups["planes"], beyond])
+    depth = np.where(depth < _range(rng, palms[:, 0])[:, None, None], depth, np.float32(np.inf))
     is_hand = np.isfinite(hand) & (hand <= depth + TOLERANCE_MM)
     is_person = np.isfinite(depth) & (people <= depth)
     x, y = rays
@@ -467,6 +469,22 @@ def _planes(
         plane = _plane_depth(normal, (normal * point).sum(1), rays)
         np.minimum(depth, _only(plane, rng.random(count) < share), out=depth)
     return depth
+
+
+def _beyond(rng: np.random.Generator, near: Array) -> Solids:
+    """Large round things behind the hands, of which a camera's range may leave a patch as large as a hand."""
+    count, most = len(near), 5
+    away = rng.uniform((-450, -350, 180), (450, 350, 900), (count, most, 3))
+    half = np.exp(rng.uniform(np.log(50), np.log(300), (count, most, 3)))
+    shown = (rng.random((count, most)) < 0.5) & (rng.random((count, 1)) < 0.4)
+    kind = np.full((count, most), ELLIPSOID)
+    return Solids(kind, near[:, None] + away, _rotations(rng, count, most), half, shown)
+
+
+def _range(rng: np.random.Generator, palm: Array) -> Array:
+    """The depth (N,) in mm from which nothing is read: some cameras end a little behind the hand."""
+    behind = np.exp(rng.uniform(np.log(80), np.log(1200), len(palm)))
+    return np.where(rng.random(len(palm)) < 0.35, palm[:, 2] + behind, np.inf)
 
 
 # ---------------------------------------------------------------------------------------------- depth of shapes

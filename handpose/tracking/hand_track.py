@@ -153,7 +153,7 @@ class HandTrack:
     reason      why it was lost
     usual_cost  the average selection cost of its poses
     presence    probability that it is a hand, by the finder, when it looked last
-    is_crowded  True if its poses are better without what is around it
+    is_crowded  True if it is only recognised without what is around it
     """
 
     def __init__(
@@ -171,12 +171,12 @@ class HandTrack:
         best = _best(estimates)
         self.sides = {side: SideState(estimate, time) for side, estimate in best.items()}
         self.presence = presence
-        self.is_crowded = min(best.values(), key=lambda one: one.selection_cost).is_alone
+        self.is_crowded = estimates[0].is_alone
         self._seen = self._asked = self._looked = time
         self._pause = PAUSE
         self.usual_cost = min(estimate.selection_cost for estimate in estimates)
         self._evidence, self._compared, self._begun = side_prior, 0, time
-        self._compare(estimates, time)
+        self._compare(best, time)
         self._keep_side()
 
     def identify(self, id: int, before: HandTrack | None = None) -> None:
@@ -227,10 +227,7 @@ class HandTrack:
         self._asked = time if asked else self._asked
         regions = []
         for side, seen in self.sides.items():
-            region = self._region(side, seen.expected(time))
-            middle = self._estimator.camera.unproject(region.center_uvd)
-            if self.is_crowded and (near := frame.near(middle)):
-                self.presence, region = near.presence, replace(region, alone=frame.alone(near))
+            region = self._shown(self._region(side, seen.expected(time)), frame)
             regions.append(region if asked else replace(region, moved_mm=seen.estimate.moved_mm))
         return regions
 
@@ -250,29 +247,36 @@ class HandTrack:
         regions = []
         for estimate in estimates:
             side, near = estimate.hand, frame.near(estimate.center_mm)
-            center = self._estimator.palm_by_network(estimate)
-            before = self.sides[side].estimate.body
+            start, views = estimate.center_uvd, list[NDArray[np.float32] | None]([None])
             if near is not None:
-                self.presence, center = near.presence, self._estimator.camera.project(near.middle)
-                regions.append(SearchRegion(center, side, before, self.size, alone=frame.alone(near)))
-            regions.append(SearchRegion(center, side, before, self.size))
-        return regions or [self._region(side, seen.estimate.body) for side, seen in self.sides.items()]
+                self.presence, start = near.presence, self._estimator.camera.project(near.middle)
+                views += [frame.alone(near)] if self.is_crowded else []
+            for alone in views:
+                center = self._estimator.palm_at(frame.depth if alone is None else alone, start, side)
+                regions.append(SearchRegion(center, side, self.sides[side].estimate.body, self.size, alone=alone))
+        return regions or [self._shown(self._region(side, seen.estimate.body), frame)
+                           for side, seen in self.sides.items()]
+
+    def _shown(self, region: SearchRegion, frame: FrameHands) -> SearchRegion:
+        """A region without what is around the hand, if it is only recognised so and the finder sees it."""
+        if not self.is_crowded or (near := frame.near(self._estimator.camera.unproject(region.center_uvd))) is None:
+            return region
+        self.presence = near.presence
+        return replace(region, alone=frame.alone(near))
 
     def take(self, estimates: Sequence[Hand], others: Sequence[Hand], time: float) -> bool:
         """Add the poses found in its regions and in others, the best for each side; True if one is good enough."""
         seconds, self._seen = time - self._seen, time
-        first, second = _best(estimates), _best(others)
+        if self.is_crowded and any(one.chance >= ENOUGH and not one.is_alone for one in others):
+            self.is_crowded = False
+        first, second = (_best(_of_kind(some, self.is_crowded)) for some in (estimates, others))
         before = min((estimate.selection_cost for estimate in first.values()), default=np.inf)
         best = _best([*first.values(), *second.values()])
-        self._compare([*estimates, *others], time)
+        self._compare(best, time)
         own = [best[side] for side in self.sides if side in best]
         if second and self.is_decided:
             better = min(estimate.selection_cost for estimate in own) < BETTER * before
             self._pause = PAUSE if better else min(2 * self._pause, MAX_PAUSE)
-        alone, among = ([one.selection_cost for one in [*estimates, *others] if one.is_alone == kind]
-                        for kind in (True, False))
-        if alone and among:
-            self.is_crowded = min(alone) < (1 if self.is_crowded else BETTER) * min(among)
         if max((estimate.chance for estimate in own), default=0.0) < ENOUGH:
             self.credit -= seconds
             return False
@@ -292,9 +296,9 @@ class HandTrack:
     def _region(self, side: Side, body: WorldPose) -> SearchRegion:
         return SearchRegion(self._estimator.center_of(body, side), side, body, self.size)
 
-    def _compare(self, estimates: Sequence[Hand], time: float) -> None:
+    def _compare(self, best: dict[Side, Hand], time: float) -> None:
         """Add the evidence of a frame while the side is undecided, and decide it."""
-        ratio = _evidence_of(estimates)
+        ratio = _evidence_of(best)
         if self.is_decided or ratio is None:
             return
         self._evidence += ratio
@@ -310,6 +314,11 @@ def _mean_joint(estimate: Hand) -> Array:
     return np.asarray(estimate.xyz.mean(axis=0) * mirror_of(estimate.hand))
 
 
+def _of_kind(estimates: Sequence[Hand], alone: bool) -> Sequence[Hand]:
+    """Those fitted without what is around a hand, or those with it; all if there are none."""
+    return [one for one in estimates if one.is_alone == alone] or estimates
+
+
 def _best(estimates: Sequence[Hand]) -> dict[Side, Hand]:
     """The best pose of each side."""
     best: dict[Side, Hand] = {}
@@ -319,17 +328,9 @@ def _best(estimates: Sequence[Hand]) -> dict[Side, Hand]:
     return best
 
 
-def _evidence_of(estimates: Sequence[Hand]) -> float | None:
-    """The evidence of one frame for a right hand; None without a visible hand of either side.
-
-    The costs of fits with and without what is around a hand are not compared.
-    """
-    kinds = [_best([one for one in estimates if one.is_alone == alone]) for alone in (False, True)]
-    pairs = [kind for kind in kinds if len(kind) == 2]
-    if not pairs:
-        return None
-    best = min(pairs, key=lambda pair: min(one.selection_cost for one in pair.values()))
-    if max(estimate.chance for estimate in best.values()) < ENOUGH:
+def _evidence_of(best: dict[Side, Hand]) -> float | None:
+    """The evidence of one frame for a right hand; None without a visible hand of either side."""
+    if len(best) < 2 or max(estimate.chance for estimate in best.values()) < ENOUGH:
         return None
     right, left = (best[side].cost if np.isfinite(best[side].uncertainty) else np.inf for side in SIDES)
     return side_evidence(right, left)

@@ -44,6 +44,7 @@ class PoseEstimator:
         assert predictor.fitter is not None and predictor.plan is not None
         self.fitter, self.model, self.camera = predictor.fitter, predictor.fitter.model, camera
         self.cube_mm, self.plan, self.sides = predictor.cube_mm, predictor.plan, predictor.sides
+        self._pipeline = predictor.pipeline
         self.hands = HandEstimator(predictor.net, self.cube_mm, self.fitter)
         self._middle = self._middle_of_crops()
         reach = 2 * round(AROUND_MM * SIZE / self.cube_mm) + 1
@@ -131,12 +132,12 @@ class PoseEstimator:
         x = crop_variables(self.model, body, body.place)[None]
         return self.model.capsules(x, body.place[None]).mirrored(mirror_of(side))
 
-    def palm_by_network(self, hand: Hand) -> Array:
-        """The crop centre (3,) by the joints that the network predicted, px, px, mm; the same if it was not run."""
-        if not hand.is_predicted:
-            return hand.center_uvd
-        joints = hand.network_mm * mirror_of(hand.hand) / (self.cube_mm / 2)
-        return recenter(joints, self.model.skeleton, hand.center_uvd, self.cube_mm, self.camera, hand.hand)
+    def palm_at(self, depth: NDArray[np.float32], start: Array, side: Side) -> Array:
+        """The crop centre (3,) that the network gives from a start, px, px, mm; the start outside the image."""
+        try:
+            return self._pipeline.palm_at(depth, self.camera, start, side)
+        except DataError:
+            return start
 
     def _middle_of_crops(self) -> Array:
         """The crop centre (3,) in mm, from the root's position and in its axes."""

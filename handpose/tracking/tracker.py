@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 from handpose.body.sides import Side
 from handpose.estimate.estimator import SearchRegion
 from handpose.estimate.finder import MIN_PRESENCE, FoundHand
-from handpose.estimate.hand import MIN_CONFIDENCE, Hand
+from handpose.estimate.hand import MIN_CONFIDENCE, Hand, judge
 from handpose.estimate.nets import refuse_other_bodies
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor, check_confidence, check_whole
-from handpose.fit.search import ACCURATE, FAST, Fit, Plan
+from handpose.fit.search import ACCURATE, Fit, Plan
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import check_size
 from handpose.frames.images import check_unit, depth_image, without_dropouts
@@ -46,6 +46,8 @@ MAX_HANDS = 100  # larger numbers of hands are invalid
 STILL = 0.5  # part of the minimum presence that is enough for a hand that is followed
 SEARCH_S = 0.1  # s between searches for further hands
 SAME_MM = 70.0  # palms closer together are the same hand
+# A place is fitted accurately only if a first fast fit has this confidence.
+ENOUGH_FIRST = ENOUGH / 3
 AGAIN = dataclasses.replace(ACCURATE, quarters=(0,))  # of a tracked hand: its last pose replaces the turned crops
 
 
@@ -180,7 +182,7 @@ class Tracker:
             place.pause = min(2 * place.pause, MAX_PAUSE)
             place.try_at = time + place.pause
             seen = self._seen_at(place.hand, found, readings, self.size)
-            if max((one.chance for one in seen), default=0.0) >= ENOUGH:
+            if _confidence(seen) >= ENOUGH:
                 track = HandTrack(self.estimator, seen, time, self.size, self._side_prior(time), place.hand.presence)
                 id = self._id_of(track.hand, time, place.id)
                 track.identify(id, self.known.get(id))
@@ -190,19 +192,22 @@ class Tracker:
     def _seen_at(
         self, hand: FoundHand, found: FrameHands, readings: NDArray[np.float32], size: float | None
     ) -> list[Hand]:
-        """The poses of a found hand, of each side, with and without what is around it.
-
-        The crops are about the middle that the finder gives, and about the palm that the network predicts there.
-        """
+        """The poses of a found hand as one of each side; without what is around it, if there is no sure one with it."""
         sides = self.predictor.sides if hand.side is None else (hand.side,)
-        center = self.camera.project(hand.middle)
-        regions = [SearchRegion(center, side, size=size, alone=alone)
-                   for side in sides for alone in (None, found.alone(hand))]
-        first = self.estimator.estimate(found.depth, regions, FAST, readings)
-        moved = [dataclasses.replace(region, center_uvd=self.estimator.palm_by_network(one))
-                 for region, one in zip(regions, first) if one is not None]
-        every = self.estimator.estimate(found.depth, [*regions, *moved], ACCURATE, readings)
-        return [one for one in every if one is not None]
+        start, seen = self.camera.project(hand.middle), list[Hand]()
+        for alone in (None, found.alone(hand)):
+            depth = found.depth if alone is None else alone
+            try:
+                first = self.predictor.pipeline.in_frame(depth, self.camera, start, unmoved_too=True)
+            except DataError:  # outside the image, or behind the camera
+                continue
+            if judge([first], depth)[0].chance < ENOUGH_FIRST:
+                continue
+            regions = [SearchRegion(first.center_uvd, side, size=size, alone=alone) for side in sides]
+            seen = [one for one in self.estimator.estimate(found.depth, regions, ACCURATE, readings) if one]
+            if _confidence(seen) >= ENOUGH:
+                break
+        return seen
 
     def _report(self, number: int, time: float) -> TrackedFrame:
         """The hands that were seen in this frame, however sure, and those that are lost."""
@@ -238,3 +243,8 @@ class Tracker:
         """The hand's position (3,) in mm, camera axes."""
         estimate = track.best.estimate
         return self.camera.unproject(self.estimator.center_of(estimate.body, estimate.hand))
+
+
+def _confidence(hands: Sequence[Hand]) -> float:
+    """The highest confidence of hands."""
+    return max((hand.chance for hand in hands), default=0.0)
