@@ -28,6 +28,7 @@ from handpose.tracking.reasons import LEAVING, Expected
 from netlib.blob import Array
 from netlib.errors import DataError
 
+ARM_PLACES = 5  # along a forearm
 # The minimum share of an expected surface without a reading, and the minimum share of the crop's readings that it
 # explains: otherwise the hand itself has moved. In the ordinary frames of CVAR's P1, P3, P4, P7 and of hpx the first is
 # below 0.06 in 99% and at most 0.15, though 75% of a crop are background without readings. The second was chosen on
@@ -138,6 +139,13 @@ class PoseEstimator:
             return self._pipeline.palm_at(depth, self.camera, start, side)
         except DataError:
             return start
+
+    def arm(self, hand: Hand) -> Array:
+        """Positions (A, 3) in mm, camera axes, along the capsules of the surface alone: the forearm of a hand."""
+        capsules, limbs = hand.capsules(in_space=True), self.model.surface.limbs
+        a, b = capsules.a[0, limbs], capsules.b[0, limbs]
+        places = a[:, None] + np.linspace(0, 1, ARM_PLACES)[:, None] * (b - a)[:, None]
+        return np.asarray(places.reshape(-1, 3))
 
     def _middle_of_crops(self) -> Array:
         """The crop centre (3,) in mm, from the root's position and in its axes."""

@@ -34,7 +34,7 @@ from handpose.frames.recording import DepthFrame
 from handpose.tracking.hand_track import AHEAD_S, ENOUGH, FrameHands, HandTrack
 from handpose.tracking.output import tracked_hand
 from handpose.tracking.pose_estimator import PoseEstimator
-from handpose.tracking.present_hands import MAX_PAUSE, PRESENT_S, PresentHands
+from handpose.tracking.present_hands import PresentHands
 from handpose.tracking.reasons import reason, uncertain
 from handpose.tracking.sizing import checked
 from handpose.tracking.sure_hands import SureHands
@@ -44,7 +44,7 @@ from netlib.errors import DataError, NetlibError
 
 MAX_HANDS = 100  # larger numbers of hands are invalid
 STILL = 0.5  # part of the minimum presence that is enough for a hand that is followed
-SEARCH_S = 0.1  # s between searches for further hands
+SEARCH_S, SEARCH_ALONE_S = 0.2, 0.1  # s between searches with and without a tracked hand
 SAME_MM = 70.0  # palms closer together are the same hand
 # A place is fitted accurately only if a first fast fit has this confidence.
 ENOUGH_FIRST = ENOUGH / 3
@@ -115,7 +115,8 @@ class Tracker:
         found = FrameHands(self.finder, depth, self.camera, STILL * self.min_presence)
         self._follow(found, readings, time)
         self._drop_doubles()
-        due = found.is_known or time - self._searched >= SEARCH_S or time - before > AHEAD_S
+        pause = SEARCH_S if self.tracks else SEARCH_ALONE_S
+        due = found.is_known or time - self._searched >= pause or time - before > AHEAD_S
         if due and len(self.tracks) < self.limit:
             self._searched = time
             self._search(found, readings, time)
@@ -171,23 +172,23 @@ class Tracker:
 
     def _search(self, found: FrameHands, readings: NDArray[np.float32], time: float) -> None:
         """Begin to follow the hands that the finder sees and that have a sure pose."""
-        followed = [track.place for track in self.tracks]
-        self.present.see(found.hands, followed, time, self.min_presence, self._next_id)
+        self.present.see(found.hands, self._taken(), time, self.min_presence, self._next_id)
         self._next_id = max([self._next_id, *(1 + place.id for place in self.present.places)])
-        for place in list(self.present.places):
+        for place in self.present.due(time):
             if len(self.tracks) == self.limit:
                 break
-            if time < place.try_at or place.time < time:
-                continue
-            place.pause = min(2 * place.pause, MAX_PAUSE)
-            place.try_at = time + place.pause
+            place.wait(time, at_once=not self.tracks)
             seen = self._seen_at(place.hand, found, readings, self.size)
             if _confidence(seen) >= ENOUGH:
-                track = HandTrack(self.estimator, seen, time, self.size, self._side_prior(time), place.hand.presence)
-                id = self._id_of(track.hand, time, place.id)
+                track = HandTrack(self.estimator, seen, time, self.size, self._side_prior(), place.hand.presence)
+                id = self._id_of(track.hand, place.id)
                 track.identify(id, self.known.get(id))
                 self.known[id] = track
                 self.present.places.remove(place)
+
+    def _taken(self) -> list[Array]:
+        """The middles (3,) of tracked hands, and places on their arms: no other hand is there."""
+        return [place for track in self.tracks for place in (track.place, *self.estimator.arm(track.best.estimate))]
 
     def _seen_at(
         self, hand: FoundHand, found: FrameHands, readings: NDArray[np.float32], size: float | None
@@ -220,23 +221,22 @@ class Tracker:
             if track.is_decided:
                 track.size = track.size or track.sizes.take(track.best.estimate, time)
             hands.append(tracked_hand(track, self.estimator.model, smooth=self.smooth, surface=self.surface))
-        left = [place for place in self.present.places if time - place.time < PRESENT_S][: self.limit - len(self.tracks)]
         present = [PresentHand(place.id, place.hand.side, place.hand.presence, 0.0, tuple(place.hand.middle.tolist()),
-                               uncertain(0.0)) for place in left]
+                               uncertain(0.0)) for place in self.present.seen(time)[: self.limit - len(self.tracks)]]
         return TrackedFrame(number, time, tuple(hands), tuple(lost), tuple(present))
 
-    def _missing(self, time: float) -> list[int]:
-        """The ids of known hands that are not found in this frame."""
-        return [id for id, track in self.known.items() if not (track.is_tracked and track.time == time)]
+    def _lost(self) -> list[int]:
+        """The ids of known hands that are not followed any more."""
+        return [id for id, track in self.known.items() if not track.is_tracked]
 
-    def _side_prior(self, time: float) -> float:
+    def _side_prior(self) -> float:
         """Prior evidence for a right hand (1) or a left one (-1): lost hands return."""
-        sides = [self.known[id].decided for id in self._missing(time)]
+        sides = [self.known[id].decided for id in self._lost()]
         return float("right" in sides) - float("left" in sides)
 
-    def _id_of(self, side: Side, time: float, new: int) -> int:
+    def _id_of(self, side: Side, new: int) -> int:
         """The id of a new hand: that of the last lost hand of this side, otherwise a ``new`` one."""
-        lost = [id for id in self._missing(time) if self.known[id].decided in (side, None)]
+        lost = [id for id in self._lost() if self.known[id].decided in (side, None)]
         return max(lost, key=lambda id: self.known[id].since) if lost else new
 
     def _middle(self, track: HandTrack) -> Array:
