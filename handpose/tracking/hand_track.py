@@ -269,12 +269,13 @@ class HandTrack:
         seconds, self._seen = time - self._seen, time
         if self.is_crowded and any(one.chance >= ENOUGH and not one.is_alone for one in others):
             self.is_crowded = False
-        first, second = (_best(_of_kind(some, self.is_crowded)) for some in (estimates, others))
+        every = _of_kind([*estimates, *others], self.is_crowded)
+        first = _best([one for one in estimates if one.is_alone == every[0].is_alone]) if every else {}
+        best = _best(every)
         before = min((estimate.selection_cost for estimate in first.values()), default=np.inf)
-        best = _best([*first.values(), *second.values()])
         self._compare(best, time)
         own = [best[side] for side in self.sides if side in best]
-        if second and self.is_decided:
+        if others and self.is_decided:
             better = min(estimate.selection_cost for estimate in own) < BETTER * before
             self._pause = PAUSE if better else min(2 * self._pause, MAX_PAUSE)
         if max((estimate.chance for estimate in own), default=0.0) < ENOUGH:

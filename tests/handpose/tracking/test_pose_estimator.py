@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from handpose.body.sides import MIRROR, Side
+from handpose.body.sides import MIRROR
 from handpose.estimate.estimator import SearchRegion
 from handpose.estimate.hand import Hand
 from handpose.estimate.packaged import load_predictor
@@ -145,8 +145,10 @@ def test_where_the_next_crop_is(estimator: PoseEstimator, depth: np.ndarray, cen
     """The next centre is near the middle of the palm, by the fit and by the network."""
     (estimate,) = estimator.estimate(depth, [SearchRegion(center + (10, 0, 0), "right")])
     assert estimate is not None
-    for found in (estimator.center_of(estimate.body, "right"), estimator.palm_by_network(estimate)):
+    for found in (estimator.center_of(estimate.body, "right"), estimator.palm_at(depth, center + (10, 0, 0), "right")):
         assert np.linalg.norm(ICVL.unproject(found) - ICVL.unproject(center)) < 25
+    outside = np.array([-900.0, 0, 600])
+    assert estimator.palm_at(depth, outside, "right") is outside
 
 
 @given(place=st.tuples(st.floats(-200, 200), st.floats(-150, 150), st.floats(400, 900)))
@@ -157,18 +159,6 @@ def test_crops_move_with_the_body(estimator: PoseEstimator, place: tuple[float, 
     first, second = (ICVL.unproject(estimator.center_of(one, "right")) for one in (body, moved))
     np.testing.assert_allclose(second - first, (10, 20, -30), atol=1e-6)
     np.testing.assert_allclose(ICVL.unproject(estimator.center_of(body, "left")), first * MIRROR, atol=1e-6)
-
-
-@pytest.mark.parametrize("side", ["right", "left"])
-def test_the_palm_by_the_network(estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray, side: Side) -> None:
-    """It moves with the network's joints; without them it is where the crop was."""
-    (estimate,) = estimator.estimate(depth, [SearchRegion(center, side)])
-    assert estimate is not None
-    beside = dataclasses.replace(estimate, network_mm=estimate.network_mm + (10, 20, 30))
-    first, second = (ICVL.unproject(estimator.palm_by_network(hand)) for hand in (estimate, beside))
-    np.testing.assert_allclose(second - first, (10, 20, 30), atol=1e-3)
-    followed = dataclasses.replace(estimate, is_predicted=False)
-    assert estimator.palm_by_network(followed) is followed.center_uvd
 
 
 def test_the_network_sees_no_covering(
