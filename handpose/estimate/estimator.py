@@ -39,7 +39,6 @@ class SearchRegion:
     before      the body expected from earlier frames, or None
     size        of the hand, if known
     moved_mm    distance of the last fit from the network's joints; None runs the network again
-    alone       the depth frame (height, width) without what is around a found hand, if that is what is seen of it
     """
 
     center_uvd: Array
@@ -47,7 +46,6 @@ class SearchRegion:
     before: WorldPose | None = None
     size: float | None = None
     moved_mm: float | None = None
-    alone: NDArray[np.float32] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,7 +112,7 @@ class HandEstimator:
         return Hand(
             candidate.side, candidate.crop, candidate.center_uvd, self.cube_mm, camera, fit.network[0] * mirror, fit,
             fitter.model, known_size=candidate.size is not None, is_tracked=is_tracked,
-            is_predicted=candidate.moved_mm is None, is_alone=candidate.alone is not None,
+            is_predicted=candidate.moved_mm is None,
         )
 
     def _expected(self, candidates: Sequence[Candidate], camera: Camera, model: CapsuleModel) -> Array:

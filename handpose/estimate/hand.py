@@ -46,7 +46,6 @@ class Hand:
     quality     expected error in mm and confidence by the whole frame (``judge``); None: those of the fit
     evidence    what the whole frame shows of the pose; None before it is judged
     finger_error_mm  (5,) expected error of each finger by the whole frame, from the thumb on; NaN before it is judged
-    is_alone    True if it was seen without what is around it
     presence    probability that this is a hand, by the finder; NaN if its place was given
     in_frame    False for a crop without its frame: then camera and centre are assumed
 
@@ -65,7 +64,6 @@ class Hand:
     known_size: bool = False
     is_tracked: bool = False
     is_predicted: bool = True
-    is_alone: bool = False
     presence: float = float("nan")
     in_frame: bool = True
     other: Hand | None = None

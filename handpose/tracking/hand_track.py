@@ -34,6 +34,7 @@ ASK = 0.2  # s between runs of the network, whose pose competes with the tracked
 FIRST_CREDIT, MOST_CREDIT = 0.4, 1.0
 NEAR_MM = 100.0  # between the expected middle of a hand and that of a found one
 MOST_FOUND = 8  # hands in a frame
+LOOK = 0.5  # weight of the last look in the mean presence
 AHEAD_S = 0.4  # s by which a motion is extended at most
 KEPT = 0.7  # damping of the expected motion
 NEW = 0.6  # weight of the last two frames in the velocity
@@ -115,9 +116,8 @@ class FrameHands:
     """
 
     def __init__(self, finder: Finder, depth: NDArray[np.float32], camera: Camera, min_presence: float) -> None:
-        self.depth, self._camera = depth, camera
+        self.depth = depth
         self._find = functools.cache(lambda: finder.hands(depth, camera, min_presence, MOST_FOUND))
-        self._alone: dict[int, NDArray[np.float32]] = {}
         self.is_known = False
 
     @property
@@ -130,12 +130,6 @@ class FrameHands:
         """The hand that is nearest to a place (3,) in mm; None if none is within NEAR_MM."""
         apart = {float(np.linalg.norm(hand.middle - place)): hand for hand in self.hands}
         return apart[min(apart)] if apart and min(apart) < NEAR_MM else None
-
-    def alone(self, hand: FoundHand) -> NDArray[np.float32]:
-        """The frame without what is around one of these hands."""
-        if id(hand) not in self._alone:
-            self._alone[id(hand)] = hand.alone(self.depth, self._camera)
-        return self._alone[id(hand)]
 
 
 class HandTrack:
@@ -152,8 +146,7 @@ class HandTrack:
     since       s, when it was reported last
     reason      why it was lost
     usual_cost  the average selection cost of its poses
-    presence    probability that it is a hand, by the finder, when it looked last
-    is_crowded  True if it is only recognised without what is around it
+    presence    by the finder, mean of its last looks
     """
 
     def __init__(
@@ -171,7 +164,6 @@ class HandTrack:
         best = _best(estimates)
         self.sides = {side: SideState(estimate, time) for side, estimate in best.items()}
         self.presence = presence
-        self.is_crowded = estimates[0].is_alone
         self._seen = self._asked = self._looked = time
         self._pause = PAUSE
         self.usual_cost = min(estimate.selection_cost for estimate in estimates)
@@ -185,6 +177,16 @@ class HandTrack:
         if before is not None:
             self.size, self.sizes = before.size, before.sizes
             self.decided = self.decided or before.decided
+
+    @property
+    def evidence(self) -> float:
+        """How sure it is that this is a hand, by the finder or by its pose."""
+        return max(self.presence, self.best.estimate.chance)
+
+    def look(self, frame: FrameHands) -> None:
+        """Ask the finder whether the hand is there."""
+        near = frame.near(self.place)
+        self.presence += LOOK * ((near.presence if near else 0.0) - self.presence)
 
     def end(self, reason: str) -> None:
         """Stop tracking the hand."""
@@ -227,7 +229,7 @@ class HandTrack:
         self._asked = time if asked else self._asked
         regions = []
         for side, seen in self.sides.items():
-            region = self._shown(self._region(side, seen.expected(time)), frame)
+            region = self._region(side, seen.expected(time))
             regions.append(region if asked else replace(region, moved_mm=seen.estimate.moved_mm))
         return regions
 
@@ -247,32 +249,17 @@ class HandTrack:
         regions = []
         for estimate in estimates:
             side, near = estimate.hand, frame.near(estimate.center_mm)
-            start, views = estimate.center_uvd, list[NDArray[np.float32] | None]([None])
-            if near is not None:
-                self.presence, start = near.presence, self._estimator.camera.project(near.middle)
-                views += [frame.alone(near)] if self.is_crowded else []
-            for alone in views:
-                center = self._estimator.palm_at(frame.depth if alone is None else alone, start, side)
-                regions.append(SearchRegion(center, side, self.sides[side].estimate.body, self.size, alone=alone))
-        return regions or [self._shown(self._region(side, seen.estimate.body), frame)
-                           for side, seen in self.sides.items()]
-
-    def _shown(self, region: SearchRegion, frame: FrameHands) -> SearchRegion:
-        """A region without what is around the hand, if it is only recognised so and the finder sees it."""
-        if not self.is_crowded or (near := frame.near(self._estimator.camera.unproject(region.center_uvd))) is None:
-            return region
-        self.presence = near.presence
-        return replace(region, alone=frame.alone(near))
+            start = estimate.center_uvd if near is None else self._estimator.camera.project(near.middle)
+            center = self._estimator.palm_at(frame.depth, start, side)
+            regions.append(SearchRegion(center, side, self.sides[side].estimate.body, self.size))
+        return regions or [self._region(side, seen.estimate.body) for side, seen in self.sides.items()]
 
     def take(self, estimates: Sequence[Hand], others: Sequence[Hand], time: float) -> bool:
         """Add the poses found in its regions and in others, the best for each side; True if one is good enough."""
         seconds, self._seen = time - self._seen, time
-        if self.is_crowded and any(one.chance >= ENOUGH and not one.is_alone for one in others):
-            self.is_crowded = False
-        every = _of_kind([*estimates, *others], self.is_crowded)
-        first = _best([one for one in estimates if one.is_alone == every[0].is_alone]) if every else {}
-        best = _best(every)
+        first = _best(estimates)
         before = min((estimate.selection_cost for estimate in first.values()), default=np.inf)
+        best = _best([*first.values(), *others])
         self._compare(best, time)
         own = [best[side] for side in self.sides if side in best]
         if others and self.is_decided:
@@ -313,11 +300,6 @@ class HandTrack:
 def _mean_joint(estimate: Hand) -> Array:
     """The mean (3,) of the joints in mm, in the axes of the fit."""
     return np.asarray(estimate.xyz.mean(axis=0) * mirror_of(estimate.hand))
-
-
-def _of_kind(estimates: Sequence[Hand], alone: bool) -> Sequence[Hand]:
-    """Those fitted without what is around a hand, or those with it; all if there are none."""
-    return [one for one in estimates if one.is_alone == alone] or estimates
 
 
 def _best(estimates: Sequence[Hand]) -> dict[Side, Hand]:

@@ -64,14 +64,9 @@ class PoseEstimator:
         candidates: dict[int, Candidate] = {}
         for i, region in enumerate(regions):
             with contextlib.suppress(DataError):  # outside the image
-                own = (depth, readings) if region.alone is None else (region.alone, region.alone)
-                candidates[i] = self._candidate(own[0], region, own[1])
+                candidates[i] = self._candidate(depth, region, readings)
         hands = dict(zip(candidates, self.hands.estimate(list(candidates.values()), self.camera, plan or self.plan)))
-        together = [i for i in hands if regions[i].alone is None]
-        found = dict(zip(together, judge([hands[i] for i in together], depth if readings is None else readings)))
-        for i in hands:
-            if (alone := regions[i].alone) is not None:
-                found[i] = judge([hands[i]], alone)[0]
+        found = dict(zip(hands, judge(list(hands.values()), depth if readings is None else readings)))
         return [found.get(i) for i in range(len(regions))]
 
     def _candidate(

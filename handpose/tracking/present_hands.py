@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,19 +12,31 @@ from handpose.estimate.finder import FoundHand
 from netlib.blob import Array
 
 SAME_MM = 110.0  # a hand this close to one that is followed, or to one of the search before, is the same
-PRESENT_S = 0.3  # s for which a hand is there that the finder saw
+STILL = 0.5  # part of the minimum presence that is enough for a hand that was there before
+LOOK = 0.5  # weight of the last look in the mean presence
 PAUSE, MAX_PAUSE = 0.25, 4.0  # s between tries of a pose at a place; doubled after each
 FIRST_PAUSE = 0.1  # while no hand is tracked
 
 
+class Taken(NamedTuple):
+    """A place (3,) in mm where only a hand with a higher presence than ``evidence`` is another one."""
+
+    place: Array
+    evidence: float
+
+
 @dataclass
 class PresentPlace:
-    """A hand as the finder saw it last, at ``time`` in s; a pose is tried from ``try_at`` on, then after ``pause``."""
+    """A hand as the finder saw it last, at ``time`` in s; a pose is tried from ``try_at`` on, then after ``pause``.
+
+    presence  mean of the last looks
+    """
 
     id: int
     hand: FoundHand
     time: float
     try_at: float
+    presence: float
     pause: float = PAUSE
 
     def wait(self, time: float, at_once: bool) -> None:
@@ -33,40 +46,46 @@ class PresentPlace:
 
 
 class PresentHands:
-    """The hands without a sure pose of the frames of a track, the most present first."""
+    """The hands without a sure pose of the frames of a track, the most present first.
 
-    def __init__(self) -> None:
+    min_presence  of a new hand
+    """
+
+    def __init__(self, min_presence: float) -> None:
+        self.min_presence = min_presence
         self.places: list[PresentPlace] = []
 
-    def see(self, hands: Sequence[FoundHand], taken: Sequence[Array], time: float, least: float, first: int) -> None:
-        """Take the finder's hands of a frame, but those near places (3,) in mm that are ``taken``.
-
-        least  presence of a hand that was not seen before
-        first  number of the next new hand
-        """
-        before = [one for one in self.places if time < one.try_at + MAX_PAUSE and not _near(one.hand, taken)]
+    def see(self, hands: Sequence[FoundHand], taken: Sequence[Taken], time: float, first: int) -> None:
+        """Take the finder's hands of a frame, but those that are ``taken``; ``first`` is the number of the next one."""
+        before = [one for one in self.places if time < one.try_at + MAX_PAUSE and not _is_taken(one.hand, taken)]
         self.places = []
         for hand in hands:
-            if _near(hand, taken):
+            if _is_taken(hand, taken):
                 continue
             same = [one for one in before if np.linalg.norm(one.hand.middle - hand.middle) < SAME_MM]
             if same:
-                before.remove(same[0])
-                same[0].hand, same[0].time = hand, time
-                self.places.append(same[0])
-            elif hand.presence >= least:
-                self.places.append(PresentPlace(first, hand, time, time))
+                [place] = same[:1]
+                before.remove(place)
+                place.hand, place.time = hand, time
+                place.presence += LOOK * (hand.presence - place.presence)
+                self.places.append(place)
+            elif hand.presence >= self.min_presence:
+                self.places.append(PresentPlace(first, hand, time, time, hand.presence))
                 first += 1
-        self.places = sorted([*self.places, *before], key=lambda one: -one.hand.presence)
+        for place in before:
+            place.presence *= 1 - LOOK
+        self.places = sorted([*self.places, *before], key=lambda one: -one.presence)
 
-    def seen(self, time: float) -> list[PresentPlace]:
-        """Those that were seen lately."""
-        return [one for one in self.places if time - one.time < PRESENT_S]
+    @property
+    def there(self) -> list[PresentPlace]:
+        """Those that are present enough."""
+        return [one for one in self.places if one.presence >= STILL * self.min_presence]
 
     def due(self, time: float) -> list[PresentPlace]:
         """Those seen in this frame whose pose is to be tried."""
-        return [one for one in self.places if one.time == time >= one.try_at]
+        return [one for one in self.there if one.time == time >= one.try_at]
 
 
-def _near(hand: FoundHand, places: Sequence[Array]) -> bool:
-    return any(np.linalg.norm(hand.middle - place) < SAME_MM for place in places)
+def _is_taken(hand: FoundHand, taken: Sequence[Taken]) -> bool:
+    return any(np.linalg.norm(hand.middle - place) < SAME_MM and hand.presence <= evidence
+               for place, evidence in taken)

@@ -31,10 +31,10 @@ from handpose.frames.cameras import Camera
 from handpose.frames.crops import check_size
 from handpose.frames.images import check_unit, depth_image, without_dropouts
 from handpose.frames.recording import DepthFrame
-from handpose.tracking.hand_track import AHEAD_S, ENOUGH, FrameHands, HandTrack
+from handpose.tracking.hand_track import AHEAD_S, ENOUGH, SURE, FrameHands, HandTrack
 from handpose.tracking.output import tracked_hand
 from handpose.tracking.pose_estimator import PoseEstimator
-from handpose.tracking.present_hands import PresentHands
+from handpose.tracking.present_hands import STILL, PresentHands, PresentPlace, Taken
 from handpose.tracking.reasons import reason, uncertain
 from handpose.tracking.sizing import checked
 from handpose.tracking.sure_hands import SureHands
@@ -43,7 +43,6 @@ from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 
 MAX_HANDS = 100  # larger numbers of hands are invalid
-STILL = 0.5  # part of the minimum presence that is enough for a hand that is followed
 SEARCH_S, SEARCH_ALONE_S = 0.2, 0.1  # s between searches with and without a tracked hand
 SAME_MM = 70.0  # palms closer together are the same hand
 # A place is fitted accurately only if a first fast fit has this confidence.
@@ -84,7 +83,7 @@ class Tracker:
         self.size = None if size is None else checked(size)
         self.estimator = PoseEstimator(predictor, self.camera)
         self.finder, self.min_presence = predictor.finder, min_presence
-        self.present, self._next_id = PresentHands(), 0
+        self.present, self._next_id = PresentHands(min_presence), 0
         self._searched = -np.inf  # s, when further hands were searched for
         self.known: dict[int, HandTrack] = {}  # all hands of the recording by their ids
         self._sure = SureHands(min_confidence)
@@ -117,7 +116,7 @@ class Tracker:
         self._drop_doubles()
         pause = SEARCH_S if self.tracks else SEARCH_ALONE_S
         due = found.is_known or time - self._searched >= pause or time - before > AHEAD_S
-        if due and len(self.tracks) < self.limit:
+        if due and sum(track.best.estimate.chance >= SURE for track in self.tracks) < self.limit:
             self._searched = time
             self._search(found, readings, time)
         return self._sure(self._report(frame.number, time))
@@ -172,43 +171,56 @@ class Tracker:
 
     def _search(self, found: FrameHands, readings: NDArray[np.float32], time: float) -> None:
         """Begin to follow the hands that the finder sees and that have a sure pose."""
-        self.present.see(found.hands, self._taken(), time, self.min_presence, self._next_id)
+        for track in self.tracks:
+            track.look(found)
+        self.present.see(found.hands, self._taken(), time, self._next_id)
         self._next_id = max([self._next_id, *(1 + place.id for place in self.present.places)])
+        self._drop_less_present()
         for place in self.present.due(time):
             if len(self.tracks) == self.limit:
                 break
             place.wait(time, at_once=not self.tracks)
-            seen = self._seen_at(place.hand, found, readings, self.size)
+            seen = self._seen_at(place.hand, found.depth, readings, self.size)
             if _confidence(seen) >= ENOUGH:
-                track = HandTrack(self.estimator, seen, time, self.size, self._side_prior(), place.hand.presence)
-                id = self._id_of(track.hand, place.id)
-                track.identify(id, self.known.get(id))
-                self.known[id] = track
-                self.present.places.remove(place)
+                self._begin(HandTrack(self.estimator, seen, time, self.size, self._side_prior(), place.presence), place)
 
-    def _taken(self) -> list[Array]:
-        """The middles (3,) of tracked hands, and places on their arms: no other hand is there."""
-        return [place for track in self.tracks for place in (track.place, *self.estimator.arm(track.best.estimate))]
+    def _begin(self, track: HandTrack, place: PresentPlace) -> None:
+        """Follow a hand that was found at a place."""
+        track.identify(id := self._id_of(track.hand, place.id), self.known.get(id))
+        self.known[id] = track
+        self.present.places.remove(place)
+
+    def _taken(self) -> list[Taken]:
+        """The middles of tracked hands, and the places on their arms."""
+        taken = []
+        for track in self.tracks:
+            taken += [Taken(track.place, np.inf),
+                      *(Taken(place, track.evidence) for place in self.estimator.arm(track.best.estimate))]
+        return taken
+
+    def _drop_less_present(self) -> None:
+        """Drop the least evident of as many tracks as are wanted if another hand is more present."""
+        for place in self.present.there:
+            if len(self.tracks) < self.limit:
+                break
+            least = min(self.tracks, key=lambda track: track.evidence)
+            if least.evidence < place.presence:
+                least.end("another hand is more present")
 
     def _seen_at(
-        self, hand: FoundHand, found: FrameHands, readings: NDArray[np.float32], size: float | None
+        self, hand: FoundHand, depth: NDArray[np.float32], readings: NDArray[np.float32], size: float | None
     ) -> list[Hand]:
-        """The poses of a found hand as one of each side; without what is around it, if there is no sure one with it."""
+        """The poses of a found hand as one of each side; none if a fast fit has little confidence."""
+        try:
+            start = self.camera.project(hand.middle)
+            first = self.predictor.pipeline.in_frame(depth, self.camera, start, unmoved_too=True)
+        except DataError:  # outside the image, or behind the camera
+            return []
+        if judge([first], depth)[0].chance < ENOUGH_FIRST:
+            return []
         sides = self.predictor.sides if hand.side is None else (hand.side,)
-        start, seen = self.camera.project(hand.middle), list[Hand]()
-        for alone in (None, found.alone(hand)):
-            depth = found.depth if alone is None else alone
-            try:
-                first = self.predictor.pipeline.in_frame(depth, self.camera, start, unmoved_too=True)
-            except DataError:  # outside the image, or behind the camera
-                continue
-            if judge([first], depth)[0].chance < ENOUGH_FIRST:
-                continue
-            regions = [SearchRegion(first.center_uvd, side, size=size, alone=alone) for side in sides]
-            seen = [one for one in self.estimator.estimate(found.depth, regions, ACCURATE, readings) if one]
-            if _confidence(seen) >= ENOUGH:
-                break
-        return seen
+        regions = [SearchRegion(first.center_uvd, side, size=size) for side in sides]
+        return [one for one in self.estimator.estimate(depth, regions, ACCURATE, readings) if one]
 
     def _report(self, number: int, time: float) -> TrackedFrame:
         """The hands that were seen in this frame, however sure, and those that are lost."""
@@ -221,8 +233,8 @@ class Tracker:
             if track.is_decided:
                 track.size = track.size or track.sizes.take(track.best.estimate, time)
             hands.append(tracked_hand(track, self.estimator.model, smooth=self.smooth, surface=self.surface))
-        present = [PresentHand(place.id, place.hand.side, place.hand.presence, 0.0, tuple(place.hand.middle.tolist()),
-                               uncertain(0.0)) for place in self.present.seen(time)[: self.limit - len(self.tracks)]]
+        present = [PresentHand(place.id, place.hand.side, place.presence, 0.0, tuple(place.hand.middle.tolist()),
+                               uncertain(0.0)) for place in self.present.there[: self.limit - len(self.tracks)]]
         return TrackedFrame(number, time, tuple(hands), tuple(lost), tuple(present))
 
     def _lost(self) -> list[int]:
