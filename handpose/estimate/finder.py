@@ -35,8 +35,6 @@ CHANCE_STEP = 2.0**-10  # to which probabilities are rounded, so that processors
 MIN_VOTES = 1e-4  # sum of the weights around a maximum
 APART_MM = 70.0  # middles closer than this are one hand
 REACH_MM = 150.0  # from the middle to the farthest part of a hand
-AWAY_MM = 10_000.0
-AROUND_MM, NEAR_MM = 25.0, 90.0  # what a fit sees beside the mask: as far, and of depths as close to the middle's
 VOTERS_MM = 60.0  # pixels whose votes end this close to a middle decide the side
 OUTPUTS = {"class": (3, 2), "presence": (1, 4), "votes": (3, 4), "right": (1, 4)}  # channels, part of the resolution
 
@@ -61,17 +59,6 @@ class FoundHand(NamedTuple):
         if self.right >= SURE_SIDE:
             return "right"
         return "left" if self.right <= 1 - SURE_SIDE else None
-
-    def alone(self, depth: NDArray[np.generic], camera: Camera) -> Floats:
-        """The depth frame (height, width) as if the hand were alone: readings of other things are far away.
-
-        A little of its edge and arm remains, and what is in front of the hand and may hide it.
-        """
-        readings, z = np.asarray(depth, np.float32), float(self.middle[2])
-        reach = 2 * round(AROUND_MM * camera.fx / z) + 1
-        around = cv2.dilate(self.mask.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach)))
-        own = self.mask | ((around > 0) & (np.abs(readings - z) < NEAR_MM)) | (readings < z - REACH_MM)
-        return np.where(own, readings, np.float32(AWAY_MM))
 
 
 class Finder:

@@ -123,8 +123,7 @@ class Predictor:
         center  where to start, as for ``start``. Without it, of up to ``MOST`` hands that the finder finds, the one
                 with the highest product of presence and confidence is given
 
-        The hand's error and confidence are judged in the frame (``judge``, ``as_one_side``), without what is around a
-        found hand.
+        The hand's error and confidence are judged in the frame (``judge``, ``as_one_side``).
 
         Raises UnitError for depths that cannot be mm, DataError, also if no hand is found, NetlibError.
         """
@@ -135,7 +134,7 @@ class Predictor:
         if center is not None or self.finder is None:
             return self._judged(depth, camera, self._start(depth, center), False).given(self.min_confidence)
         found = self._found(depth, camera, self.finder)
-        hands = [self._judged(one.alone(depth, camera), camera, camera.project(one.middle), True, one.presence)
+        hands = [self._judged(depth, camera, camera.project(one.middle), True, one.presence)
                  for one in (found if self.plan is not None else found[:1])]
         return max(hands, key=lambda hand: hand.presence * max(hand.chance, 0.01)).given(self.min_confidence)
 

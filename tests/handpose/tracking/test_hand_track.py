@@ -56,10 +56,6 @@ class FakeHands:
             return SimpleNamespace(middle=place + (7, 0, 0), presence=self.presence)
         return None
 
-    def alone(self, hand: Any) -> np.ndarray:
-        """A frame that tells where the hand is."""
-        return np.full((1, 1), hand.middle[0], np.float32)
-
 
 ESTIMATOR: Any = FakeEstimator()
 SEEN: Any = FakeHands()
@@ -218,7 +214,7 @@ def test_a_second_look() -> None:
     assert one.other_regions(SEEN, [estimate()], 1.0) == []
     unsure = [estimate(x=20, confidence=0.6)]
     first = one.other_regions(SEEN, unsure, 1.0)
-    assert [(region.center_uvd[0], region.side, region.alone) for region in first] == [(29, "right", None)]
+    assert [(region.center_uvd[0], region.side) for region in first] == [(29, "right")]
     assert first[0].size == 0.9 and first[0].before is one.best.estimate.body
     assert one.other_regions(SEEN, unsure, 1.0 + FRAME) == []
     assert [region.center_uvd[0] for region in one.other_regions(UNSEEN, unsure, 4.0)] == [22]
@@ -330,36 +326,26 @@ def test_a_fast_start_is_a_movement() -> None:
     np.testing.assert_array_equal(expected.others, found.body.others)
 
 
-# ------------------------------------------------------------------------------------------- among other things
+# ---------------------------------------------------------------------------------------------------- presence
 
 
-def test_a_hand_that_is_only_recognised_alone_is_shown_alone() -> None:
-    """Until a pose among other things is sure; where the finder does not see it, the whole frame is shown."""
-    one = HandTrack(ESTIMATOR, [replace_alone(estimate(x=4))], 0.0)
-    (region,) = one.regions(FRAME, SEEN)
-    assert one.is_crowded and region.alone is not None and region.alone[0, 0] == 11 and one.presence == 0.8
-    assert one.regions(FRAME, UNSEEN)[0].alone is None
-    seen = [replace_alone(estimate(x=4, confidence=0.6))]
-    among, alone = one.other_regions(SEEN, seen, 1.0)
-    assert among.alone is None and alone.alone is not None and among.center_uvd[0] == alone.center_uvd[0] == 13
-    assert one.take(seen, [estimate(x=9, confidence=0.1, error=1), replace_alone(estimate(x=5))], 1.0)
-    assert one.is_crowded and one.best.estimate.body.place[0] in (4, 5), "that among other things is not sure"
-    assert one.take(seen, [estimate(x=9, confidence=0.5), replace_alone(estimate(x=5))], 2.0)
-    assert not one.is_crowded and one.best.estimate.body.place[0] == 9
-    assert one.regions(3.0, SEEN)[0].alone is None and len(one.other_regions(SEEN, seen, 3.0)) == 1
-
-
-def replace_alone(hand: Hand) -> Hand:
-    """The same, seen without what is around it."""
-    object.__setattr__(hand, "is_alone", True)
-    return hand
+def test_how_sure_it_is_that_it_is_a_hand() -> None:
+    """The finder's last looks count, or a sure pose."""
+    one = HandTrack(ESTIMATOR, [estimate(confidence=0.5)], 0.0, presence=0.6)
+    assert one.evidence == one.presence == 0.6
+    one.look(SEEN)
+    assert one.presence == pytest.approx(0.7)
+    one.look(UNSEEN)
+    assert one.presence == pytest.approx(0.35) and one.evidence == 0.5
+    followed(one, [[estimate(confidence=0.9)]])
+    assert one.evidence == 0.9
 
 
 def test_the_finder_looks_once_in_a_frame() -> None:
     looks: list[float] = []
 
     def hand(x: float) -> Any:
-        return SimpleNamespace(middle=np.array([x, 0, 600]), alone=lambda depth, camera: depth + x)
+        return SimpleNamespace(middle=np.array([x, 0, 600]))
 
     def look(depth: np.ndarray, camera: Camera, min_presence: float, most: int) -> list[Any]:
         looks.append(min_presence)
@@ -368,6 +354,5 @@ def test_the_finder_looks_once_in_a_frame() -> None:
     finder: Any = SimpleNamespace(hands=look)
     frame = FrameHands(finder, np.zeros((2, 3), np.float32), NYU, 0.3)
     assert not looks
-    near = frame.near(np.array([60.0, 0, 600]))
-    assert near is frame.hands[1] and frame.near(np.array([250.0, 0, 600])) is None and looks == [0.3]
-    assert near is not None and frame.alone(near) is frame.alone(near) and (frame.alone(near) == 90).all()
+    assert frame.near(np.array([60.0, 0, 600])) is frame.hands[1]
+    assert frame.near(np.array([250.0, 0, 600])) is None and looks == [0.3]

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from handpose.estimate.finder import FoundHand
-from handpose.tracking.present_hands import PresentHands
+from handpose.tracking.present_hands import PresentHands, Taken
 
 STEP = 0.1  # s
 NOTHING = np.zeros((1, 1), bool)
@@ -16,34 +17,40 @@ def seen(*places: tuple[float, float]) -> list[FoundHand]:
     return [FoundHand(presence, np.array([x, 0, 600]), 0.5, NOTHING) for x, presence in places]
 
 
-def places_of(hands: PresentHands, time: float) -> list[tuple[int, float]]:
+def places_of(hands: PresentHands) -> list[tuple[int, float]]:
     """Numbers and x of what is there."""
-    return [(one.id, float(one.hand.middle[0])) for one in hands.seen(time)]
+    return [(one.id, float(one.hand.middle[0])) for one in hands.there]
 
 
 def test_a_hand_begins_where_it_is_present_enough_and_goes_on_with_less() -> None:
-    hands = PresentHands()
-    hands.see(seen((0, 0.4), (400, 0.2)), [], 0.0, 0.3, 5)
-    assert places_of(hands, 0.0) == [(5, 0)]
-    hands.see(seen((60, 0.2), (400, 0.5)), [], STEP, 0.3, 6)
-    assert places_of(hands, STEP) == [(6, 400), (5, 60)], "the most present first"
-    hands.see([], [], 2 * STEP, 0.3, 7)
-    assert places_of(hands, 2 * STEP) == [(6, 400), (5, 60)] and places_of(hands, 5 * STEP) == []
+    hands = PresentHands(0.3)
+    hands.see(seen((0, 0.4), (400, 0.2)), [], 0.0, 5)
+    assert places_of(hands) == [(5, 0)]
+    hands.see(seen((60, 0.2), (400, 0.5)), [], STEP, 6)
+    assert places_of(hands) == [(6, 400), (5, 60)], "the most present first"
+    assert [one.presence for one in hands.there] == pytest.approx([0.5, 0.3]), "the mean of its looks"
+    hands.see([], [], 2 * STEP, 7)
+    assert places_of(hands) == [(6, 400), (5, 60)]
+    hands.see([], [], 3 * STEP, 7)
+    assert places_of(hands) == []
 
 
 def test_a_place_that_is_taken_is_no_further_hand() -> None:
-    hands = PresentHands()
-    hands.see(seen((0, 0.9), (400, 0.9)), [np.array([50.0, 0, 600])], 0.0, 0.3, 0)
-    assert places_of(hands, 0.0) == [(0, 400)]
-    hands.see([], [np.array([400.0, 50, 600])], STEP, 0.3, 1)
-    assert places_of(hands, STEP) == []
+    hands = PresentHands(0.3)
+    hands.see(seen((0, 0.9), (400, 0.9)), [Taken(np.array([50.0, 0, 600]), np.inf)], 0.0, 0)
+    assert places_of(hands) == [(0, 400)]
+    arm = np.array([400.0, 50, 600])
+    hands.see(seen((400, 0.9)), [Taken(arm, 0.8)], STEP, 1)
+    assert places_of(hands) == [(0, 400)], "the other hand is less evident"
+    hands.see(seen((400, 0.9)), [Taken(arm, 0.9)], STEP, 1)
+    assert places_of(hands) == []
 
 
 def tries(hands: PresentHands, frames: int, at_once: bool, there: int = 1) -> list[int]:
     """The frames in which a pose is tried; the finder sees the hand in every ``there``-th."""
     tried = []
     for n in range(frames):
-        hands.see(seen((0, 0.9)) if n % there == 0 else [], [], n * STEP, 0.3, 0)
+        hands.see(seen((0, 0.9)) if n % there == 0 else [], [], n * STEP, 0)
         for place in hands.due(n * STEP):
             place.wait(n * STEP, at_once)
             tried.append(n)
@@ -51,8 +58,8 @@ def tries(hands: PresentHands, frames: int, at_once: bool, there: int = 1) -> li
 
 
 def test_poses_are_tried_ever_more_seldom_beside_another_hand() -> None:
-    tried = tries(PresentHands(), 200, at_once=False)
+    tried = tries(PresentHands(0.3), 200, at_once=False)
     pauses = np.diff(tried)
     assert tried[0] == 0 and (np.diff(pauses) >= 0).all() and pauses[0] == 3 and pauses[-1] == 40
-    assert len(tries(PresentHands(), 200, at_once=False, there=7)) < 12, "a place that comes and goes is no new one"
-    assert len(tries(PresentHands(), 200, at_once=True)) > 90
+    assert len(tries(PresentHands(0.3), 200, at_once=False, there=7)) < 12, "a place that comes and goes is no new one"
+    assert len(tries(PresentHands(0.3), 200, at_once=True)) > 90
