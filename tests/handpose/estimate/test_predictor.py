@@ -260,16 +260,12 @@ def test_where_nothing_is_found(seeing: netlib.Net, frame: np.ndarray) -> None:
 
 
 def test_of_found_hands_the_one_with_a_sure_pose(frame: np.ndarray) -> None:
-    """Also if another place is more likely a hand; what is around it is not seen."""
+    """Also if another place is more likely a hand."""
     predictor = load_predictor(KINECT2, fit="fast", hand="right")
     hand, wall = found_at(frame, (30.0, -20, 700), 0.5), found_at(frame, (-250.0, 100, 1480), 0.7)
     predictor.finder = Said(wall, hand)
     found = predictor.in_frame(frame)
     assert np.linalg.norm(found.center_mm - hand.middle) < 60 and found.presence == 0.5
-    beside = frame.copy()
-    beside[:, 300:] = 690
-    again = predictor.in_frame(beside)
-    assert again.confidence > 0.3 and np.linalg.norm(again.center_mm - found.center_mm) < 30
 
 
 # ----------------------------------------------------------------------------------------------- options

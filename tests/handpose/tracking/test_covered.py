@@ -123,10 +123,10 @@ def test_the_pose_of_a_part(begun: Tracker, resting: Take, value: float) -> None
     own, errors = copied(begun), []
     (whole,) = copied(begun).step(covered(resting, BEGUN, 0.0, value)).hands
     for number in range(BEGUN, BEGUN + 5):
-        (hand,) = own.step(covered(resting, number, 0.35, value)).hands
-        errors.append(np.linalg.norm(hand.xyz - resting.truth[number].hands[0].xyz, axis=1).mean())
-        assert hand.id == 0 and hand.confidence < whole.confidence
-    assert max(errors) < 20
+        for hand in own.step(covered(resting, number, 0.35, value)).hands:
+            errors.append(np.linalg.norm(hand.xyz - resting.truth[number].hands[0].xyz, axis=1).mean())
+            assert hand.id == 0 and hand.confidence < whole.confidence
+    assert len(errors) >= 4 and max(errors) < 20
 
 
 def moving(side: Side, velocity: tuple[float, float, float], seed: int) -> Take:

@@ -99,9 +99,9 @@ def test_the_size_is_found_and_kept(shown: Take, raw: Take, predictor: Predictor
 
 def test_a_size_that_is_given(shown: Take, predictor: Predictor) -> None:
     """A given size is used from the first frame on."""
-    reported = again(predictor, shown, 3, size=1.05, smooth=False)
+    reported = again(predictor, shown, 3, size=1.02, smooth=False)
     for frame in reported:
-        np.testing.assert_allclose(frame.hands[0].bones, 1.05 * predictor.skeleton.bones)
+        np.testing.assert_allclose(frame.hands[0].bones, 1.02 * predictor.skeleton.bones)
 
 
 def test_raw_and_smoothed(shown: Take, raw: Take) -> None:
