@@ -265,6 +265,22 @@ def test_a_place_with_a_higher_presence_replaces_one_without_a_pose(
     assert [one.place for one in tracker.step(DepthFrame(1, 1.0, image)).present] == [(250, 60, 1400)]
 
 
+def test_a_hand_that_is_more_present_takes_the_place_of_a_doubtful_one(
+    shown: Take, predictor: Predictor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tracker = Tracker(predictor, hands=1)
+    tracker.step(shown.frames[0])
+    [track] = tracker.tracks
+    monkeypatch.setattr(HandTrack, "evidence", 0.5)
+    monkeypatch.setattr("handpose.tracking.tracker.SURE", 2.0)
+    what_the_finder_says(monkeypatch, tracker, (250.0, 60, 1400, 0.4))
+    assert tracker.step(shown.frames[0]._replace(time=1.0)).hands and track.is_tracked
+    what_the_finder_says(monkeypatch, tracker, (250.0, 60, 1400, 0.9))
+    reported = tracker.step(shown.frames[0]._replace(time=2.0))
+    assert [lost.reason for lost in reported.lost] == ["another hand is more present"] and not track.is_tracked
+    assert [one.place for one in reported.present] == [(250, 60, 1400)]
+
+
 # ------------------------------------------------------------------------------------------ many and none
 
 
