@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.body.sides import Side
+from handpose.estimate.hand import MIN_PRESENCE
 from handpose.fit.rounding import PLACE_STEP_MM, rounded
 from handpose.frames.cameras import Camera
 from handpose.frames.images import depth_image
@@ -29,7 +30,6 @@ NEAREST_MM = 100.0  # minimum range of depth cameras
 BEYOND_MM, MIDDLE_MM = 4000.0, 600.0  # farther readings are ignored; depth with logarithm 0
 STRIDE = 32  # heights and widths of the net's input are multiples
 MAX_PIXELS = 1 << 19  # of the net's input; larger frames are seen smaller
-MIN_PRESENCE = 0.25  # 0.1 false hands a frame in scenes of the training's generator, one at a desk
 SURE_SIDE = 0.8
 CHANCE_STEP = 2.0**-10  # to which probabilities are rounded, so that processors agree
 MIN_VOTES = 1e-4  # sum of the weights around a maximum

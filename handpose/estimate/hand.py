@@ -25,6 +25,7 @@ from handpose.frames.cameras import Camera
 from netlib.blob import Array
 
 MIN_CONFIDENCE = 0.3  # of a hand whose joints are given, unless the user asks for others
+MIN_PRESENCE = 0.25  # 0.1 false hands a frame in scenes of the training's generator, one at a desk
 
 
 @dataclass(frozen=True)

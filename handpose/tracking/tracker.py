@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from handpose.body.sides import Side
 from handpose.estimate.estimator import SearchRegion
-from handpose.estimate.finder import MIN_PRESENCE, FoundHand
-from handpose.estimate.hand import MIN_CONFIDENCE, Hand, judge
+from handpose.estimate.finder import FoundHand
+from handpose.estimate.hand import MIN_CONFIDENCE, MIN_PRESENCE, Hand, judge
 from handpose.estimate.nets import refuse_other_bodies
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor, check_confidence, check_whole

@@ -120,7 +120,6 @@ EVALUATE = "nyu --groundtruth t.txt --predictions"
         ("make_synthetic", "--workers -1", "--workers"),
         ("make_synthetic", "--seed 4294967296", "--seed"),
         ("make_synthetic", "--tset 5", "--tset"),
-        ("make_synthetic", "--places --recipe cameras", "--recipe applies only to hands; --places has fixed cameras"),
         ("make_synthetic", "--body b --recipe cameras", "--recipe applies only to hands; other bodies are"),
         ("predict", "a.png --model net.prototxt", "--model needs --weights"),
         ("predict", "a.png --fit no --hand either", "--hand either needs a fit; use --hand right or left"),

@@ -6,8 +6,7 @@ import argparse
 
 from handpose import CAMERAS, Camera
 from handpose.body.joint_formats.formats import FORMAT_NAMES
-from handpose.estimate.finder import MIN_PRESENCE
-from handpose.estimate.hand import MIN_CONFIDENCE
+from handpose.estimate.hand import MIN_CONFIDENCE, MIN_PRESENCE
 from handpose.frames.camera_values import INTRINSICS, RANGES
 from handpose.frames.cameras import VIEWS, View, by_field_of_view
 from handpose.frames.crops import CUBES_MM

@@ -9,7 +9,8 @@ import pytest
 
 import netlib
 from handpose.body.nyu import CUBE_MM
-from handpose.estimate.finder import MIN_PRESENCE, Finder, FoundHand
+from handpose.estimate.finder import Finder, FoundHand
+from handpose.estimate.hand import MIN_PRESENCE
 from handpose.frames.cameras import KINECT2, Camera
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler

@@ -45,9 +45,7 @@ export class DepthView {
       return [(u - window.left) * zoom, (v - window.top) * zoom, z];
     };
     drawBones(pen, scene, project);
-    for (const hand of frame.record.hands) {
-      this.drawLabel(pen, hand, (hand.positions_mm ?? [hand.palm_mm]).map(project));
-    }
+    for (const hand of frame.record.hands) this.drawLabel(pen, hand, (hand.positions_mm ?? [hand.palm_mm]).map(project));
   }
 
   /* Paint the depth into the layer, one pixel per sample; the contrast is highest at the depth of the hands. */
