@@ -27,22 +27,22 @@ class Size(NamedTuple):
 ROOMS = {
     "docs": Size(1894, 1210, 29.4),
     "exercises": Size(2127, 889, 25.1),
-    "experiments": Size(2164, 1325, 31.1),
+    "experiments": Size(2085, 1273, 31.2),
     "export": Size(1335, 823, 29.6),
     "fast": Size(5207, 3169, 35.6),
-    "handpose": Size(20074, 11544, 34.4),
+    "handpose": Size(19692, 11295, 34.4),
     "layers": Size(7477, 4272, 38.7),
     "netlib": Size(9632, 5619, 32.8),
     "setup.py": Size(40, 16, 40.0),
-    "tests": Size(46970, 26679, 26.7),
+    "tests": Size(46443, 26375, 26.7),
     "tests/support": Size(1483, 813, 28.2),  # a part of the row above
-    "tools": Size(5338, 3312, 29.4),
+    "tools": Size(5330, 3307, 29.4),
 }
 LINES = {  # of files that are not Python, by their patterns
-    ("prototxt/*.prototxt", "models/*.prototxt"): 4074,
-    ("*.js", "*.css", "*.html"): 2842,
+    ("prototxt/*.prototxt", "models/*.prototxt"): 3892,
+    ("*.js", "*.css", "*.html"): 2844,
 }
-WORDS = 69032  # of all documents
+WORDS = 68885  # of all documents
 
 
 def tracked(*patterns: str) -> list[Path]:
