@@ -18,7 +18,7 @@ from tools.common.console import DONE, guarded
 
 PROGRAM = "python -m experiments"
 USAGE = 2
-NAMES = ("table1", "bench", "parts", "fit", "tracking", "gestures", "finder", "package_model")
+NAMES = ("table1", "bench", "parts", "fit", "tracking", "constants", "gestures", "finder", "package_model")
 
 
 class Parser(argparse.ArgumentParser):

@@ -1,0 +1,180 @@
+"""The tracker's tuned numbers: how many there are, and the errors on labelled recordings with other values of some.
+
+    python -m experiments constants
+    python -m experiments constants --recording take joints.npy --recording other other.npy --seeds 0 1 2 3 4 --mirrored
+    python -m experiments constants ... --set tracking.hand_track.TROUBLE=inf tracking.hand_track.ALARM=inf
+
+Without recordings the numbers that modules of handpose/fit, handpose/tracking and handpose/estimate name are listed.
+Labels are joints (frames, 5 fingers from the thumb on, MCP PIP DIP tip, 3) of a right hand in mm, x right, y down, z
+away, NaN where there are none. The error is the mean over PIP, DIP and tip of all fingers, absolute and unaligned, of
+the nearest hand with joints: mean, lowest and highest over the seeds. "without" is the share of frames without joints,
+"side" that of the others with the right side, "sure" that of poses with a confidence of 90% or more, "off" the share of
+these that are more than 30 mm off. A rule stays if its gain is larger than the spread of the seeds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import dataclasses
+import importlib
+import io
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from handpose.body.fingers import FINGERS
+from netlib import files
+from netlib.blob import Array
+from netlib.errors import DataError
+from netlib.files.paths import ROOT
+from tools.common.arguments import seed
+from tools.common.console import DONE, aligned, say
+from tools.common.progress import ProgressBar
+
+ROOMS = ("fit", "tracking", "estimate")
+SURE, OFF_MM = 0.9, 30.0
+
+
+class Seen(NamedTuple):
+    """A labelled frame with a pose: its error in mm, its confidence, and whether its side is right."""
+
+    error_mm: float
+    confidence: float
+    is_right_side: bool
+
+
+def numbers_of(path: Path) -> list[str]:
+    """The names of the constants with numbers in a module: in capitals, of literals alone."""
+    names = []
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        if not isinstance(node, ast.Assign) or not any(_is_number(part) for part in ast.walk(node.value)):
+            continue
+        for target in node.targets:
+            parts = target.elts if isinstance(target, ast.Tuple) else [target]
+            names += [part.id for part in parts if isinstance(part, ast.Name) and part.id.isupper()]
+    return names
+
+
+def _is_number(node: ast.AST) -> bool:
+    return isinstance(node, ast.Constant) and type(node.value) in (int, float)
+
+
+def constants() -> dict[str, list[str]]:
+    """The constants of every module that has some, by its name after ``handpose.``."""
+    found = {}
+    for room in ROOMS:
+        for path in sorted((ROOT / "handpose" / room).rglob("*.py")):
+            if names := numbers_of(path):
+                found[".".join(path.relative_to(ROOT / "handpose").with_suffix("").parts)] = names
+    return found
+
+
+def set_constant(text: str) -> None:
+    """Set MODULE.NAME=VALUE before other modules import it. Raises DataError."""
+    name, _, value = text.partition("=")
+    module, _, constant = name.rpartition(".")
+    if constant not in constants().get(module, ()):
+        raise DataError(f"--set {text}: no such constant; python -m experiments constants lists them")
+    try:
+        number = float(value)
+    except ValueError:
+        raise DataError(f"--set {text}: {value!r} is no number") from None
+    if "handpose.tracking.tracker" in sys.modules:
+        raise DataError(f"--set {text}: the tracker is already loaded, with the old value")
+    setattr(importlib.import_module(f"handpose.{module}"), constant, number)
+
+
+def labels_of(path: Path) -> Array:
+    """The labels (frames, 5, 3, 3) of PIP, DIP and tip, y up. Raises DataError."""
+    try:
+        values = np.load(io.BytesIO(files.read_bytes(path, "the labels", DataError)), allow_pickle=False)
+    except ValueError:
+        values = None
+    if not isinstance(values, np.ndarray) or values.shape[1:] != (5, 4, 3) or values.dtype.kind != "f":
+        raise DataError(f"{path}: expected an .npy of joints (frames, 5, 4, 3) in mm")
+    return np.asarray(values[:, :, 1:] * (1, -1, 1))
+
+
+def followed(source: str, labels: Array, seed: int, mirrored: bool) -> Iterator[Seen | None]:
+    """Track a recording; for every labelled frame its nearest hand, None without one. Raises NetlibError."""
+    from handpose.frames.opening import open_recording  # imported here, after constants are set
+    from handpose.tracking.tracker import load_tracker
+
+    with open_recording(source) as recording:
+        camera, flip = recording.camera, -1 if mirrored else 1
+        if mirrored:
+            camera = dataclasses.replace(camera, u0=camera.width - 1 - camera.u0)
+        tracker = load_tracker(camera, seed=seed)
+        joints = _rows(tracker.predictor.skeleton.joint_names)
+        for frame, label in zip(recording, labels):
+            hands = tracker.step(frame._replace(depth=frame.depth[:, ::flip])).hands
+            if np.isnan(label).any():
+                continue
+            near = [(_error(hand.xyz, joints, label * (flip, 1, 1)), hand) for hand in hands]
+            error, hand = min(near, key=lambda one: one[0], default=(np.nan, None))
+            yield Seen(error, hand.confidence, hand.hand == ("left" if mirrored else "right")) if hand else None
+
+
+def _rows(names: Sequence[str]) -> NDArray[np.int_]:
+    """The indices (5, 3, 2) of joints whose means are PIP, DIP and tip."""
+    pip = [("thumb_pip", "thumb_pip"), *((f"{finger}_pip_a", f"{finger}_pip_b") for finger in FINGERS[1:])]
+    rows = [[one, (f"{finger}_dip",) * 2, (f"{finger}_tip",) * 2] for finger, one in zip(FINGERS, pip)]
+    return np.array([[[names.index(name) for name in pair] for pair in finger] for finger in rows])
+
+
+def _error(xyz: Array, rows: NDArray[np.int_], label: Array) -> float:
+    return float(np.linalg.norm(xyz[rows].mean(axis=2) - label, axis=-1).mean())
+
+
+def cells_of(runs: list[list[Seen | None]]) -> list[str]:
+    """The columns of a recording, of a run for each seed."""
+    means = [np.mean([one.error_mm for one in run if one] or [np.nan]) for run in runs]
+    every = [one for run in runs for one in run]
+    seen = [one for one in every if one]
+    sure = [one for one in seen if one.confidence >= SURE]
+
+    def share(part: int, whole: int) -> str:
+        return f"{part / whole:.1%}" if whole else ""
+
+    return [f"{np.mean(means):.2f}", f"{min(means):.2f}", f"{max(means):.2f}",
+            share(len(every) - len(seen), len(every)),
+            share(sum(one.is_right_side for one in seen), len(seen)), share(len(sure), len(seen)),
+            share(sum(one.error_mm > OFF_MM for one in sure), len(sure))]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    parser.add_argument("--recording", nargs=2, action="append", default=[], metavar=("SOURCE", "LABELS.npy"),
+                        help="a recording and its labels; may be given several times")
+    parser.add_argument("--seeds", type=seed, nargs="+", default=[0], metavar="N", help="of random starts (default: 0)")
+    parser.add_argument("--mirrored", action="store_true", help="also each recording's mirror image, of a left hand")
+    parser.add_argument("--set", nargs="+", default=[], metavar="MODULE.NAME=VALUE", help="other values of constants")
+
+
+def run(args: argparse.Namespace) -> int:
+    """List the constants, or measure. Raises NetlibError."""
+    if not args.recording:
+        found = constants()
+        for module, names in found.items():
+            print(f"{module:26}{len(names):3}  {', '.join(names)}")
+        say(f"{sum(map(len, found.values()))} constants in {len(found)} modules")
+        return DONE
+    for text in args.set:
+        set_constant(text)
+    takes = [(source, labels_of(Path(path)), flip) for source, path in args.recording
+             for flip in ((False, True) if args.mirrored else (False,))]
+    rows = []
+    with ProgressBar(len(takes) * len(args.seeds), what="tracking") as progress:
+        for source, labels, flip in takes:
+            runs = []
+            for number in args.seeds:
+                runs.append(list(followed(source, labels, number, flip)))
+                progress(1)
+            rows.append([Path(source).name + " mirrored" * flip, *cells_of(runs)])
+    print(aligned([["recording", "mm", "lowest", "highest", "without", "side", "sure", "off"], *rows]))
+    return DONE
