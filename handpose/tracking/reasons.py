@@ -45,12 +45,11 @@ class Expected(NamedTuple):
 
 
 def reason(
-    depth: NDArray[np.float32], camera: Camera, cube_mm: float, hand: Expected, doubt: str = "", confidence: float = 0.0
+    depth: NDArray[np.float32], camera: Camera, cube_mm: float, hand: Expected, confidence: float = 0.0
 ) -> str:
     """The reason why a hand was not found at its expected place.
 
     depth       mm, with the readings that are nearer than the camera measures
-    doubt       why the object there is no hand, if it was checked
     confidence  of the best pose found there
     """
     if not (depth > 0).any():
@@ -68,11 +67,11 @@ def reason(
     if (np.abs(shown) < BACKGROUND).mean() < MIN_VISIBLE:
         return f"only background at its last position, {d:.0f} mm away"
     edges = _edges_left(camera, hand.xyz, 0.0) if hand.support.outside[0] > LEAVING else None
-    if edges and not doubt:
+    if edges:
         return f"{LEFT}{edges}"
     if hand.support.missing[0] > MAX_MISSING:
         return f"no depth at its last position, {d:.0f} mm away"
-    return doubt or f"{NO_HAND} (confidence {confidence:.0%})"
+    return f"{NO_HAND} (confidence {confidence:.0%})"
 
 
 def _edges_left(camera: Camera, xyz: Array, share: float = MAX_OUTSIDE) -> str | None:

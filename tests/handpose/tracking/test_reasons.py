@@ -15,13 +15,12 @@ OFFSETS = np.array([(x, y, z) for x in (-60, 0, 60) for y in (-60, 0, 60) for z 
 
 
 def why(
-    depth: np.ndarray, u: float = 80, v: float = 60, d: float = 600, *, hidden: float = 0.0, missing: float = 0.0,
-    doubt: str = "",
+    depth: np.ndarray, u: float = 80, v: float = 60, d: float = 600, *, hidden: float = 0.0, missing: float = 0.0
 ) -> str:
     """The reason for a hand 120 mm wide that was expected at this place."""
     shares = Support(*(np.array([one]) for one in (1 - hidden - missing, hidden, 0.0, missing, 0.0)))
     hand = Expected(CAMERA.unproject(np.array([u, v, d])) + OFFSETS, np.array([u, v, d]), shares)
-    return reason(depth.astype(np.float32), CAMERA, 300.0, hand, doubt, 0.2)
+    return reason(depth.astype(np.float32), CAMERA, 300.0, hand, 0.2)
 
 
 def wall(mm: float = 1500) -> np.ndarray:
@@ -75,9 +74,7 @@ def test_nothing_there() -> None:
 
 
 def test_no_hand_there() -> None:
-    """The reason contains the confidence, or what a check found."""
     assert why(plate(600)) == f"{NO_HAND} (confidence 20%)"
-    assert why(plate(600), doubt="it is a cup") == "it is a cup"
 
 
 def test_behind_the_camera() -> None:
