@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from handpose.body.nyu import CUBE_MM
 from handpose.body.render import Capsules
@@ -150,6 +150,7 @@ class PresentHand(NamedTuple):
     confidence  of its pose
     place       (3,) mm, camera axes: its middle
     reason      one line
+    mask        (height, width) its pixels in the frame; None if unknown
     """
 
     id: int
@@ -158,6 +159,7 @@ class PresentHand(NamedTuple):
     confidence: float
     place: tuple[float, float, float]
     reason: str
+    mask: NDArray[np.bool_] | None = None
 
     @property
     def side_name(self) -> str:

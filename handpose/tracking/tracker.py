@@ -234,8 +234,11 @@ class Tracker:
             if track.is_decided:
                 track.size = track.size or track.sizes.take(track.best.estimate, time)
             hands.append(tracked_hand(track, self.estimator.model, smooth=self.smooth, surface=self.surface))
-        present = [PresentHand(place.id, place.hand.side, place.presence, 0.0, tuple(place.hand.middle.tolist()),
-                               uncertain(0.0)) for place in self.present.there[: self.limit - len(self.tracks)]]
+        present = []
+        for place in self.present.there[: self.limit - len(self.tracks)]:
+            x, y, z = place.hand.middle.tolist()
+            mask = place.hand.mask if place.time == time else None
+            present.append(PresentHand(place.id, place.hand.side, place.presence, 0.0, (x, y, z), uncertain(0.0), mask))
         return TrackedFrame(number, time, tuple(hands), tuple(lost), tuple(present))
 
     def _lost(self) -> list[int]:

@@ -26,7 +26,7 @@ from handpose.output.drawing.view import (
     spoken_loss,
     spoken_presence,
 )
-from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
+from handpose.tracking.track import PresentHand, TrackedFrame, TrackedHand, TrackHeader
 from netlib.blob import Array
 from netlib.errors import printable
 
@@ -76,11 +76,21 @@ class Painter:
             cv2.rectangle(canvas, _pixel(low), _pixel(high), colour_of(hand.id), 1, cv2.LINE_AA)
             self._hand(canvas, hand, camera)
         for present in frame.present:
-            u, v, d = camera.project(present.place)
-            radius = round(PRESENT_MM * camera.fx / d)
-            cv2.circle(canvas, _pixel(np.array([u, v])), radius, colour_of(present.id), 2, cv2.LINE_AA)
+            self._present(canvas, present, view)
         self._tags(canvas, frame, view)
         return canvas
+
+    def _present(self, canvas: Image, hand: PresentHand, view: View) -> None:
+        """Draw the outline of the pixels of a hand without joints, or a circle about its middle."""
+        colour = colour_of(hand.id)
+        if hand.mask is not None:
+            seen = _part(np.where(hand.mask, np.uint8(255), np.uint8(0)), view, self._size) > 127
+            outlines, _ = cv2.findContours(seen.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+            cv2.drawContours(canvas, outlines, -1, colour, 2, cv2.LINE_AA)
+            return
+        camera = _camera_of(self.header.camera, view, self._size)
+        u, v, d = camera.project(hand.place)
+        cv2.circle(canvas, _pixel(np.array([u, v])), round(PRESENT_MM * camera.fx / d), colour, 2, cv2.LINE_AA)
 
     def _hand(self, canvas: Image, hand: TrackedHand, camera: Camera) -> None:
         """Draw surface and skeleton."""

@@ -12,7 +12,7 @@ from handpose.output.drawing import hands
 from handpose.output.drawing.strokes import Image
 from handpose.output.drawing.tracks import HEAD, MAX_HEIGHT, MAX_WIDTH, Painter
 from handpose.output.drawing.view import Window, colour_of
-from handpose.tracking.track import LostHand, TrackedFrame, TrackedHand, TrackHeader
+from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackedHand, TrackHeader
 from tests.support.tracked_hands import CAMERA, HEADER, seen, tracked
 
 RIGHT = tracked("right", (-120, 0, 600), 1, 0.93)
@@ -99,6 +99,20 @@ def test_a_lost_hand_is_said_to_be_lost_and_why() -> None:
     other = lost._replace(reason="hidden by a nearer object")
     rows, columns = where(picture, annotated(DEPTH, of(RIGHT, lost=(other,)))[HEAD:])
     assert rows.start >= MAX_HEIGHT - 22 and columns.stop < 500
+
+
+def test_a_hand_without_joints_is_outlined_or_marked() -> None:
+    """Its pixels are outlined in its colour; if they are unknown there is a circle about its middle."""
+    mask = np.zeros((120, 160), bool)
+    mask[40:80, 30:70] = True
+    hand = PresentHand(2, None, 0.43, 0.0, (0.0, 0.0, 600.0), "the pose is uncertain (confidence 0%)", mask)
+    zoom = MAX_WIDTH / 160
+    outlined, marked = (annotated(DEPTH, of()._replace(present=(one,)))[HEAD:] for one in (hand, hand._replace(mask=None)))
+    coloured = [(picture == colour_of(2)).all(axis=2) for picture in (outlined, marked)]
+    edge, inside = ((round(60 * zoom), round(column * zoom)) for column in (30, 50))
+    assert coloured[0][edge[0], edge[1] - 3 : edge[1] + 4].any() and not coloured[0][inside]
+    u, v, _ = CAMERA.project(np.array([60.0, 0, 600])) * zoom
+    assert coloured[1][round(v), round(u) - 6 : round(u) + 7].any() and not coloured[0][round(v), round(u)]
 
 
 def test_a_hand_partly_or_wholly_beside_the_image_does_no_harm() -> None:
