@@ -107,8 +107,8 @@ def test_a_hand_without_joints_is_outlined_or_marked() -> None:
     mask[40:80, 30:70] = True
     hand = PresentHand(2, None, 0.43, 0.0, (0.0, 0.0, 600.0), "the pose is uncertain (confidence 0%)", mask)
     zoom = MAX_WIDTH / 160
-    outlined, marked = (annotated(DEPTH, of()._replace(present=(one,)))[HEAD:] for one in (hand, hand._replace(mask=None)))
-    coloured = [(picture == colour_of(2)).all(axis=2) for picture in (outlined, marked)]
+    pictures = [annotated(DEPTH, of()._replace(present=(one,))) for one in (hand, hand._replace(mask=None))]
+    coloured = [(picture[HEAD:] == colour_of(2)).all(axis=2) for picture in pictures]
     edge, inside = ((round(60 * zoom), round(column * zoom)) for column in (30, 50))
     assert coloured[0][edge[0], edge[1] - 3 : edge[1] + 4].any() and not coloured[0][inside]
     u, v, _ = CAMERA.project(np.array([60.0, 0, 600])) * zoom
