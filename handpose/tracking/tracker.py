@@ -36,8 +36,8 @@ from handpose.tracking.output import tracked_hand
 from handpose.tracking.pose_estimator import PoseEstimator
 from handpose.tracking.present_hands import STILL, PresentHands, PresentPlace, Taken
 from handpose.tracking.reasons import reason, uncertain
+from handpose.tracking.reporting import SureHands
 from handpose.tracking.sizing import checked
-from handpose.tracking.sure_hands import SureHands
 from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackHeader
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError

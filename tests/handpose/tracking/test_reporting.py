@@ -1,4 +1,4 @@
-"""handpose/tracking/sure_hands.py: which hands are reported, in tracks, files and live messages."""
+"""handpose/tracking/reporting.py: which hands are reported, in tracks, files and live messages."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from handpose.estimate.hand import MIN_CONFIDENCE
 from handpose.estimate.predictor import Predictor
 from handpose.output.live.messages import Messages
 from handpose.output.tracks.writing import open_writer
-from handpose.tracking.sure_hands import SureHands
+from handpose.tracking.reporting import SureHands
 from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackedHand
 from handpose.tracking.tracker import Tracker
 from netlib.errors import NetlibError
