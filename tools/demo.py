@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
                 titles.append(f"below {predictor.min_confidence:.0%}: no joints")
             hands.append(found)
             progress(1)
-    outputs.write_image(args.out / "hands.png", strokes.sheet(images, 2 * VIEWS, titles))
+    outputs.write_image(args.out / "hands.png", strokes.sheet(images, VIEWS * (1 if args.frames <= 2 else 2), titles))
     atomic.replace_text(args.out / "hands.json", document("demo", hands, frames, predictor.skeleton) + "\n")
     say(f"{args.frames} frames in {time.perf_counter() - begun:.1f} s: {args.out / 'hands.png'}")
     predict = Path(__file__).resolve().with_name("predict.py")

@@ -75,7 +75,7 @@ def overlay(
     draw(canvas, place(points), points[:, 2], skeleton, thick=max(zoom // 2, 1), guesses=guesses)
     if truth is not None:
         points = _checked(truth, skeleton)
-        draw(canvas, place(points), points[:, 2], skeleton, thick=1, colour=WHITE)
+        draw(canvas, place(points), points[:, 2], skeleton, thick=1, colour=WHITE, rim=False)
     return canvas
 
 

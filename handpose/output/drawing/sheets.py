@@ -17,6 +17,7 @@ from netlib.blob import Array
 COLUMNS, PLACES = 4, 16  # of a page
 WIDTH = 480  # pixels of an image; larger ones are reduced
 PAGES = 4  # an even number
+LEGEND = "in colour: predicted; thin white, in space thin black: annotated"
 
 
 class ContactSheet:
@@ -73,7 +74,7 @@ def two_views(
 
     joints  (n, K, 3) half-cubes, all joints of the skeleton
     truth   (n, L, 3) annotated joints; drawn only if L is K
-    titles  of the two views of each frame
+    titles  of the two views of each frame; a legend stands above all
     centers, camera, cube_mm  of the crops, (n, 3) px, px, mm; without them the projection is parallel
     """
     images = []
@@ -84,4 +85,7 @@ def two_views(
         else:
             images.append(hands.overlay(crop, joints[n], skeleton, annotated, centers[n], cube_mm[n], camera, zoom=3))
         images.append(hands.view_3d(joints[n], skeleton, annotated, size=384))
-    return strokes.sheet(images, columns, [title for pair in titles for title in pair])
+    page = strokes.sheet(images, columns, [title for pair in titles for title in pair])
+    legend = np.full((24, page.shape[1], 3), 255, dtype=np.uint8)
+    strokes.text_within(legend, LEGEND, np.array([8, 18]), (40, 40, 40), 0.5, page.shape[1] - 16)
+    return np.concatenate([legend, page])

@@ -65,13 +65,15 @@ def joints() -> Array:
 
 
 def test_two_views(joints: Array) -> None:
-    """Each frame has two cells with a title each: the view on the crop and the view in space."""
+    """Each frame has two cells with a title each, the view on the crop and the view in space, below a legend."""
     titles = [("frame 0", "1 mm"), ("frame 7", "2 mm")]
     drawn = sheets.two_views(CROPS, joints, joints[:, ::-1], SKELETON, titles, columns=2)
     cells = []
     for crop, hand, truth in zip(CROPS, joints, joints[:, ::-1]):
         cells += [hands.overlay(crop, hand, SKELETON, truth, zoom=3), hands.view_3d(hand, SKELETON, truth, size=384)]
-    assert np.array_equal(drawn, strokes.sheet(cells, 2, ["frame 0", "1 mm", "frame 7", "2 mm"]))
+    page = strokes.sheet(cells, 2, ["frame 0", "1 mm", "frame 7", "2 mm"])
+    legend, below = np.split(drawn, [len(drawn) - len(page)])
+    assert np.array_equal(below, page) and 0.02 < (legend < 100).any(axis=2).mean() < 0.5
 
 
 def test_an_annotation_of_other_joints_is_not_drawn(joints: Array) -> None:
