@@ -199,24 +199,21 @@ def test_each_algorithm(algorithm: Algorithm, case: int, monkeypatch: pytest.Mon
         np.testing.assert_allclose(got, want, rtol=0, atol=1e-11)
 
 
-@pytest.mark.parametrize(
-    ("x_shape", "w_shape", "group", "names"),
-    [
-        ((8, 128, 16, 16), (128, 128, 3, 3), 1, ["Winograd", "Winograd", "Winograd"]),
-        ((8, 32, 16, 16), (32, 32, 3, 3), 1, ["RowWinograd", "RowWinograd", "RowWinograd"]),
-        ((8, 16, 16, 16), (16, 16, 5, 5), 1, ["RowWinograd", "RowWinograd", "RowWinograd"]),
-        ((8, 16, 16, 16), (16, 16, 3, 3), 1, ["Rows", "Rows", "Rows"]),
-        ((8, 32, 20, 20), (32, 1, 3, 3), 32, ["Depthwise", "Depthwise", "Depthwise"]),
-        ((8, 64, 16, 16), (32, 64, 1, 1), 1, ["Columns", "Columns", "Columns"]),
-        ((1, 512, 7, 7), (512, 512, 3, 3), 1, ["Columns", "Columns", "Columns"]),
-        ((8, 3, 32, 32), (32, 3, 5, 5), 1, ["Rows", "Columns", "RowWinograd"]),
-        ((8, 64, 16, 16), (64, 32, 5, 5), 2, ["RowWinograd", "RowWinograd", "RowWinograd"]),
-        ((8, 32, 40, 40), (32, 1, 3, 3), 32, ["Filter", "Filter", "Depthwise"]),
-        ((8, 32, 20, 20), (64, 1, 3, 3), 32, ["Depthwise", "Depthwise", "Depthwise"]),
-        ((8, 64, 20, 20), (32, 2, 3, 3), 32, ["Columns", "Depthwise", "Columns"]),
-        ((2, 16, 8, 16, 16), (16, 16, 3, 3, 3), 1, ["Rows", "Rows", "Rows"]),
-    ],
-)
+@pytest.mark.parametrize(("x_shape", "w_shape", "group", "names"), [
+    ((8, 128, 16, 16), (128, 128, 3, 3), 1, ["Winograd", "Winograd", "Winograd"]),
+    ((8, 32, 16, 16), (32, 32, 3, 3), 1, ["RowWinograd", "RowWinograd", "RowWinograd"]),
+    ((8, 16, 16, 16), (16, 16, 5, 5), 1, ["RowWinograd", "RowWinograd", "RowWinograd"]),
+    ((8, 16, 16, 16), (16, 16, 3, 3), 1, ["Rows", "Rows", "Rows"]),
+    ((8, 32, 20, 20), (32, 1, 3, 3), 32, ["Depthwise", "Depthwise", "Depthwise"]),
+    ((8, 64, 16, 16), (32, 64, 1, 1), 1, ["Columns", "Columns", "Columns"]),
+    ((1, 512, 7, 7), (512, 512, 3, 3), 1, ["Columns", "Columns", "Columns"]),
+    ((8, 3, 32, 32), (32, 3, 5, 5), 1, ["Rows", "Columns", "RowWinograd"]),
+    ((8, 64, 16, 16), (64, 32, 5, 5), 2, ["RowWinograd", "RowWinograd", "RowWinograd"]),
+    ((8, 32, 40, 40), (32, 1, 3, 3), 32, ["Filter", "Filter", "Depthwise"]),
+    ((8, 32, 20, 20), (64, 1, 3, 3), 32, ["Depthwise", "Depthwise", "Depthwise"]),
+    ((8, 64, 20, 20), (32, 2, 3, 3), 32, ["Columns", "Depthwise", "Columns"]),
+    ((2, 16, 8, 16, 16), (16, 16, 3, 3, 3), 1, ["Rows", "Rows", "Rows"]),
+])
 def test_the_choice(x_shape: tuple[int, ...], w_shape: tuple[int, ...], group: int, names: list[str]) -> None:
     """Each kind of sizes has its algorithm for y, dx and dw."""
     pad = tuple(k // 2 for k in w_shape[2:])

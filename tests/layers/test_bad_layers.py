@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from netlib.errors import DataError, LayerError, PrototxtError
 from tests.layers.conftest import Run
 from tests.support.bad_input import bad_inputs
 from tests.support.nets import inputs
-
-pytestmark = pytest.mark.both_engines
 
 IMAGE, ITEMS, NEAR = (1, 1, 5, 5), (2, 3), (1, 1, 2, 2)
 PRIOR = [(1, 4), (1, 2), [[[0, 0, 1, 1], [0.1] * 4]]]  # one box and its two confidences

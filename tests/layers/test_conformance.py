@@ -18,8 +18,6 @@ from netlib.net import Net
 from netlib.proto.options import block_name
 from tests.support.layer_cases import CASES, SOURCES, forward, made
 
-pytestmark = pytest.mark.both_engines
-
 WINDOWS = {
     "by_group",
     "col2im",

@@ -11,8 +11,6 @@ import pytest
 from layers import LAYER_TYPES
 from tests.support.layer_cases import different, off_zero
 
-pytestmark = pytest.mark.both_engines
-
 RANDOM = 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
 NORM = 'scale_filler { type: "uniform" min: 0.5 max: 2 } eps: 0.1'
 CONT = [[0, 1], [1, 1], [1, 0], [1, 1]]

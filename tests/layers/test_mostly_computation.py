@@ -17,8 +17,6 @@ import pytest
 from layers import LAYER_TYPES
 from netlib.proto.net_parameter import load_parameter
 
-pytestmark = pytest.mark.both_engines
-
 ROOT = Path(__file__).resolve().parents[2]
 LEAST = 0.4
 TYPES = {spec.type for spec in load_parameter(ROOT / "prototxt/nyu_train_test.prototxt").layer}

@@ -32,30 +32,27 @@ def test_a_type_without_a_form(kind, files):
     )
 
 
-@pytest.mark.parametrize(
-    ("layers", "shapes", "message"),
-    [
-        ('layer { name: "r" type: "Reshape" bottom: "x0" top: "y" reshape_param { shape { dim: 1 dim: 4 } } }',
-         [(1, 4)], "net.prototxt:3:73: error: layer 'r': cannot give 8 values (2, 4) the shape (1, 4) (with 2 "
-         "items); expected a net that accepts any number"),
-        ('layer { name: "s" type: "Slice" bottom: "x0" top: "y" top: "z" slice_param { axis: 0 slice_point: 1 } }',
-         [(2, 4)], "net.prototxt:3:7: error: layer 's': shape [(1, 4), (1, 4)] for 2 items, [(1, 4), (2, 4)] for 3 "
-         "cannot be exported to ONNX; expected one axis that depends on the number of items"),
-        ('layer { name: "m" type: "ArgMax" bottom: "x0" top: "y" argmax_param { axis: 0 } }', [(1, 4)],
-         "net.prototxt:3:7: error: layer 'm': ArgMax along the batch axis cannot be exported to ONNX; shape (N)"),
-        ('layer { name: "b" type: "BatchNorm" bottom: "x0" top: "y" batch_norm_param { use_global_stats: false } }',
-         [(1, 4)], "net.prototxt:3:78: error: layer 'b': use_global_stats: false makes items depend on their batch; "
-         "expected true or no value"),
-        ('layer { name: "a" type: "ReLU" bottom: "x0" top: "x0" }', [(1, 4)],
-         "net.prototxt: blob 'x0' is both input and output, which ONNX does not support; expected a layer "
-         "that reads it, with another top"),
-        ('layer { name: "a" type: "Silence" bottom: "x0" }', [(1, 4)],
-         "net.prototxt: no layer leaves a blob unread, so the net has no output; name one (--blob)"),
-        ('layer { name: "a" type: "Concat" bottom: "x0" bottom: "x1" top: "y" concat_param { axis: 0 } }',
-         [(1, 4), (2, 4)], "net.prototxt: inputs with different batch sizes, x0 (1, 4), x1 (2, 4); expected first axes "
-         "of the same size"),
-    ],
-)
+@pytest.mark.parametrize(("layers", "shapes", "message"), [
+    ('layer { name: "r" type: "Reshape" bottom: "x0" top: "y" reshape_param { shape { dim: 1 dim: 4 } } }',
+     [(1, 4)], "net.prototxt:3:73: error: layer 'r': cannot give 8 values (2, 4) the shape (1, 4) (with 2 "
+     "items); expected a net that accepts any number"),
+    ('layer { name: "s" type: "Slice" bottom: "x0" top: "y" top: "z" slice_param { axis: 0 slice_point: 1 } }',
+     [(2, 4)], "net.prototxt:3:7: error: layer 's': shape [(1, 4), (1, 4)] for 2 items, [(1, 4), (2, 4)] for 3 "
+     "cannot be exported to ONNX; expected one axis that depends on the number of items"),
+    ('layer { name: "m" type: "ArgMax" bottom: "x0" top: "y" argmax_param { axis: 0 } }', [(1, 4)],
+     "net.prototxt:3:7: error: layer 'm': ArgMax along the batch axis cannot be exported to ONNX; shape (N)"),
+    ('layer { name: "b" type: "BatchNorm" bottom: "x0" top: "y" batch_norm_param { use_global_stats: false } }',
+     [(1, 4)], "net.prototxt:3:78: error: layer 'b': use_global_stats: false makes items depend on their batch; "
+     "expected true or no value"),
+    ('layer { name: "a" type: "ReLU" bottom: "x0" top: "x0" }', [(1, 4)],
+     "net.prototxt: blob 'x0' is both input and output, which ONNX does not support; expected a layer "
+     "that reads it, with another top"),
+    ('layer { name: "a" type: "Silence" bottom: "x0" }', [(1, 4)],
+     "net.prototxt: no layer leaves a blob unread, so the net has no output; name one (--blob)"),
+    ('layer { name: "a" type: "Concat" bottom: "x0" bottom: "x1" top: "y" concat_param { axis: 0 } }',
+     [(1, 4), (2, 4)], "net.prototxt: inputs with different batch sizes, x0 (1, 4), x1 (2, 4); expected first axes "
+     "of the same size"),
+])
 def test_a_net_without_a_batch(layers, shapes, message, files):
     """Every blob must have N items at most once, and cannot be both input and output."""
     assert refusal(*files(layers, *shapes)) == f"{message}\n"

@@ -7,8 +7,6 @@ import pytest
 
 from layers import LAYER_TYPES
 
-pytestmark = pytest.mark.both_engines
-
 LN2, LN3, LN4 = np.log([2, 3, 4])
 FAR = [1000.0, -1000.0]  # where an exponential overflows
 INF = np.inf

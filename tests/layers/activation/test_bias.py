@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.both_engines
-
 
 def text(options=""):
     return f'type: "Bias" bias_param {{ filler {{ type: "gaussian" }} {options} }}'

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.both_engines
-
 
 def text(options=""):
     return f'type: "Scale" scale_param {{ filler {{ type: "gaussian" }} bias_filler {{ type: "gaussian" }} {options} }}'

@@ -2,8 +2,6 @@
 
 import pytest
 
-pytestmark = pytest.mark.both_engines
-
 X = [[[3.0, 1], [4, 2]], [[0, -1], [-2, 0]]]  # two items; the second has equal values
 
 
@@ -11,19 +9,16 @@ def text(options=""):
     return f'type: "ArgMax" argmax_param {{ {options} }}'
 
 
-@pytest.mark.parametrize(
-    ("options", "y"),
-    [
-        ("", [[[2]], [[3]]]),  # of the equal values of item 1, at 0 and 3, the last one
-        ("top_k: 3", [[[2, 0, 3]], [[3, 0, 1]]]),
-        ("top_k: 2 out_max_val: true", [[[2, 0], [4, 3]], [[3, 0], [0, 0]]]),
-        ("axis: 1", [[[1, 1]], [[0, 1]]]),
-        ("axis: -1", [[[0], [0]], [[0], [1]]]),
-        ("axis: 1 out_max_val: true", [[[4, 2]], [[0, 0]]]),  # values instead of indices
-        ("axis: 2 top_k: 2", [[[0, 1], [0, 1]], [[0, 1], [1, 0]]]),
-        ("axis: 0", [[[0, 0], [0, 0]]]),
-    ],
-)
+@pytest.mark.parametrize(("options", "y"), [
+    ("", [[[2]], [[3]]]),  # of the equal values of item 1, at 0 and 3, the last one
+    ("top_k: 3", [[[2, 0, 3]], [[3, 0, 1]]]),
+    ("top_k: 2 out_max_val: true", [[[2, 0], [4, 3]], [[3, 0], [0, 0]]]),
+    ("axis: 1", [[[1, 1]], [[0, 1]]]),
+    ("axis: -1", [[[0], [0]], [[0], [1]]]),
+    ("axis: 1 out_max_val: true", [[[4, 2]], [[0, 0]]]),  # values instead of indices
+    ("axis: 2 top_k: 2", [[[0, 1], [0, 1]], [[0, 1], [1, 0]]]),
+    ("axis: 0", [[[0, 0], [0, 0]]]),
+])
 def test_by_hand(run, options, y):
     """Indices or values are found within the whole item or along an axis."""
     assert run(text(options), X).y.tolist() == y

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.both_engines
-
 TEXT = 'type: "Axpy"'
 
 

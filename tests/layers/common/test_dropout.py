@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.both_engines
-
 HALF = 'type: "Dropout" dropout_param { dropout_ratio: 0.5 }'
 
 

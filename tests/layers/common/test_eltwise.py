@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.both_engines
-
 A, B, C = [1.0, 2, -3], [4.0, 2, 0], [0.5, 2, 5]
 
 
@@ -12,15 +10,12 @@ def text(options=""):
     return f'type: "Eltwise" eltwise_param {{ {options} }}'
 
 
-@pytest.mark.parametrize(
-    ("options", "y", "grads"),
-    [
-        ("", [5.5, 6, 2], [[1, 1, 1]] * 3),
-        ("coeff: 1 coeff: -2 coeff: 0.5", [-6.75, -1, -0.5], [[1] * 3, [-2] * 3, [0.5] * 3]),
-        ("operation: PROD", [2, 8, 0], [[2, 4, 0], [0.5, 4, -15], [4, 4, 0]]),
-        ("operation: MAX", [4, 2, 5], [[0, 0, 0], [1, 1, 0], [0, 0, 1]]),  # of equal values the second one is taken
-    ],
-)
+@pytest.mark.parametrize(("options", "y", "grads"), [
+    ("", [5.5, 6, 2], [[1, 1, 1]] * 3),
+    ("coeff: 1 coeff: -2 coeff: 0.5", [-6.75, -1, -0.5], [[1] * 3, [-2] * 3, [0.5] * 3]),
+    ("operation: PROD", [2, 8, 0], [[2, 4, 0], [0.5, 4, -15], [4, 4, 0]]),
+    ("operation: MAX", [4, 2, 5], [[0, 0, 0], [1, 1, 0], [0, 0, 1]]),  # of equal values the second one is taken
+])
 def test_by_hand(run, options, y, grads):
     """The values and the gradients of each bottom for dy = 1 agree."""
     done = run(text(options), A, B, C)

@@ -1,8 +1,5 @@
 """Embed."""
 
-import pytest
-
-pytestmark = pytest.mark.both_engines
 
 TABLE = [[1.0, 2], [3, 4], [5, 6]]
 

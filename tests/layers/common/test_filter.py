@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.both_engines
-
 
 def test_by_hand(run):
     """Items with a nonzero selector pass; dropped items have gradient 0."""

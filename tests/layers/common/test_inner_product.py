@@ -5,8 +5,6 @@ import pytest
 
 import netlib
 
-pytestmark = pytest.mark.both_engines
-
 
 def text(options=""):
     fillers = 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'

@@ -1,9 +1,6 @@
 """Parameter."""
 
 import numpy as np
-import pytest
-
-pytestmark = pytest.mark.both_engines
 
 NET = """
 layer { name: "w" type: "Parameter" top: "w" parameter_param { shape { dim: 2 dim: 3 } } param { lr_mult: 2 } }

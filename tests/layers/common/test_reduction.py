@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.both_engines
-
 X = [[1.0, -2, 3], [0, 4, -5]]
 
 
@@ -12,16 +10,13 @@ def text(options=""):
     return f'type: "Reduction" reduction_param {{ {options} }}'
 
 
-@pytest.mark.parametrize(
-    ("options", "y", "dx"),
-    [
-        ("", 1, [[10, 10, 10], [10, 10, 10]]),
-        ("operation: ASUM", 15, [[10, -10, 10], [0, 10, -10]]),  # the gradient at 0 is 0
-        ("operation: SUMSQ coeff: 0.5", 27.5, [[10, -20, 30], [0, 40, -50]]),
-        ("operation: MEAN coeff: 3", 0.5, [[5, 5, 5], [5, 5, 5]]),
-        ("operation: 4 coeff: 3", 0.5, [[5, 5, 5], [5, 5, 5]]),  # MEAN; the enum starts at 1 in caffe.proto
-    ],
-)
+@pytest.mark.parametrize(("options", "y", "dx"), [
+    ("", 1, [[10, 10, 10], [10, 10, 10]]),
+    ("operation: ASUM", 15, [[10, -10, 10], [0, 10, -10]]),  # the gradient at 0 is 0
+    ("operation: SUMSQ coeff: 0.5", 27.5, [[10, -20, 30], [0, 40, -50]]),
+    ("operation: MEAN coeff: 3", 0.5, [[5, 5, 5], [5, 5, 5]]),
+    ("operation: 4 coeff: 3", 0.5, [[5, 5, 5], [5, 5, 5]]),  # MEAN; the enum starts at 1 in caffe.proto
+])
 def test_by_hand(run, options, y, dx):
     """The whole bottom is reduced to a scalar; the gradients agree for dy = 10."""
     done = run(text(options), X)

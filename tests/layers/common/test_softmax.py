@@ -1,9 +1,6 @@
 """Softmax."""
 
 import numpy as np
-import pytest
-
-pytestmark = pytest.mark.both_engines
 
 
 def test_by_hand(run):

@@ -13,8 +13,6 @@ import netlib
 from tests.support.bad_input import bad_inputs
 from tests.support.caffe_messages import datum, write_blob
 
-pytestmark = pytest.mark.both_engines
-
 
 def write(folder, entries, subdir=True):
     """Write a database of entries ``00000000 -> bytes``."""

@@ -9,8 +9,6 @@ from layers.data.images import decode_datum
 from tests.support.bad_input import bad_inputs
 from tests.support.caffe_messages import content, datum, number, one_by_one
 
-pytestmark = pytest.mark.both_engines
-
 
 @pytest.mark.parametrize("label", [0, 7, 300, 2**31 - 1, -1])
 def test_bytes_and_a_label(rng, label):

@@ -6,24 +6,19 @@ import pytest
 import netlib
 from tests.support.bad_input import bad_inputs
 
-pytestmark = pytest.mark.both_engines
-
 
 def data(options, tops=1):
     names = " ".join(f'top: "{"ab"[i]}"' for i in range(tops))
     return f'layer {{ name: "d" type: "DummyData" {names} dummy_data_param {{ {options} }} }}'
 
 
-@pytest.mark.parametrize(
-    ("options", "values"),
-    [
-        ("shape { dim: 2 dim: 3 } data_filler { value: 1.5 }", [[[1.5] * 3] * 2] * 2),
-        ("shape { dim: 2 } data_filler { value: 1 } data_filler { value: 2 }", [[1, 1], [2, 2]]),
-        ("shape { dim: 1 } shape { dim: 2 }", [[0], [0, 0]]),
-        ("num: 1 channels: 2 height: 1 width: 1", [[[[[0]], [[0]]]]] * 2),
-        ("num: 1 num: 2 channels: 1 height: 1 width: 1", [[[[[0]]]], [[[[0]]], [[[0]]]]]),
-    ],
-)
+@pytest.mark.parametrize(("options", "values"), [
+    ("shape { dim: 2 dim: 3 } data_filler { value: 1.5 }", [[[1.5] * 3] * 2] * 2),
+    ("shape { dim: 2 } data_filler { value: 1 } data_filler { value: 2 }", [[1, 1], [2, 2]]),
+    ("shape { dim: 1 } shape { dim: 2 }", [[0], [0, 0]]),
+    ("num: 1 channels: 2 height: 1 width: 1", [[[[[0]], [[0]]]]] * 2),
+    ("num: 1 num: 2 channels: 1 height: 1 width: 1", [[[[[0]]]], [[[[0]]], [[[0]]]]]),
+])
 def test_shapes_and_values_for_each_top_or_for_all(net_of, options, values):
     """Shapes and fillers apply to one top each or to all; the default is 0, and four sizes may replace a shape."""
     net = net_of(data(options, tops=2))

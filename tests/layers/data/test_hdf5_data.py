@@ -11,8 +11,6 @@ import netlib
 from tests.support.bad_input import bad_inputs
 from tests.support.hdf5_files import write_hdf5
 
-pytestmark = pytest.mark.both_engines
-
 
 @pytest.fixture
 def data(tmp_path, net_of):
@@ -100,17 +98,13 @@ def test_other_data_start_from_their_first_row(data):
     assert numbers(other, 1) == [0, 1, 2, 3]
 
 
-@pytest.mark.parametrize(
-    ("options", "kind"),
-    [
-        ({}, "in one piece"),
-        ({"chunks": (2, 2)}, "in chunks"),
-        ({"dtype": np.float64}, "float64"),
-        ({"dtype": np.uint8}, "bytes"),
-        ({"dtype": ">i2"}, "big-endian"),
-    ],
-    ids=lambda value: value if isinstance(value, str) else "",
-)
+@pytest.mark.parametrize(("options", "kind"), [
+    ({}, "in one piece"),
+    ({"chunks": (2, 2)}, "in chunks"),
+    ({"dtype": np.float64}, "float64"),
+    ({"dtype": np.uint8}, "bytes"),
+    ({"dtype": ">i2"}, "big-endian"),
+], ids=lambda value: value if isinstance(value, str) else "")
 @pytest.mark.parametrize("shuffle", [False, True])
 def test_any_storage_is_read(data, options, kind, shuffle):
     """Any layout and type of data is read and converted to the net's type."""
@@ -255,17 +249,14 @@ def test_files_with_something_wrong_in_them(tmp_path, net_of, request, given, re
         net_of(layer(tmp_path / "list.txt", 0 if "batch_size" in request.node.name else 2))
 
 
-@pytest.mark.parametrize(
-    ("rest", "link"),
-    [
-        ("/etc/hostname", ""),
-        ("../../private.h5", ""),
-        ("../near/below/private.h5", ""),
-        ("../../set/a/../../private.h5", ""),
-        ("link.h5", "../../private.h5"),
-        ("link/private.h5", "../.."),
-    ],
-)
+@pytest.mark.parametrize(("rest", "link"), [
+    ("/etc/hostname", ""),
+    ("../../private.h5", ""),
+    ("../near/below/private.h5", ""),
+    ("../../set/a/../../private.h5", ""),
+    ("link.h5", "../../private.h5"),
+    ("link/private.h5", "../.."),
+])
 def test_a_rest_elsewhere(tmp_path, net_of, rest, link):
     """rest_in may not refer to a file outside the folder of the data file and its neighbouring folders."""
     for folder in ("set/a", "set/near/below"):

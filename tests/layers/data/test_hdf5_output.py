@@ -8,8 +8,6 @@ import netlib
 from tests.support.bad_input import bad_inputs
 from tests.support.hdf5_files import write_hdf5
 
-pytestmark = pytest.mark.both_engines
-
 
 def text(path, x="dim: 2 dim: 3", t="dim: 2"):
     """Return a net of two inputs that are written to ``path``."""

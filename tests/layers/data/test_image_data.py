@@ -7,8 +7,6 @@ import pytest
 import netlib
 from tests.support.bad_input import bad_inputs
 
-pytestmark = pytest.mark.both_engines
-
 SIZES = [(4, 6), (4, 6), (4, 6), (5, 8), (3, 3)]
 
 

@@ -1,11 +1,8 @@
 """Input."""
 
-import pytest
 
 import netlib
 from tests.support.bad_input import bad_inputs
-
-pytestmark = pytest.mark.both_engines
 
 
 def test_one_shape_for_all_tops_or_one_for_each(net_of):

@@ -15,8 +15,6 @@ from layers.data.lmdb_file import BRANCH, LEAF, OVERFLOW, Cursor, Database
 from netlib.errors import DataError
 from tests.support.bad_input import bad_inputs
 
-pytestmark = pytest.mark.both_engines
-
 lmdb = pytest.importorskip("lmdb", reason="the package lmdb, which writes the databases, is not installed")
 
 Entries = dict[bytes, bytes]

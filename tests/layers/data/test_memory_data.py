@@ -6,8 +6,6 @@ import pytest
 import netlib
 from tests.support.bad_input import bad_inputs
 
-pytestmark = pytest.mark.both_engines
-
 NET = """layer { name: "d" type: "MemoryData" top: "x" top: "t"
                  memory_data_param { batch_size: 2 channels: 3 height: 1 width: 2 } }"""
 

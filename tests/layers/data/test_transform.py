@@ -12,8 +12,6 @@ from netlib.proto.messages import LayerParameter
 from tests.support.bad_input import bad_inputs
 from tests.support.caffe_messages import write_blob
 
-pytestmark = pytest.mark.both_engines
-
 
 def transformer(options, phase="TRAIN", source="<test>", dtype=np.float64):
     """Return a transformer with these options."""

@@ -8,8 +8,6 @@ import pytest
 
 import netlib
 
-pytestmark = pytest.mark.both_engines
-
 WIDE = [0, 0, 1, 1]  # a prior
 
 
@@ -32,14 +30,11 @@ def rows(run, options, *arrays, **more):
 # ---------------------------------------------------------------------------------------------- decoding
 
 
-@pytest.mark.parametrize(
-    ("code", "location", "box"),
-    [
-        ("CORNER", [1, 2, -1, 3], [0.3, 0.8, 0.3, 2.0]),  # corner + variance x location
-        ("CORNER_SIZE", [1, 2, -1, 3], [0.24, 0.56, 0.48, 1.28]),  # corner + variance x location x 0.4
-        ("CENTER_SIZE", [1, 2, math.log(2) / 0.3, math.log(3) / 0.4], [0.04, 0.16, 0.84, 1.36]),  # at (0.44, 0.76)
-    ],
-)
+@pytest.mark.parametrize(("code", "location", "box"), [
+    ("CORNER", [1, 2, -1, 3], [0.3, 0.8, 0.3, 2.0]),  # corner + variance x location
+    ("CORNER_SIZE", [1, 2, -1, 3], [0.24, 0.56, 0.48, 1.28]),  # corner + variance x location x 0.4
+    ("CENTER_SIZE", [1, 2, math.log(2) / 0.3, math.log(3) / 0.4], [0.04, 0.16, 0.84, 1.36]),  # at (0.44, 0.76)
+])
 def test_decoding_by_hand(run, code, location, box):
     """A prior of 0.4 x 0.4 at (0.2, 0.4) with variances 0.1 to 0.4, by hand for each code type."""
     priors = np.array([[0.2, 0.4, 0.6, 0.8], [0.1, 0.2, 0.3, 0.4]]).reshape(1, 2, 4)
@@ -67,16 +62,13 @@ def strips(*starts):
     return [[x, 0, x + 4, 1] for x in starts]
 
 
-@pytest.mark.parametrize(
-    ("options", "kept"),
-    [
-        ("nms_param { nms_threshold: 0.5 }", [0, 2]),  # overlap 3/5 with the first, then 1/3 and 3/5
-        ("nms_param { nms_threshold: 0.65 }", [0, 1, 2]),
-        ("nms_param { nms_threshold: 0.3 }", [0]),
-        ("", [0]),  # the default is 0.3
-        ("nms_param { nms_threshold: 0 }", [0]),
-    ],
-)
+@pytest.mark.parametrize(("options", "kept"), [
+    ("nms_param { nms_threshold: 0.5 }", [0, 2]),  # overlap 3/5 with the first, then 1/3 and 3/5
+    ("nms_param { nms_threshold: 0.65 }", [0, 1, 2]),
+    ("nms_param { nms_threshold: 0.3 }", [0]),
+    ("", [0]),  # the default is 0.3
+    ("nms_param { nms_threshold: 0 }", [0]),
+])
 def test_suppression(run, options, kept):
     """A box is dropped if it overlaps a kept one by more than the threshold; dropped ones suppress none."""
     boxes = strips(0, 1, 2)

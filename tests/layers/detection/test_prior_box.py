@@ -5,8 +5,6 @@ import math
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.both_engines
-
 
 def boxes(run, options, map_size=(1, 1), image=(10, 20), **more):
     """Return the boxes (positions and boxes at each, 4), in pixels of the image."""

@@ -17,8 +17,6 @@ import pytest
 import netlib
 from netlib.proto import messages, prototxt, wire
 
-pytestmark = pytest.mark.both_engines
-
 NET, RECORDED = (Path(__file__).with_name(f"small_ssd.{ending}") for ending in ("prototxt", "npz"))
 DETECTIONS = ("shared", "own", "corners")
 

@@ -13,8 +13,6 @@ import netlib
 from netlib.errors import LayerError
 from tests.support.bad_input import bad_inputs
 
-pytestmark = pytest.mark.both_engines
-
 LAYER = """
 layer { name: "in" type: "Input" top: "depth" top: "joint"
         input_param { shape { dim: 40 dim: 1 dim: 128 dim: 128 } shape { dim: 40 dim: 6 } } }

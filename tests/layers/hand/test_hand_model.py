@@ -10,8 +10,6 @@ from layers.hand.skeleton import load
 from tests.support.bad_input import bad_inputs
 from tests.support.nets import inputs
 
-pytestmark = pytest.mark.both_engines
-
 
 @pytest.fixture
 def text(tmp_path, arm_text):

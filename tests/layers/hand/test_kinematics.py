@@ -9,8 +9,6 @@ from layers.hand.bodies import kinematics_of
 from layers.hand.kinematics import Kinematics, rotation
 from layers.hand.skeleton import load
 
-pytestmark = pytest.mark.both_engines
-
 HAND = load()
 
 

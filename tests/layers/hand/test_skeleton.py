@@ -1,14 +1,11 @@
 """Skeleton: reading, writing and changing skeleton files, and invalid files."""
 
 import numpy as np
-import pytest
 
 import netlib
 from layers.hand.skeleton import load, load_for
 from layers.hand.skeleton_file import text_of
 from tests.support.bad_input import bad_inputs
-
-pytestmark = pytest.mark.both_engines
 
 HAND = load()
 

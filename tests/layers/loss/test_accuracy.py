@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.both_engines
-
 SCORES = [[3, 2, 1], [1, 3, 2], [2, 1, 3], [3, 1, 2]]
 
 

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.both_engines
-
 A = np.array([[3, 4], [3, 4], [0, 1], [1, 1]], np.float64)
 SIMILAR = [1, 0, 0, 0]  # distances to the origin are 5, 5, 1 and sqrt 2
 

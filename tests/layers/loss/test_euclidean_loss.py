@@ -1,9 +1,6 @@
 """EuclideanLoss."""
 
 import numpy as np
-import pytest
-
-pytestmark = pytest.mark.both_engines
 
 
 def test_by_hand(run):

@@ -1,8 +1,5 @@
 """HingeLoss."""
 
-import pytest
-
-pytestmark = pytest.mark.both_engines
 
 X = [[2, -3, 0.5], [0.5, 1, -1]]
 LABELS = [0, 1]  # margins 0 0 1.5 and 1.5 0 0; a margin of exactly 0 has gradient 0

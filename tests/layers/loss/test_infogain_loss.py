@@ -5,8 +5,6 @@ import pytest
 
 from netlib.proto import binaryproto
 
-pytestmark = pytest.mark.both_engines
-
 X = np.log([[1.0, 2, 5], [4, 2, 2]])  # probabilities 1/8 2/8 5/8 and 4/8 2/8 2/8
 H = [[1, 0, 0], [0, 1, 0], [0.5, 0, 2]]
 

@@ -7,8 +7,6 @@ from layers.loss import labels
 from netlib.proto import prototxt, schema
 from netlib.proto.messages import LossParameter
 
-pytestmark = pytest.mark.both_engines
-
 
 def loss_param(text):
     return schema.read(prototxt.parse(text, "<test>"), LossParameter)

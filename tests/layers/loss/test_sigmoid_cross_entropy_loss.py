@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.both_engines
-
 X = np.log([[1.0, 3], [1 / 3, 4]])  # probabilities 1/2 3/4 and 1/4 4/5
 TARGET = [[1, 0.5], [0, 1]]
 

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.both_engines
-
 
 def text(sigma=2.0):
     return f'type: "SmoothL1Loss" smooth_l1_loss_param {{ sigma: {sigma} }}'

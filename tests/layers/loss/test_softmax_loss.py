@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.both_engines
-
 X = np.log([[1.0, 2, 5], [4, 2, 2]])  # probabilities 1/8 2/8 5/8 and 4/8 2/8 2/8
 
 

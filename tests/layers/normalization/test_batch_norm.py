@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.both_engines
-
 TEXT = 'type: "BatchNorm"'
 KEPT = TEXT + " batch_norm_param { moving_average_fraction: 0.5 }"
 STORED = TEXT + " batch_norm_param { use_global_stats: true eps: 0 }"

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.both_engines
-
 
 def text(**options):
     return f'type: "LRN" lrn_param {{ {" ".join(f"{k}: {v}" for k, v in options.items())} }}'

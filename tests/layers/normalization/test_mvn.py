@@ -1,9 +1,6 @@
 """MVN: normalization of each channel or of each item, with or without the variance."""
 
 import numpy as np
-import pytest
-
-pytestmark = pytest.mark.both_engines
 
 X = np.array([[1.0, 3], [10, 30]]).reshape(1, 2, 1, 2)
 

@@ -3,9 +3,6 @@
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.both_engines
-
-
 NET = """
 input: "x" input_shape { dim: 2 dim: 3 }
 layer { name: "n" type: "Normalize" bottom: "x" top: "y" norm_param { channel_shared: false } }

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 from scipy.special import expit
 
-pytestmark = pytest.mark.both_engines
-
 
 def text(outputs=3, options=""):
     fillers = 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'

@@ -4,8 +4,6 @@ import math
 
 import pytest
 
-pytestmark = pytest.mark.both_engines
-
 TEXT = 'type: "LSTMUnit"'
 LN3 = math.log(3)  # sigmoid(ln 3) = 3/4, tanh(ln 3) = 4/5
 

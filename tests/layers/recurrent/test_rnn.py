@@ -5,8 +5,6 @@ import pytest
 
 from netlib.snapshots.snapshot import as_plain
 
-pytestmark = pytest.mark.both_engines
-
 
 def text(kind="RNN", outputs=3, options=""):
     fillers = 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'

@@ -10,8 +10,6 @@ from netlib.blob import Blob, Blobs
 from tests.support.nets import inputs
 from tests.support.plain_loops import check_transpose, convolve
 
-pytestmark = pytest.mark.both_engines
-
 
 def text(**options):
     options = {"num_output": 2, **options}

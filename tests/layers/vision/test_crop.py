@@ -1,9 +1,6 @@
 """Crop."""
 
 import numpy as np
-import pytest
-
-pytestmark = pytest.mark.both_engines
 
 
 def text(options=""):

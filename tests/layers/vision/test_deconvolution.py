@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.both_engines
-
 
 def text(kind="Deconvolution", **options):
     fields = " ".join(f"{name}: {value}" for name, value in {"num_output": 2, **options}.items())

@@ -5,8 +5,6 @@ import logging
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.both_engines
-
 FILLERS = 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
 
 

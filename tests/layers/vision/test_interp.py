@@ -5,8 +5,6 @@ import logging
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.both_engines
-
 
 def text(**options):
     return f'type: "Interp" interp_param {{ {" ".join(f"{k}: {v}" for k, v in options.items())} }}'
@@ -20,21 +18,17 @@ def test_by_hand(run):
     assert dx.tolist() == [[[[4, 4, 0], [0, 0, 4]]]]
 
 
-@pytest.mark.parametrize(
-    ("options", "size"),
-    [
-        ({"zoom_factor": 4}, (25, 21)),
-        ({"shrink_factor": 3}, (3, 2)),
-        ({"shrink_factor": 2, "zoom_factor": 3}, (10, 7)),
-        ({"height": 9, "width": 2}, (9, 2)),
-        ({"height": 9, "width": 2, "zoom_factor": 4}, (25, 21)),  # one factor takes precedence over a size
-        ({"height": 9, "width": 2, "shrink_factor": 3}, (3, 2)),
-        ({"height": 9, "width": 2, "shrink_factor": 2, "zoom_factor": 3}, (9, 2)),  # but not two
-        ({"zoom_factor": 2, "pad_beg": -1, "pad_end": -2}, (7, 5)),
-        ({"zoom_factor": 1}, (7, 6)),
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize(("options", "size"), [
+    ({"zoom_factor": 4}, (25, 21)),
+    ({"shrink_factor": 3}, (3, 2)),
+    ({"shrink_factor": 2, "zoom_factor": 3}, (10, 7)),
+    ({"height": 9, "width": 2}, (9, 2)),
+    ({"height": 9, "width": 2, "zoom_factor": 4}, (25, 21)),  # one factor takes precedence over a size
+    ({"height": 9, "width": 2, "shrink_factor": 3}, (3, 2)),
+    ({"height": 9, "width": 2, "shrink_factor": 2, "zoom_factor": 3}, (9, 2)),  # but not two
+    ({"zoom_factor": 2, "pad_beg": -1, "pad_end": -2}, (7, 5)),
+    ({"zoom_factor": 1}, (7, 6)),
+], ids=str)
 def test_sizes(run, rng, options, size):
     """The size follows from the options in the order of DeepLab's code; both corners are those of the cropped map."""
     x = rng.normal(size=(2, 3, 7, 6))

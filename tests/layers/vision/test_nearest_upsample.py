@@ -5,8 +5,6 @@ import pytest
 
 from fast.traits import traits_of
 
-pytestmark = pytest.mark.both_engines
-
 
 def text(options):
     return f'type: "Upsample" upsample_param {{ {options} }}'

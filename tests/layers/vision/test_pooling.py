@@ -10,8 +10,6 @@ from netlib.blob import Blob, Blobs
 from tests.support.nets import inputs
 from tests.support.plain_loops import outputs, pool
 
-pytestmark = pytest.mark.both_engines
-
 
 def text(**options):
     return f'type: "Pooling" pooling_param {{ {" ".join(f"{k}: {v}" for k, v in options.items())} }}'
@@ -124,14 +122,10 @@ def test_the_mask_by_hand(run):
     assert with_mask[0, 0].tolist() == [[0, 0, 0], [1, 0, 2], [3, 0, 4]]
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"kernel_size": 2, "stride": 2}, {"kernel_size": 3, "stride": 2, "pad": 1}, {"global_pooling": "true"},
-        {"kernel_h": 2, "kernel_w": 3, "pad_h": 1, "pad_w": 2}, {"kernel_size": 7, "stride": 3},
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize("options", [
+    {"kernel_size": 2, "stride": 2}, {"kernel_size": 3, "stride": 2, "pad": 1}, {"global_pooling": "true"},
+    {"kernel_h": 2, "kernel_w": 3, "pad_h": 1, "pad_w": 2}, {"kernel_size": 7, "stride": 3},
+], ids=str)
 def test_the_mask_says_where_the_maximum_is(run, rng, options):
     x = rng.normal(size=(2, 3, 5, 6))
     y, mask = run(text(**options), x, tops=2).ys

@@ -5,8 +5,6 @@ import math
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.both_engines
-
 
 def text(dim=1, group=2, scale=1.0):
     options = f"spatial_scale: {scale} output_dim: {dim} group_size: {group}"

@@ -5,8 +5,6 @@ import math
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.both_engines
-
 
 def text(height, pool="MAX"):
     return f'type: "SPP" spp_param {{ pyramid_height: {height} pool: {pool} }}'

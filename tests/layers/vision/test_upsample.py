@@ -5,8 +5,6 @@ import pytest
 
 from tests.support.nets import inputs
 
-pytestmark = pytest.mark.both_engines
-
 
 def text(**options):
     return f'type: "Upsample" upsample_param {{ {" ".join(f"{k}: {v}" for k, v in options.items())} }}'
@@ -32,19 +30,15 @@ def test_the_last_of_several_values_counts(run):
     assert done.backward(np.ones((1, 1, 4, 4)))[0].tolist() == [[[[0, 0], [1, 1]]]]
 
 
-@pytest.mark.parametrize(
-    ("options", "size"),
-    [
-        ({}, (4, 6)),
-        ({"scale": 3}, (6, 9)),
-        ({"scale_h": 2, "scale_w": 5}, (4, 15)),
-        ({"scale": 2, "pad_out_h": "true"}, (3, 6)),
-        ({"scale": 2, "pad_out_h": "true", "pad_out_w": "true"}, (3, 5)),
-        ({"upsample_h": 5, "upsample_w": 7}, (5, 7)),
-        ({"scale": 2, "upsample_h": 5, "upsample_w": 7}, (5, 7)),
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize(("options", "size"), [
+    ({}, (4, 6)),
+    ({"scale": 3}, (6, 9)),
+    ({"scale_h": 2, "scale_w": 5}, (4, 15)),
+    ({"scale": 2, "pad_out_h": "true"}, (3, 6)),
+    ({"scale": 2, "pad_out_h": "true", "pad_out_w": "true"}, (3, 5)),
+    ({"upsample_h": 5, "upsample_w": 7}, (5, 7)),
+    ({"scale": 2, "upsample_h": 5, "upsample_w": 7}, (5, 7)),
+], ids=str)
 def test_sizes(run, options, size):
     """The size is a multiple of that of the bottom, or the one given."""
     assert run(text(**options), np.zeros((2, 1, 2, 3)), np.zeros((2, 1, 2, 3))).y.shape == (2, 1, *size)

@@ -62,13 +62,10 @@ def test_the_elements_of_a_list_have_places_of_their_own() -> None:
     assert [str(f.position) for f in tree.fields] == ["f:1:7", "f:2:2"]
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (None, " cannot read the prototxt: No such file or directory"),
-        (b"\xff\xfe\x00", "1:1: error: not a text file (byte 0xff is not UTF-8)"),
-    ],
-)
+@pytest.mark.parametrize(("content", "message"), [
+    (None, " cannot read the prototxt: No such file or directory"),
+    (b"\xff\xfe\x00", "1:1: error: not a text file (byte 0xff is not UTF-8)"),
+])
 def test_files_that_cannot_be_read(tmp_path: Path, content: bytes | None, message: str) -> None:
     """A missing file and a file that is not text raise an error."""
     path = tmp_path / "n.prototxt"
