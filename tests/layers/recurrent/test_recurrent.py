@@ -179,9 +179,9 @@ LN3, TANH = math.log(3), math.tanh(2.1)  # sigmoid(ln 3) = 3/4, tanh(ln 3) = 4/5
 @pytest.mark.parametrize(("dc", "dh", "of_cell", "of_output"), [(1, 0, 1, 0), (0, 1, (1 - TANH**2) / 2, TANH / 4)])
 def test_an_lstm_unit_by_hand(by_hand, dc, dh, of_cell, of_output):
     """For i = f = 3/4, o = 1/2 and g = 4/5, c = 3/4 * 2 + 3/4 * 4/5 = 2.1 and h = tanh(c) / 2."""
-    dc_before, dx = of_cell * 3 / 4, [of_cell * 4 / 5 * 3 / 16, of_cell * 2 * 3 / 16, of_output, of_cell * 3 / 4 * 9 / 25]
+    dx = [of_cell * 4 / 5 * 3 / 16, of_cell * 2 * 3 / 16, of_output, of_cell * 3 / 4 * 9 / 25]
     by_hand("LSTMUnit", [[[[2]]], [[[LN3, LN3, 0, LN3]]], [[1]]], [[[[2.1]]], [[[TANH / 2]]]], [[[[dc]]], [[[dh]]]],
-            [[[[dc_before]]], [[dx]], None])
+            [[[[of_cell * 3 / 4]]], [[dx]], None])
 
 
 def test_an_lstm_unit_forgets_where_a_sequence_is_new(run):
