@@ -61,7 +61,6 @@ def test_training_goes_on_from_caffes_solver_state(solvers: Path, tmp_path: Path
 
 @ITERATIONS
 def test_our_snapshot_says_what_caffes_says(ours: Path, iteration: int) -> None:
-    """Weights, history, iteration and step of the snapshots of the same training agree with Caffe's."""
     name = f"{CASE}_iter_{iteration}"
     check_weights(ours / f"{name}.caffemodel.h5", f"snap/{name}.caffemodel.h5")
     check_state(ours / f"{name}.solverstate.h5", f"snap/{name}.solverstate.h5")
@@ -119,7 +118,6 @@ def test_both_formats_of_caffe_say_the_same(solvers: Path) -> None:
 
 @ITERATIONS
 def test_our_snapshot_is_caffes_binary_snapshot(ours: Path, iteration: int) -> None:
-    """Weights, history, iteration and step of the same training agree with Caffe's binary snapshot."""
     theirs = f"snap/snap_sgd_binaryproto_iter_{iteration}"
     check_weights(ours / f"{CASE}_iter_{iteration}.caffemodel.h5", f"{theirs}.caffemodel")
     check_state(ours / f"{CASE}_iter_{iteration}.solverstate.h5", f"{theirs}.solverstate")

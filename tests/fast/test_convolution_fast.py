@@ -215,7 +215,6 @@ def test_each_algorithm(algorithm: Algorithm, case: int, monkeypatch: pytest.Mon
     ((2, 16, 8, 16, 16), (16, 16, 3, 3, 3), 1, ["Rows", "Rows", "Rows"]),
 ])
 def test_the_choice(x_shape: tuple[int, ...], w_shape: tuple[int, ...], group: int, names: list[str]) -> None:
-    """Each kind of sizes has its algorithm for y, dx and dw."""
     pad = tuple(k // 2 for k in w_shape[2:])
     g = Geometry(w_shape[2:], (1, 1), pad, (1, 1), group)
     chosen = choose(g, x_shape, (x_shape[0], w_shape[0], *x_shape[2:]))
@@ -240,7 +239,6 @@ def name_of(algorithm: Algorithm) -> str:
 @pytest.mark.parametrize("text", USUAL)
 @pytest.mark.parametrize("batch", [1, 3, 100])
 def test_batches_in_float32(text: str, batch: int) -> None:
-    """Sizes as in usual nets, in small and large batches, agree with the plain layer within float32."""
     size = 16 if batch < 100 else 5
     compare("Convolution", text + ' weight_filler { type: "gaussian" }', (batch, 64, size, size),
             np.random.default_rng(batch), np.float32)

@@ -37,7 +37,6 @@ def test_any_number_of_images(rng, N, T):
 @pytest.mark.parametrize("tiled_bottom", [False, True])
 @pytest.mark.parametrize("T", [2, 4])
 def test_any_size(rng, size, tiled_bottom, T):
-    """Images of any size are pooled, from a plain bottom or from one in tiles of the same size."""
     x = rng.normal(size=(3, 2, *size))
     for top_tile in (None, 1, 2):
         compare(T, x, *pool(x, (T, T), (T, T), (0, 0)), T if tiled_bottom else None, top_tile)

@@ -16,7 +16,6 @@ pytestmark = pytest.mark.usefixtures("keep_threads")
 @pytest.mark.parametrize("threads", [1, 2, 5])
 @pytest.mark.parametrize("count", [0, 1, 2, 40])
 def test_every_job_is_done_once(threads: int, count: int) -> None:
-    """Every job runs once if there are more jobs than threads, fewer, or none."""
     netlib.set_threads(threads)
     done: list[int] = []
     parallel.run([lambda i=i: done.append(i) for i in range(count)])
@@ -24,7 +23,6 @@ def test_every_job_is_done_once(threads: int, count: int) -> None:
 
 
 def test_two_threads_work_at_the_same_time() -> None:
-    """Two jobs that wait for each other both end."""
     netlib.set_threads(2)
     both = threading.Barrier(2, timeout=60)
     parallel.run([both.wait, both.wait])
@@ -32,7 +30,6 @@ def test_two_threads_work_at_the_same_time() -> None:
 
 @pytest.mark.parametrize("threads", [1, 3])
 def test_the_first_error_is_raised(threads: int) -> None:
-    """The first error of a job is raised, and the pool can be used afterwards."""
     netlib.set_threads(threads)
 
     def fail() -> None:
@@ -46,7 +43,6 @@ def test_the_first_error_is_raised(threads: int) -> None:
 
 
 def test_a_job_may_run_jobs() -> None:
-    """A job that runs jobs executes them on its own thread, for any number of threads."""
     netlib.set_threads(2)
     done: list[int] = []
     parallel.run([lambda: parallel.run([lambda: done.append(1)] * 3)] * 4)

@@ -147,7 +147,6 @@ def test_slices_give_what_layer_by_layer_gives(
 
 @pytest.mark.parametrize("background", ["none", "nothing else", "another value", "nothing else, and zero"])
 def test_any_background_gives_the_same(net_of: MakeNet, background: str) -> None:
-    """Results are the same for images without background and for images with only background."""
     inputs = batch(4)
     if background == "none":
         inputs["depth"] = np.random.default_rng(0).normal(size=inputs["depth"].shape).astype(np.float32)
@@ -252,7 +251,6 @@ def test_what_overflows_is_computed_again_without_a_warning(net_of: MakeNet, how
 
 
 def test_a_reshape_that_changes_nothing_loses_nothing(net_of: MakeNet, expected: dict[str, Arrays]) -> None:
-    """After a reshape to the same shapes, a hidden blob still has the values of the last pass."""
     net = net_of(PAPER)
     everything(net, batch(10))
     net.reshape()
@@ -369,7 +367,6 @@ def test_blobs_of_different_numbers_of_items(net_of: MakeNet, rng: np.random.Gen
 
 
 def test_a_top_that_was_reshaped_by_hand(net_of: MakeNet) -> None:
-    """A top that the caller reshaped gets its shape back in the next pass."""
     net = net_of(SHARED)
     net.blobs["y"].reshape(2, 2)
     assert net.forward()["y"].shape == (4, 3)

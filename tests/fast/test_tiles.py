@@ -40,7 +40,6 @@ def test_tiles_and_back(shape: tuple[int, ...], one: int, other: int, spare: int
 
 
 def test_tiles_of_the_same_kind_are_not_copied() -> None:
-    """Tiles of the requested size and pitch are returned without a copy."""
     blob = tiled((2, 3, 4, 4), 2)
     out = np.empty(blob.storage_shape)
     assert tiles_of(blob, blob.data, 2, blob.pitch, out) is blob.data

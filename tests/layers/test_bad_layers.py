@@ -353,7 +353,6 @@ BAD = [
     for text, bottoms, line, tops in BAD
 })
 def test_layers_that_are_refused(given, rejected):
-    """Invalid options, and bottoms of other shapes or values than the layer takes, are an error with the position."""
     text, bottoms, tops = given
     with rejected:
         Run(text, arrays(bottoms), tops)
@@ -373,7 +372,6 @@ def test_layers_that_are_refused(given, rejected):
                      "<gradcheck>:1:1: error: layer 'it': bottom 'bottom0' has shape (2, 3), expected ..., in place 4"),
 })
 def test_texts_that_are_refused(given, rejected):
-    """A required field that is missing, an unknown value and a missing file are errors before the layer runs."""
     count = 3 if "Output" in given else 2 if "Loss" in given else 1
     with rejected:
         Run(given, [np.zeros((2, 3))] * count, in_place="MVN" in given)
@@ -433,7 +431,6 @@ def test_shapes_that_must_stay(given, rejected):
     )
 })
 def test_what_has_no_gradient(given, rejected):
-    """Requesting a gradient of indices, labels, weights or marks is an error."""
     kind, bottoms, wanted, tops = given
     options = {
         "Embed": "embed_param { num_output: 2 input_dim: 3 }",

@@ -53,13 +53,11 @@ every_type = pytest.mark.parametrize("name", list(CASES))
 
 
 def test_every_type_has_a_case() -> None:
-    """Every layer type has a case in support/layer_cases.py or is a data source."""
     assert set(CASES) | SOURCES == set(LAYER_TYPES)
 
 
 @every_type
 def test_the_gradient_agrees_with_differences(name: str) -> None:
-    """In TRAIN the gradient agrees with differences, away from kinks."""
     layer, bottoms = made(name)
     gradcheck.check(layer, bottoms, **CASES[name][2])
 
@@ -74,7 +72,6 @@ def test_another_batch_size_works(name: str) -> None:
 
 @pytest.mark.parametrize("name", [name for name in CASES if LAYER_TYPES[name].in_place])
 def test_in_place_if_it_says_so(name: str) -> None:
-    """A layer that supports it gives the same values and gradients in place."""
     layer, bottoms = made(name)
     options = CASES[name][2]
     if options.get("tops", 1) == 1:
@@ -125,7 +122,6 @@ def test_no_public_method_outside_the_contract(name: str) -> None:
 
 
 def test_types_that_share_a_block_read_the_same_in_it() -> None:
-    """Layer types that share an options block declare equal fields with equal numbers."""
     blocks: dict[str, list[Any]] = {}
     for name, cls in LAYER_TYPES.items():
         fields = [(f.name, f.type, f.metadata.get("number")) for f in dataclasses.fields(cls.param_type)]

@@ -205,7 +205,6 @@ def test_nets_that_cannot_share_parameters_share_none(net_of: MakeNet, other: st
 
 
 def test_stages_are_added_to_those_of_the_file(net_of: MakeNet) -> None:
-    """The caller's stages are added to those of the file, as in pycaffe."""
     text = X + "".join(f'layer {{ name: "{s}" type: "Silence" bottom: "x" include {{ stage: "{s}" }} }}' for s in "st")
     net = net_of(text + 'state { stage: "s" }', stages=["t"])
     assert {"s", "t"} <= set(net.layer_dict)

@@ -54,7 +54,6 @@ def in_a_thread(work: Callable[[], object]) -> BaseException | None:
 
 @pytest.mark.parametrize("use", ["forward", "backward", "reshape", "run_forward", "run_backward"])
 def test_a_second_thread_is_told(net_of: MakeNet, use: str) -> None:
-    """A second thread gets an error while the first is inside a layer, but not afterwards."""
     net = net_of(NET)
     said: list[BaseException | None] = []
     compute = net.layers[0].forward

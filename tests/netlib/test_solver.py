@@ -243,7 +243,6 @@ def test_an_output_of_changing_size_has_no_mean(solver_of: MakeSolver, rows: Non
 
 
 def test_a_test_net_that_is_not_finite_is_said(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture) -> None:
-    """A value of a test net that is not finite is logged with the place where it first occurs."""
     solver = solver_of(ONE_WEIGHT % "", "test_iter: 1 test_interval: 1")
     for weight, where in ((1, []), (np.nan, ["parameter 0 of layer 'ip'"])):
         solver.net.params["ip"][0].data[...] = weight
@@ -398,7 +397,6 @@ def test_a_solver_can_go_back(solver_of: MakeSolver, rows: None) -> None:
 
 
 def test_resume_says_what_it_restored(solver_of: MakeSolver, rows: None, caplog: pytest.LogCaptureFixture) -> None:
-    """The log names the restored weights, and states that the resume is exact if nothing has changed."""
     solver = solver_of(RANDOM, "momentum: 0.9")
     state = solver.snapshot()
     caplog.set_level("INFO", "netlib")

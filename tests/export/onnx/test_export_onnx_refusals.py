@@ -59,7 +59,6 @@ def test_a_net_without_a_batch(layers, shapes, message, files):
 
 
 def test_files_that_are_not_there(files):
-    """Missing nets, weights, blobs and folders, and weights of another net, are reported."""
     net, weights = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (1, 3))
     assert refusal("no.prototxt", weights) == ("no.prototxt: cannot read the prototxt: No such file or directory\n")
     assert "no.caffemodel.h5" in refusal(net, "no.caffemodel.h5")
@@ -73,7 +72,6 @@ def test_files_that_are_not_there(files):
 
 
 def test_no_input(files):
-    """A net without inputs cannot be exported."""
     Path("net.prototxt").write_text('layer { name: "a" type: "Input" top: "y" }')
     _, weights = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (1, 3))
     Path("net.prototxt").write_text('layer { name: "a" type: "Input" top: "x" }'
@@ -92,7 +90,6 @@ def test_a_missing_package(missing, more, files, monkeypatch):
 
 
 def test_a_difference_fails(files, monkeypatch):
-    """If the results differ, --check prints the difference and ends with status 1."""
     net, weights = files('layer { name: "a" type: "Power" bottom: "x0" top: "y" power_param { scale: 2 } }', (1, 3))
     monkeypatch.setitem(LAYERS, "Power", LAYERS["AbsVal"])
     _, out, err = run_tool("export_onnx", net, weights, "out.onnx", "--check", status=1)
@@ -102,6 +99,5 @@ def test_a_difference_fails(files, monkeypatch):
 
 
 def test_usage():
-    """The size of the cube must be valid."""
     done = run_tool("export_onnx", "net", "weights", "out", "--cube", "0", status=2)
     assert done.err.endswith("argument --cube: expected a number of at least 50 and at most 10000 mm, found '0'\n")

@@ -128,7 +128,6 @@ def test_a_whole_detector(tmp_path):
      "layer 'r': reads 'd', whose number of rows depends on values, which cannot be exported"),
 ])
 def test_refusals(options, more, message, files):
-    """What has no form in ONNX is an error of one line with the layer."""
     with pytest.raises(LayerError, match=message) as raised:
         onnx_image(detector(files, options, more=more))
     assert str(raised.value).startswith("net.prototxt:") and Path("net.prototxt").exists()

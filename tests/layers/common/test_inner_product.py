@@ -12,7 +12,6 @@ def text(options=""):
 
 
 def test_by_hand(run):
-    """y = x wᵀ + b and its three gradients agree."""
     done = run(text(), [[1, 2]], params=[[[1, 0], [0, 1], [3, -1]], [10, 20, 30]])
     assert done.y.tolist() == [[11, 22, 31]]
     [dx] = done.backward([[1, 0, 2]])
@@ -22,7 +21,6 @@ def test_by_hand(run):
 
 
 def test_a_transposed_weight(run, rng):
-    """A weight stored as (I, O) gives the same products."""
     x, w = rng.normal(size=(2, 4)), rng.normal(size=(3, 4))
     plain = run(text("bias_term: false"), x, params=[w])
     turned = run(text("bias_term: false transpose: true"), x, params=[w.T])

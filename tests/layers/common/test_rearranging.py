@@ -35,7 +35,6 @@ def test_by_hand(by_hand, layer, bottoms, tops, dy, dx):
 
 @pytest.mark.parametrize("axis", [0, 1, 2, -1])
 def test_concat_one_after_the_other(run, rng, axis):
-    """Bottoms are concatenated along any axis; the gradient is split the same way."""
     a, b, c = (rng.normal(size=(2, 3, 4)) for _ in range(3))
     done = run(f'type: "Concat" concat_param {{ axis: {axis} }}', a, b, c)
     assert np.array_equal(done.y, np.concatenate([a, b, c], axis))
@@ -87,14 +86,12 @@ def test_shuffle_channel_any_number_of_axes(run, rng, shape):
 
 
 def test_silence_it_reads_and_gives_no_gradient(run):
-    """Every element of the bottom diffs is set to 0."""
     done = run('type: "Silence"', np.ones(3), np.ones((2, 2)), tops=0)
     done.bottom[0].diff[...] = np.nan
     assert [dx.tolist() for dx in done.backward()] == [[0, 0, 0], [[0, 0], [0, 0]]]
 
 
 def test_silence_what_it_reads_is_no_output(net_of):
-    """A blob read by Silence is not an output of the net."""
     text = 'layer { name: "x" type: "Input" top: "x" top: "y" input_param { shape { dim: 2 } } } '
     assert net_of(text).outputs == ["x", "y"]
     assert net_of(text + 'layer { name: "s" type: "Silence" bottom: "x" }').outputs == ["y"]
@@ -107,7 +104,6 @@ def test_silence_what_it_reads_is_no_output(net_of):
      ("slice_point: 2 slice_point: 6", 3, [2, 4, 0], 1)],
 )
 def test_slice_parts(run, rng, options, tops, sizes, axis):
-    """The bottom is split into equal parts or at the slice points; the gradient is concatenated."""
     x = rng.normal(size=(4, 6, 5))
     done = run(f'type: "Slice" slice_param {{ {options} }}', x, tops=tops)
     assert [y.shape[axis] for y in done.ys] == sizes

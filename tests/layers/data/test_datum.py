@@ -38,14 +38,12 @@ def test_an_encoded_picture(rng, color, channels):
 
 
 def test_a_grey_picture_stays_grey_or_becomes_colour(rng):
-    """A gray image keeps one channel unless colour is requested."""
     png = cv2.imencode(".png", rng.integers(0, 256, (4, 5)).astype(np.uint8))[1].tobytes()
     assert decode_datum(datum(png, 0), None, "d")[0].shape == (1, 4, 5)
     assert decode_datum(datum(png, 0), True, "d")[0].shape == (3, 4, 5)
 
 
 def test_unknown_fields_are_skipped():
-    """Unknown fields of every wire type are skipped, as in protobuf."""
     more = number(99, 5) + content(98, b"abc") + one_by_one(97, np.ones(2)) + b"\x81\x01" + bytes(8)  # 16: a double
     image = np.array([[[1, 2]]], np.uint8)
     assert decode_datum(more + datum(image, 4) + more, None, "d")[1] == 4

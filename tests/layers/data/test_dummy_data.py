@@ -27,7 +27,6 @@ def test_shapes_and_values_for_each_top_or_for_all(net_of, options, values):
 
 
 def test_random_values_are_new_in_every_batch(net_of):
-    """Random fillers draw new values in every batch; constants stay."""
     net = net_of(data('shape { dim: 50 } data_filler { type: "gaussian" } data_filler { value: 3 }', tops=2))
     first = net.forward()["a"].copy()
     assert not np.array_equal(net.forward()["a"], first)

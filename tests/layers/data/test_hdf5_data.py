@@ -52,7 +52,6 @@ def numbers(net, batches):
 @pytest.mark.parametrize("counts", [[7], [3, 4], [1, 1, 5], [7] * 2])
 @pytest.mark.parametrize("batch", [1, 2, 5, 7, 20])
 def test_rows_come_in_order_over_file_ends_and_start_again(data, counts, batch):
-    """Rows are in order across files and repeat, for any batch size, also larger than the data."""
     total = sum(counts)
     batches = 3 * total // batch + 1
     assert numbers(data(counts, batch), batches) == [i % total for i in range(batches * batch)]
@@ -79,7 +78,6 @@ def test_the_order_depends_on_the_seed_only(data):
 @pytest.mark.parametrize("shuffle", [False, True])
 @pytest.mark.parametrize("done", [0, 1, 3, 10])
 def test_state_and_restore_go_on_with_the_next_row(data, shuffle, done):
-    """Restoring continues with the next row, in another net and in the same one."""
     net = data([5, 6], 4, shuffle)
     numbers(net, done)
     states = net.layer_states()
@@ -107,7 +105,6 @@ def test_other_data_start_from_their_first_row(data):
 ], ids=lambda value: value if isinstance(value, str) else "")
 @pytest.mark.parametrize("shuffle", [False, True])
 def test_any_storage_is_read(data, options, kind, shuffle):
-    """Any layout and type of data is read and converted to the net's type."""
     net = data([5, 6], 4, shuffle, **options)
     assert sorted(numbers(net, 11)) == sorted([*range(11)] * 4)
     assert net.blobs["x"].data.dtype == np.float32
@@ -141,7 +138,6 @@ def test_the_rest_of_a_file_in_another(data, tmp_path, net_of, monkeypatch, chun
 
 
 def test_a_row_by_its_number(data):
-    """Rows are numbered across all files, for tools that show examples."""
     made = data([3, 4], 2).layer_dict["d"]
     assert [float(made.row(i)[1]) for i in (0, 2, 3, 6)] == [0, 2, 3, 6]
     with pytest.raises(IndexError, match="there are 7 rows"):
@@ -158,13 +154,11 @@ def test_an_array_taken_from_a_top_is_good_until_the_next_forward(data):
 
 
 def test_it_says_what_the_data_are_made_from(data, tmp_path):
-    """The notes state the attribute ``made_from`` of the files."""
     made = data([3], 2).layer_dict["d"]
     assert made.notes == [f"3 rows in 1 files of {tmp_path}/list.txt, made from an unknown source"]
 
 
 def test_a_batch_of_more_rows_than_there_are_is_a_warning(data, caplog):
-    """A batch that is larger than the file repeats rows, with a warning."""
     data([3], 4)
     assert "layer 'd': batch_size 4 is more than the 3 rows of " in caplog.text
 
@@ -243,7 +237,6 @@ def of_two_shapes(folder):
                      "net.prototxt:1:...: error: layer 'd': batch_size must be at least 1"),
 })
 def test_files_with_something_wrong_in_them(tmp_path, net_of, request, given, rejected):
-    """A missing, invalid or truncated file is an error with its name and the expected content."""
     given(tmp_path)
     with rejected:
         net_of(layer(tmp_path / "list.txt", 0 if "batch_size" in request.node.name else 2))
@@ -338,7 +331,6 @@ def test_data_that_are_overwritten_in_place(tmp_path, net_of, row):
 
 
 def test_a_file_that_takes_the_place_of_another(data, tmp_path):
-    """The net continues to read the file that it opened."""
     net = data([5], 5)
     write_hdf5(tmp_path / "short.h5", x=np.zeros((1, 2)))
     (tmp_path / "short.h5").replace(tmp_path / "0.h5")

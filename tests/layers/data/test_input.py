@@ -6,7 +6,6 @@ from tests.support.bad_input import bad_inputs
 
 
 def test_one_shape_for_all_tops_or_one_for_each(net_of):
-    """Each top has its own shape; forward does not change the data."""
     net = net_of(
         'layer { name: "in" type: "Input" top: "a" top: "b" input_param { shape { dim: 2 } shape { dim: 3 } } }'
     )

@@ -103,7 +103,6 @@ def test_whatever_has_been_written_and_deleted(tmp_path: Path, seed: int) -> Non
 
 
 def test_going_on_from_a_key(tmp_path: Path) -> None:
-    """From a key the cursor moves to the last entry, stays there, and can return to the first."""
     cursor = Cursor(Database(write(tmp_path / "a", numbered(500))))
     assert cursor.set_key(b"00000497")
     assert [cursor.next() for _ in range(4)] == [True, True, False, False]
@@ -112,7 +111,6 @@ def test_going_on_from_a_key(tmp_path: Path) -> None:
 
 
 def test_several_cursors(tmp_path: Path) -> None:
-    """Several cursors of the same or of separate databases on one file move independently."""
     path = write(tmp_path / "a", numbered(500))
     database = Database(path)
     cursors = [Cursor(database), Cursor(database), Cursor(Database(path))]
@@ -167,7 +165,6 @@ def database_of(path: Path, *pages: bytes, depth: int, entries: int, size: int =
 
 @pytest.mark.parametrize("size", [512, 1024, 4096, 16384, 32768])
 def test_pages_of_any_size(tmp_path: Path, size: int) -> None:
-    """Every page size that LMDB supports is read, here with a branch, two leaves and a value of three pages."""
     value = bytes(range(251)) * (3 * size // 251)
     path = database_of(
         tmp_path / "a",
@@ -214,7 +211,6 @@ DAMAGED, UNSORTED = "; the database is damaged", "its keys are out of order, or 
     ))
 })
 def test_nothing_is_believed(tmp_path: Path, given: tuple[list[bytes], dict[str, int]], rejected: Any) -> None:
-    """Inconsistent numbers, lengths, depths and circular trees raise an error with the page."""
     path = database_of(tmp_path / "a", *given[0], **{"depth": 1, "entries": 2, **given[1]})
     with rejected:
         list(walked(path))
@@ -241,14 +237,12 @@ ORDER = (
     "byte order": (bytes(16) + b"\xbe\xef\xc0\xde" + bytes(9000), f".../a{ORDER[3:]}"),
 })
 def test_what_is_no_such_database(tmp_path: Path, given: bytes, rejected: Any) -> None:
-    """A file that is not a database, or is from another kind of machine, raises an error."""
     (tmp_path / "a").write_bytes(given)
     with rejected:
         Database(tmp_path / "a")
 
 
 def test_named_databases(tmp_path: Path) -> None:
-    """Named databases, which Caffe does not use, raise an error."""
     with lmdb.open(str(tmp_path / "a"), max_dbs=1) as database:
         database.open_db(b"x")
     with pytest.raises(DataError, match=r"page \d: b'x' is not an entry but a database within this one \(flags 0x2\)"):

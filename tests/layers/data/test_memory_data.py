@@ -43,7 +43,6 @@ def test_new_arrays_and_reset_begin_at_the_first_item(net_of, data):
 
 
 def test_a_resume_goes_on_at_the_same_place(net_of, data):
-    """With the same arrays a resumed net continues; with others it starts at the first item."""
     net, same, other = net_of(NET), net_of(NET), net_of(NET)
     for made, count in ((net, 6), (same, 6), (other, 4)):
         made.layer_dict["d"].set_input_arrays(data[0][:count], data[1][:count])
@@ -54,7 +53,6 @@ def test_a_resume_goes_on_at_the_same_place(net_of, data):
 
 
 def test_transform_param_is_ignored_with_a_warning(net_of, data, caplog):
-    """transform_param is ignored, as in Caffe, with a warning that a script sees."""
     net = net_of(NET[:-1] + "transform_param { scale: 2 } }")
     net.layer_dict["d"].set_input_arrays(*data)
     assert np.array_equal(net.forward()["x"], data[0][:2])
@@ -84,6 +82,5 @@ def test_mistakes(net_of, given, rejected):
 
 
 def test_a_size_of_0(net_of):
-    """A size of 0 raises an error with its position."""
     with pytest.raises(netlib.LayerError, match=r"^net.prototxt:2:64: error: layer 'd': height must be at least 1$"):
         net_of(NET.replace("height: 1", "height: 0"))

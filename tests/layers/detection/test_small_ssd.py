@@ -43,7 +43,6 @@ def sorted_rows(rows):
 
 
 def test_the_net_agrees_with_opencv(net, recorded):
-    """Normalized maps, permuted locations, priors and all detections agree."""
     found = net.forward(blobs=["norm1", "norm2", "loc1_perm", "priors"], data=recorded["data"])
     for name, expected in recorded.items():
         if name.startswith("opencv/"):

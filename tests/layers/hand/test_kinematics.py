@@ -56,7 +56,6 @@ def test_force_and_torque_on_numbers_worked_by_hand(body, arm_text):
 
 
 def test_a_fixed_dof_ignores_its_input_and_gets_no_gradient(body, arm_text, arm, rng):
-    """A fixed rotation and a fixed translation keep their initial value and get gradient 0."""
     text = arm_text.replace("initial: 0.25", "initial: 0.25 fixed: true")
     text = text.replace("initial: 0.5", "initial: 0.5 fixed: true")
     made, inputs = body(text), rng.normal(size=(20, 4))
@@ -69,7 +68,6 @@ def test_a_fixed_dof_ignores_its_input_and_gets_no_gradient(body, arm_text, arm,
 
 
 def test_a_negative_axis_turns_and_moves_the_other_way(body, arm_text, arm, rng):
-    """DoFs about or along a negative axis act in the opposite direction."""
     inputs = rng.normal(size=(12, 4))
     turned = body(arm_text.replace("axis: Z", "axis: NEG_Z").replace("initial: 0.25", "initial: -0.25"))
     assert np.allclose(turned.joints(inputs * [1, 1, -1, -1]), arm(inputs))
@@ -105,7 +103,6 @@ def test_jacobian_against_differences(body, arm_text, rng, joints, fixed):
 
 
 def test_bones_of_every_row(body, arm_text, arm, rng):
-    """Each pose may have its own bone lengths."""
     inputs, made = rng.normal(size=(4, 4)), body(arm_text)
     doubled = made.joints(inputs, np.tile(2 * made.skeleton.bones, (4, 1)))
     base = doubled[:, 2:]
@@ -182,7 +179,6 @@ def test_any_pose_keeps_the_bone_lengths(hand, pose):
 
 @given(poses, st.tuples(*[st.floats(-2, 2)] * 3))
 def test_moving_the_root_moves_all_joints_alike(hand, pose, shift):
-    """The first three DoFs translate all joints."""
     moved = pose.copy()
     moved[:3] += shift
     assert np.allclose(hand.joints(moved[None]) - hand.joints(pose[None]), shift)

@@ -11,7 +11,6 @@ HAND = load()
 
 
 def test_what_a_skeleton_knows(skeleton, arm_text):
-    """A skeleton has names in file order, limits, initial values, parents and bones."""
     body = skeleton(arm_text)
     assert body.name == "arm"
     assert body.dof_names == ["x", "y", "shoulder", "elbow"]
@@ -44,7 +43,6 @@ def test_the_hand_has_26_free_dofs_of_47_and_31_joints():
 
 
 def test_a_written_skeleton_reads_back_the_same(tmp_path):
-    """A written skeleton reads back with the same joints and DoFs, and writes the same text again."""
     path = tmp_path / "again.prototxt"
     path.write_text(text_of(HAND.param, "again", "A comment\nof two lines."))
     back = load(path)
@@ -121,7 +119,6 @@ def test_mistakes_in_a_skeleton_file(skeleton, arm_text, given, rejected):
     "no file": (None, netlib.NetlibError, "...gone.prototxt: cannot read the prototxt: No such file or directory"),
 })
 def test_what_is_no_skeleton(skeleton, tmp_path, given, rejected):
-    """A file without joints, and a missing file, raise an error with the file's name."""
     with rejected:
         load(tmp_path / "gone.prototxt") if given is None else skeleton(given)
 

@@ -38,7 +38,6 @@ def test_the_sums_normalise(run, text, phase):
 
 
 def test_sums_of_no_batch_are_zero(run):
-    """Before the first batch mean and variance are 0, not NaN."""
     assert np.allclose(run(TEXT, [[1], [7]], phase="TEST").y, np.array([[1], [7]]) / np.sqrt(1e-5))
 
 
@@ -59,12 +58,10 @@ def net_text(options):
 
 @pytest.mark.parametrize("options", ["", "param { lr_mult: 0 }", "param { lr_mult: 0 decay_mult: 0 }" * 3], ids=str)
 def test_a_solver_leaves_the_sums_alone(net_of, options):
-    """lr_mult of the sums is 0, with or without param blocks."""
     assert [param.spec.lr_mult for param in net_of(net_text(options)).learnable] == [0, 0, 0]
 
 
 def test_a_batch_without_items(run):
-    """An empty batch is valid with stored statistics."""
     assert run('type: "BatchNorm" batch_norm_param { use_global_stats: true }', np.zeros((0, 2))).y.shape == (0, 2)
 
 

@@ -133,7 +133,6 @@ def test_a_new_sequence_forgets_the_old_one(run, rng, kind):
 
 @kinds
 def test_a_resume_goes_on_exactly(net_of, rng, kind):
-    """The state survives a snapshot exactly, in the net's float32."""
     shapes = "shape { dim: 3 dim: 2 dim: 4 } shape { dim: 3 dim: 2 }"
     prototxt = (
         f'layer {{ name: "in" type: "Input" top: "x" top: "cont" input_param {{ {shapes} }} }}'

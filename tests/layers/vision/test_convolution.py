@@ -38,7 +38,6 @@ PAIRS = st.tuples(st.integers(1, 3), st.integers(1, 3))
     kernel=PAIRS, stride=PAIRS, pad=st.tuples(*[st.integers(0, 2)] * 2), dilation=PAIRS,
 )
 def test_any_options_give_what_plain_loops_give(N, per, group, size, kernel, stride, pad, dilation):
-    """The values agree with loops, and backward is the transpose of forward, for any options."""
     C = O = per * group
     if any(s + 2 * p < d * (k - 1) + 1 for s, p, d, k in zip(size, pad, dilation, kernel)):
         return
@@ -83,7 +82,6 @@ def test_the_output_size_is_rounded_down(run):
 
 
 def test_axes_before_the_channels_are_items(run, rng):
-    """With ``axis: 2`` the first two axes count items."""
     x = rng.normal(size=(2, 3, 1, 4, 4))
     five = run(text(kernel_size=2, axis=2), x)
     four = run(text(kernel_size=2), x.reshape(6, 1, 4, 4), params=[p.data for p in five.layer.blobs])

@@ -29,7 +29,6 @@ OPTIONS = [
 
 @pytest.mark.parametrize("options", OPTIONS[:-1], ids=str)
 def test_it_is_a_convolution_backwards(run, rng, options):
-    """The result equals the bottom gradient of a Convolution with the same weights."""
     x = rng.normal(size=(2, 2, 3, 4))
     done = run(text(**{**options, "bias_term": "false"}), x)
     back = run(text("Convolution", **{**options, "num_output": 2}), done.y, params=[done.layer.blobs[0].data])

@@ -34,7 +34,6 @@ OPTIONS = [
 @pytest.mark.parametrize("size", [(5, 6), (40, 33)], ids=str)
 @pytest.mark.parametrize("options", OPTIONS, ids=str)
 def test_it_is_a_convolution_with_a_group_per_channel(run, rng, options, size):
-    """Values and gradients, also of the parameters, are those of Convolution with the same weights."""
     x = rng.normal(size=(2, 3, *size))
     same = run(text("Convolution", num_output=3, group=3, **options), x)
     dy = rng.normal(size=same.y.shape)
@@ -55,7 +54,6 @@ def test_several_outputs_per_channel(run, rng):
 
 
 def test_several_bottoms(run, rng):
-    """DepthwiseConvolution applies the same kernels to every bottom, as Convolution does."""
     x = rng.normal(size=(2, 3, 4, 4))
     done = run(text("DepthwiseConvolution", num_output=3, group=3, kernel_size=3), x, x[:1], tops=2)
     assert np.allclose(done.ys[1], done.ys[0][:1])

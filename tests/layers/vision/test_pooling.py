@@ -70,7 +70,6 @@ PAIRS = st.tuples(st.integers(1, 4), st.integers(1, 4))
     mean=st.booleans(), ties=st.booleans(),
 )
 def test_any_window_gives_what_plain_loops_give(size, kernel, stride, pad, ceil, mean, ties):
-    """Values and gradients agree with loops for overlapping, padded and overhanging windows and for ties."""
     stride = tuple(min(s, k) for s, k in zip(stride, kernel))
     assume(all(p < k and outputs(n, k, s, p, ceil) > 0 for n, k, s, p in zip(size, kernel, stride, pad)))
     rng = np.random.default_rng(0)
@@ -95,7 +94,6 @@ def compare(options, x, y, share):
 
 
 def test_global_pooling_follows_the_size(run, rng):
-    """With global_pooling the window has the size of the bottom, even after a change."""
     done = run(text(global_pooling="true"), rng.normal(size=(2, 3, 4, 5)))
     assert np.allclose(done.y[..., 0, 0], done.bottom[0].data.max(axis=(2, 3)))
     done.bottom[0].reshape(2, 3, 7, 2)

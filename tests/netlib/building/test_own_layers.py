@@ -121,7 +121,6 @@ def test_the_old_name_of_param_str(tmp_path: Path, squares: None) -> None:
 
 
 def test_a_python_layer_may_derive_from_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A Python layer may subclass a built-in layer; its options remain those of a Python layer."""
     (tmp_path / "steeper.py").write_text("""
 from layers.activation.tanh import TanH
 
@@ -185,7 +184,6 @@ BESIDE = "it must lie in the working directory or on PYTHONPATH"
 def test_a_python_layer_that_is_not_there(
     squares: None, tmp_path: Path, given: str | tuple[str, str], rejected: Any
 ) -> None:
-    """The error names the missing module or class and where it was searched for; the advice depends on the cause."""
     content, text = given if isinstance(given, tuple) else ("", given)
     (tmp_path / "old.py").write_text(content)
     sys.modules.pop("old", None)

@@ -66,7 +66,6 @@ def text_of(net, *args, **options):
 
 
 def test_the_graph(net):
-    """Layers are boxes and blobs are octagons; names that Graphviz would misread are quoted."""
     text = text_of(net, "TB")
     assert text.startswith('digraph "small net" {\nrankdir=TB;\n')
     assert '"relu (ReLU)" [shape=record, fillcolor="#90EE90", style=filled];\n' in text  # in place

@@ -166,7 +166,6 @@ RESIZED = {
 
 @pytest.mark.parametrize("size", RESIZED)
 def test_resized_as_scikit_image_does(size):
-    """For one channel or three, the values agree with scikit-image."""
     found = io.resize_image(SMALL[..., None], size)
     assert found.dtype == np.float32
     np.testing.assert_allclose(found[..., 0], RESIZED[size], atol=1e-5)

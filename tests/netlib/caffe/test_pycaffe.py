@@ -65,7 +65,6 @@ def test_what_a_net_says_about_itself(net: pycaffe.Net) -> None:
 
 
 def test_numbers_of_blobs(net: pycaffe.Net) -> None:
-    """Bottoms, tops, inputs and outputs have the numbers of their blobs, which are positions in ``net.blobs``."""
     names = list(net.blobs)
     for i, name in enumerate(net._layer_names):
         assert [names[n] for n in net._bottom_ids(i)] == net.bottom_names[name]

@@ -67,7 +67,6 @@ def test_the_elements_of_a_list_have_places_of_their_own() -> None:
     (b"\xff\xfe\x00", "1:1: error: not a text file (byte 0xff is not UTF-8)"),
 ])
 def test_files_that_cannot_be_read(tmp_path: Path, content: bytes | None, message: str) -> None:
-    """A missing file and a file that is not text raise an error."""
     path = tmp_path / "n.prototxt"
     if content is not None:
         path.write_bytes(content)
@@ -87,7 +86,6 @@ def test_comments_and_strings_in_any_encoding(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["net.caffemodel", "net.caffemodel.h5"])
 def test_weights_in_place_of_a_net(name: str) -> None:
-    """Weights where a prototxt is expected, as with exchanged arguments, are named."""
     with pytest.raises(netlib.NetlibError, match=f"^{name}: found weights, expected a .prototxt; a net stands before"):
         netlib.Net(name, "net.prototxt", netlib.TEST)
 

@@ -60,7 +60,6 @@ def test_gradients_if_asked_for(net: netlib.Net) -> None:
 
 
 def test_double_precision_stays(net_of: Callable[..., netlib.Net]) -> None:
-    """float64 weights are written as double_data without loss."""
     net = net_of(NET, dtype=np.float64)
     net.params["a"][0].data[...] = 1 / 3
     found = binary_format.read_weights(image(net, "w"), "w")["a"][0]

@@ -103,7 +103,6 @@ def full_disk(*args: Any) -> None:
 def test_a_failure_leaves_the_old_pair(
     net: netlib.Net, names: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
 ) -> None:
-    """If the disk is full at any step, the old files stay unchanged and no temporary file remains."""
     write_pair(net, state_of(net, 5), *names)
     before = everything_in(tmp_path)
     net.params["a"][0].data[...] = 9
@@ -137,7 +136,6 @@ def test_a_checksum_does_not_admit_links_into_other_files(tmp_path: Path) -> Non
 
 
 def test_two_trainings_into_one_prefix(tmp_path: Path) -> None:
-    """A second training run with the same prefix raises an error; it may start after the first has ended."""
     with snapshot.prefix_in_use(tmp_path / "w"):
         with pytest.raises(netlib.WeightsError, match=rf"/w: another training .* \(process {os.getpid()}\); wait"):
             snapshot.prefix_in_use(tmp_path / "w").__enter__()
