@@ -6,9 +6,9 @@ import pytest
 
 import netlib
 from netlib.proto import prototxt
+from tests.support.nets import inputs
 
-X = 'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 dim: 3 } } }'
-T = 'layer { name: "t" type: "Input" top: "t" input_param { shape { dim: 2 } } }'
+X, T = inputs(x=(2, 3)), inputs(t=(2,))
 
 
 @pytest.mark.parametrize(("kind", "block"), [
