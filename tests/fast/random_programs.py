@@ -46,8 +46,7 @@ ELEMENTWISE = {"relu": "ReLU", "leaky": "ReLU", "relu6": "ReLU6", "tanh": "TanH"
                "unit": "Normalize"}
 KINDS = dict.fromkeys(ELEMENTWISE, 1) | {
     "relu": 5, "power": 2, "conv": 5, "two bottoms": 1, "shared": 1, "strided": 1, "max": 4, "ave": 1, "eltwise": 1,
-    "concat": 1, "product": 1, "shuffle": 1, "depthwise": 1, "interp": 1, "nearest": 1, "unpool": 1,
-    "permute": 1,
+    "concat": 1, "product": 1,
 }
 BN_OPTIONS = [
     "bn_mode: LEARN scale_filler { value: 2 }",
@@ -134,8 +133,6 @@ class NetText:
             self._join(number, kind, bottom, rng.choice(others))
         elif kind == "shared":
             self._windows(number, "conv", bottom, shared=True)
-        elif kind in ("shuffle", "depthwise", "interp", "nearest", "unpool", "permute"):
-            getattr(self, f"_{kind}")(number, bottom)
         elif kind == "product":
             self.fixed_size = True
             self._layer(number, "InnerProduct", [bottom], [f"b{number}"], "inner_product_param { num_output: 3 "
@@ -197,14 +194,6 @@ class NetText:
         if shared:
             self.shapes[f"b{number}y"] = self.shapes[f"b{number}"]
 
-    def _permute(self, number: int, bottom: str) -> None:
-        order = self.rng.sample([1, 2, 3], 3)
-        self.fixed_size |= order[0] != 1  # the number of channels is a size of the image
-        options = " ".join(f"order: {axis}" for axis in [0, *order])
-        self._layer(number, "Permute", [bottom], [f"b{number}"], f"permute_param {{ {options} }}")
-        C, H, W = (self.shapes[bottom][axis - 1] for axis in order)
-        self.shapes[f"b{number}"] = (C, H, W)
-
     def _join(self, number: int, kind: str, one: str, other: str) -> None:
         C, H, W = self.shapes[one]
         if kind == "eltwise":
@@ -214,53 +203,6 @@ class NetText:
         else:
             self._layer(number, "Concat", [one, other], [f"b{number}"])
         self.shapes[f"b{number}"] = (C, H, W) if kind == "eltwise" else (2 * C, H, W)
-
-    # Layers of Caffe's forks.
-
-    def _shuffle(self, number: int, bottom: str) -> None:
-        C, H, W = self.shapes[bottom]
-        group = self.rng.choice([n for n in range(1, C + 1) if C % n == 0])
-        options = f"shuffle_channel_param {{ group: {group} }}"
-        self._layer(number, "ShuffleChannel", [bottom], [f"b{number}"], options)
-        self.shapes[f"b{number}"] = C, H, W
-
-    def _depthwise(self, number: int, bottom: str) -> None:
-        rng, (C, H, W) = self.rng, self.shapes[bottom]
-        kind = rng.choice(["DepthwiseConvolution", "ConvolutionDepthwise"])
-        k, stride = rng.randint(1, 3), rng.randint(1, 2)
-        pad, times = rng.randint(0, k // 2), rng.randint(1, 2) if kind == "DepthwiseConvolution" else 1
-        if min(H, W) + 2 * pad < k:
-            return
-        options = (f"convolution_param {{ num_output: {C * times} group: {C} kernel_size: {k} stride: {stride} "
-                   f'pad: {pad} weight_filler {{ type: "gaussian" }} '
-                   'bias_filler { type: "uniform" min: -1 max: 1 } }')
-        self._layer(number, kind, [bottom], [f"b{number}"], options)
-        height, width = (_windows_along(n, k, stride, pad, up=False) for n in (H, W))
-        self.shapes[f"b{number}"] = C * times, height, width
-
-    def _interp(self, number: int, bottom: str) -> None:
-        C, H, W = self.shapes[bottom]
-        zoom = 2 if max(H, W) < 20 and self.rng.random() < 0.5 else 1
-        shrink = self.rng.choice([1, 2, 2, 3])
-        options = f"interp_param {{ zoom_factor: {zoom} shrink_factor: {shrink} }}"
-        self._layer(number, "Interp", [bottom], [f"b{number}"], options)
-        self.shapes[f"b{number}"] = C, ((H - 1) // shrink) * zoom + 1, ((W - 1) // shrink) * zoom + 1
-
-    def _nearest(self, number: int, bottom: str) -> None:
-        C, H, W = self.shapes[bottom]
-        scale = 2 if max(H, W) < 10 else 1
-        self._layer(number, "Upsample", [bottom], [f"b{number}"], f"upsample_param {{ scale: {scale} }}")
-        self.shapes[f"b{number}"] = C, scale * H, scale * W
-
-    def _unpool(self, number: int, bottom: str) -> None:
-        C, H, W = self.shapes[bottom]
-        if min(H, W) < 2:
-            return
-        options = "pooling_param { kernel_size: 2 stride: 2 }"
-        self._layer(100 + number, "Pooling", [bottom], [f"b{number}p", f"b{number}m"], options)
-        self._layer(number, "Upsample", [f"b{number}p", f"b{number}m"], [f"b{number}"])
-        self.shapes[f"b{number}p"] = C, (H + 1) // 2, (W + 1) // 2
-        self.shapes[f"b{number}"] = C, 2 * ((H + 1) // 2), 2 * ((W + 1) // 2)
 
     @property
     def text(self) -> str:
@@ -289,13 +231,9 @@ class Program:
         self.fixed_size, self.window = net.fixed_size, net.window
         show(net.text)
         param = load_parameter(prototxt.parse(net.text))
-
         phase = self.rng.choice([netlib.TRAIN, netlib.TRAIN, netlib.TEST])
-
         self.nets = self._build(param, phase, 1)
-        self.others = functools.cache(
-            lambda: self._build(param, phase, 2)
-        )  # built by the first program that shares parameters
+        self.others = functools.cache(lambda: self._build(param, phase, 2))  # built where parameters are shared
         for name, value in self._arrays().items():  # on constant images, rounding would decide the maxima of a pooling
             for net in self.nets:
                 net.blobs[name].data[...] = value

@@ -76,7 +76,7 @@ FORWARD = (
 )
 
 
-@pytest.mark.parametrize("module", ["ten", "layers", "tools", "tools.ten", "layers.ten"])
+@pytest.mark.parametrize("module", ["ten", "layers", "tools.ten"])
 def test_a_python_layer_that_imports_caffe(tmp_path: Path, module: str) -> None:
     """A Python layer can import caffe and use Python 2's xrange, also in a module named like one of the project's."""
     path = tmp_path / (module.replace(".", "/") + ".py")
@@ -157,8 +157,8 @@ def test_a_script_from_a_pipe_alone(tmp_path: Path) -> None:
     assert "needs code" in run_python("-m", "netlib.caffe", "-c", cwd=tmp_path, status=2).err
 
 
-@pytest.mark.parametrize(("level", "lines"), [("0", 1), ("1", 1), ("2", 0), ("9", 0), ("x", 1)])
-@pytest.mark.parametrize("inside", [True, False])
+@pytest.mark.parametrize(("level", "lines", "inside"),
+                         [("1", 1, True), ("2", 0, True), ("2", 0, False), ("9", 0, False), ("x", 1, False)])
 def test_a_quiet_script(tmp_path: Path, level: str, lines: int, inside: bool) -> None:
     """GLOG_minloglevel is obeyed, also if the script sets it before its import."""
     (tmp_path / "net.prototxt").write_text(inputs(x=(2,)))

@@ -21,9 +21,6 @@ pytestmark = pytest.mark.both_engines
 MakeNet = Callable[..., netlib.Net]
 
 
-# ---------------------------------------------------------------------------------------------- making
-
-
 def test_the_constructor_is_pycaffes(net_of: MakeNet, tmp_path: Path) -> None:
     (tmp_path / "net.prototxt").write_text(X + ip("ip", "x", "y"))
     first = netlib.Net(str(tmp_path / "net.prototxt"), netlib.TRAIN, seed=3)
@@ -49,9 +46,6 @@ def test_set_random_seed_decides_the_weights(net_of: MakeNet, monkeypatch: pytes
     assert found[0] == found[1]
     assert all(one != two for one, two in zip(found[1], found[2]))
     assert found[0][0] != found[0][1] != found[0][2]
-
-
-# ---------------------------------------------------------------------------------------------- running
 
 
 def test_forward_takes_inputs_and_gives_outputs(net_of: MakeNet) -> None:
@@ -104,9 +98,6 @@ def test_backward_from_one_layer_to_another(net_of: MakeNet) -> None:
     assert np.allclose(net.blobs["x"].diff, net.blobs["a"].diff @ net.params["a"][0].data)
 
 
-# ---------------------------------------------------------------------------------------------- gradients
-
-
 def test_param_diffs_add_up_until_they_are_cleared(net_of: MakeNet) -> None:
     net = net_of(X + ip("a", "x", "a") + loss("a"))
     diff = net.params["a"][0].diff  # stays the parameter's own, for a layer that keeps it
@@ -121,9 +112,6 @@ def test_param_diffs_add_up_until_they_are_cleared(net_of: MakeNet) -> None:
     net.clear_param_diffs()
     net.backward()
     assert np.allclose(diff, once)
-
-
-# ---------------------------------------------------------------------------------------------- weights
 
 
 def test_copy_from_copies_by_layer_name(net_of: MakeNet, tmp_path: Path) -> None:
@@ -210,9 +198,6 @@ def test_stages_are_added_to_those_of_the_file(net_of: MakeNet) -> None:
     assert {"s", "t"} <= set(net.layer_dict)
 
 
-# ---------------------------------------------------------------------------------------------- mistakes
-
-
 def test_weights_that_lack_a_layer(net_of: MakeNet, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """A layer without weights in the file keeps its initial values, as in pycaffe, and a note is logged."""
     small, text = net_of(X + ip("a", "x", "a")), X + ip("a", "x", "a") + ip("b", "a", "b")
@@ -223,8 +208,6 @@ def test_weights_that_lack_a_layer(net_of: MakeNet, tmp_path: Path, caplog: pyte
     assert np.array_equal(net.params["a"][0].data, small.params["a"][0].data)
     assert caplog.messages == [f"{tmp_path}/w.caffemodel has no weights for b; they keep their initial values"]
 
-
-# ------------------------------------------------------------------------------------------ diffs of losses
 
 WEIGHED = """force_backward: true
 layer { name: "a" type: "Input" top: "a" input_param { shape { dim: 3 dim: 4 } } }

@@ -171,9 +171,6 @@ def test_transform_param_is_rejected(tmp_path, net_of, options):
         net_of(text)
 
 
-# ---------------------------------------------------------------------------------------------- mistakes
-
-
 def listed(folder, *names, **datasets):
     """Write a.h5 and a list of the files with these names."""
     write_hdf5(folder / "a.h5", **datasets)

@@ -49,9 +49,6 @@ def only_file(path: Path) -> Path:
     return path / "data.mdb"
 
 
-# ---------------------------------------------------------------------------------------------- as the package reads
-
-
 @pytest.mark.parametrize(
     ("entries", "depth"),
     [
@@ -75,7 +72,7 @@ def test_entries_in_the_order_of_their_keys(tmp_path: Path, entries: Entries, de
     assert list(walked(path)) == sorted(entries.items())
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_whatever_has_been_written_and_deleted(tmp_path: Path, seed: int) -> None:
     """Databases with reused pages and changed values and trees are read correctly, and so are compact copies."""
     rng = random.Random(seed)
@@ -116,9 +113,6 @@ def test_several_cursors(tmp_path: Path) -> None:
     cursors = [Cursor(database), Cursor(database), Cursor(Database(path))]
     assert all(cursor.set_key(b"%08d" % (100 * i)) for i, cursor in enumerate(cursors))
     assert [cursor.next() and cursor.key for cursor in cursors] == [b"00000001", b"00000101", b"00000201"]
-
-
-# ---------------------------------------------------------------------------------------------- pages made by hand
 
 
 def page(kind: int, number: int, nodes: list[bytes], size: int) -> bytes:
@@ -249,20 +243,13 @@ def test_named_databases(tmp_path: Path) -> None:
         list(walked(tmp_path / "a"))
 
 
-# ---------------------------------------------------------------------------------------------- damage
-
 Damage = Callable[[bytearray, random.Random], int]
 
 
 def flipped_bit(content: bytearray, rng: random.Random) -> int:
-    """Flip any bit; at most one entry may change."""
-    content[rng.randrange(len(content))] ^= 1 << rng.randrange(8)
-    return 1
-
-
-def flipped_in_a_head(content: bytearray, rng: random.Random) -> int:
-    """Flip a bit in the numbers and offsets at the start of a page."""
-    content[4096 * rng.randrange(len(content) // 4096) + rng.randrange(160)] ^= 1 << rng.randrange(8)
+    """Flip any bit, every second time in the numbers at the start of a page; at most one entry may change."""
+    head = 4096 * rng.randrange(len(content) // 4096) + rng.randrange(160)
+    content[rng.choice((head, rng.randrange(len(content))))] ^= 1 << rng.randrange(8)
     return 1
 
 
@@ -273,24 +260,11 @@ def zeros(content: bytearray, rng: random.Random) -> int:
     return 2
 
 
-def another_number(content: bytearray, rng: random.Random) -> int:
-    """Replace any eight bytes by the number of a page."""
-    struct.pack_into("<Q", content, 2 * rng.randrange(len(content) // 2 - 4), rng.randrange(len(content) // 4096 + 2))
-    return 2
-
-
 def swapped_pages(content: bytearray, rng: random.Random) -> int:
     """Swap two pages."""
     a, b = (4096 * rng.randrange(len(content) // 4096) for _ in range(2))
     content[a : a + 4096], content[b : b + 4096] = content[b : b + 4096], content[a : a + 4096]
     return 2  # the later pages of a value are not numbered
-
-
-def repeated_page(content: bytearray, rng: random.Random) -> int:
-    """Replace a page by a copy of another."""
-    a, b = (4096 * rng.randrange(len(content) // 4096) for _ in range(2))
-    content[a : a + 4096] = content[b : b + 4096]
-    return 1
 
 
 def cut(content: bytearray, rng: random.Random) -> int:
@@ -308,9 +282,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, Entries]:
     return only_file(path).read_bytes(), {key: value for key, value in entries.items() if key not in gone}
 
 
-@pytest.mark.parametrize(
-    "damage", [flipped_bit, flipped_in_a_head, zeros, another_number, swapped_pages, repeated_page, cut]
-)
+@pytest.mark.parametrize("damage", [flipped_bit, zeros, swapped_pages, cut])
 def test_damage(tmp_path: Path, good: tuple[bytes, Entries], damage: Damage) -> None:
     """A damaged file raises a one-line error, or gives all entries with changes only at the damaged position."""
     content, entries = good

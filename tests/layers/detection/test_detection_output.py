@@ -27,9 +27,6 @@ def rows(run, options, *arrays, **more):
     return y[0, 0]
 
 
-# ---------------------------------------------------------------------------------------------- decoding
-
-
 @pytest.mark.parametrize(("code", "location", "box"), [
     ("CORNER", [1, 2, -1, 3], [0.3, 0.8, 0.3, 2.0]),  # corner + variance x location
     ("CORNER_SIZE", [1, 2, -1, 3], [0.24, 0.56, 0.48, 1.28]),  # corner + variance x location x 0.4
@@ -52,9 +49,6 @@ def test_a_location_for_each_class(run):
     locations = np.array([[[9, 9, 9, 9], [1, 0, 0, 0], [0, 2, 0, 0]]]).reshape(1, -1)
     found = rows(run, text(3, "share_location: false"), locations, [[0.2, 0.4, 0.6]], bottoms([WIDE], [0])[2])
     assert np.allclose(found, [[0, 1, 0.4, 0.1, 0, 1, 1], [0, 2, 0.6, 0, 0.2, 1, 1]])
-
-
-# ---------------------------------------------------------------------------------------------- selection
 
 
 def strips(*starts):
@@ -126,9 +120,6 @@ def test_values_that_are_not_finite(run):
     assert found.tolist() == [[0, 1, 0.5, -np.inf, -np.inf, np.inf, np.inf]]
 
 
-# ---------------------------------------------------------------------------------------------- plain loops
-
-
 def test_many_candidates_are_suppressed_in_blocks(run, rng):
     """Boxes that are kept overlap by at most 0.3, and each other one overlaps a kept one of a higher confidence."""
     corner = rng.uniform(0, 0.9, (700, 2))
@@ -144,9 +135,6 @@ def test_many_candidates_are_suppressed_in_blocks(run, rng):
     assert np.array_equal((overlaps & better).any(axis=1), ~is_kept)
     assert (np.diff(found[:, 2]) < 0).all()
     assert 64 < len(found) < 600
-
-
-# ---------------------------------------------------------------------------------------------- in nets, mistakes
 
 
 NET = """

@@ -36,9 +36,6 @@ def test_gradient_of_the_arm(check, text, rng):
     check(text, rng.normal(size=(3, 4)))
 
 
-# ---------------------------------------------------------------------------------------------- sizes
-
-
 @pytest.fixture
 def of_any(tmp_path, any_body):
     """The layer with a random body, and its skeleton."""

@@ -74,9 +74,6 @@ def test_slides_can_be_freed(skeleton, arm_text):
     assert np.array_equal(freed.initial, table.initial) and np.array_equal(freed.bones, table.bones)
 
 
-# ---------------------------------------------------------------------------------------------- broken files
-
-
 BONE = "expected half-cubes, at most 10 (half the edge of the cube around the body: of 300 mm, 1 is 150 mm)"
 LIMITS = "lower: -1 upper: 1"
 

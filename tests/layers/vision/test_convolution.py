@@ -88,9 +88,6 @@ def test_axes_before_the_channels_are_items(run, rng):
     assert np.allclose(five.y.reshape(four.y.shape), four.y)
 
 
-# ---------------------------------------------------------------------------------------------- any number of axes
-
-
 def direct(x, w, stride=1, pad=0, dilation=1):
     """Compute the definition for any number of axes: one sum of products per output."""
     axes = x.ndim - 2

@@ -103,9 +103,6 @@ def test_global_pooling_follows_the_size(run, rng):
     assert np.allclose(done.y[..., 0, 0], done.bottom[0].data.max(axis=(2, 3)))
 
 
-# ---------------------------------------------------------------------------------------------- the mask
-
-
 @pytest.mark.parametrize("options", [
     {"kernel_size": 2, "stride": 2}, {"kernel_size": 3, "stride": 2, "pad": 1}, {"global_pooling": "true"},
     {"kernel_h": 2, "kernel_w": 3, "pad_h": 1, "pad_w": 2}, {"kernel_size": 7, "stride": 3},
@@ -128,9 +125,6 @@ def test_a_layer_in_place_before_the_pooling_shows_in_the_mask(net_of, rng):
     )
     found = net.forward(x=-rng.uniform(1, 2, (2, 1, 6, 6)))["mask"]
     assert found[0, 0].tolist() == [[0, 2, 4], [12, 14, 16], [24, 26, 28]]
-
-
-# ---------------------------------------------------------------------------------------------- edges and mistakes
 
 
 @pytest.mark.parametrize("options", [{"kernel_size": 2, "stride": 2}, {"kernel_size": 3, "stride": 2}], ids=str)

@@ -192,8 +192,6 @@ def test_a_python_layer_that_is_not_there(
         net_with(text)
 
 
-# ---------------------------------------------------------------------------------------------- not allowed
-
 REFUSED = r"^f:1:\d+: error: layer 'own' is of type 'Python', which executes code of the net's author"
 
 
@@ -237,9 +235,6 @@ def test_a_process_without_python_layers(squares: None) -> None:
     netlib.Net(text_with(python("Square")), netlib.TRAIN)
 
 
-# ---------------------------------------------------------------------------------------------- names and options
-
-
 @pytest.mark.parametrize("name", ["", "/", ".", "a//b", "/a", "a/", "a/0", "\\000"])
 def test_a_name_that_hdf5_cannot_hold(name: str, tmp_path: Path) -> None:
     """Any layer name works in the binary format; HDF5 rejects an invalid name if the layer has parameters."""
@@ -261,8 +256,6 @@ def test_a_layer_with_its_own_init(squares: None) -> None:
     with pytest.raises(netlib.LayerError, match=r"layer 'own': __init__ failed: KeyError: 'own'"):
         net_with(python("Unprepared"))
 
-
-# ------------------------------------------------------------------------------------------ gradients
 
 TYPO = SQUARE.replace("def backward(", "def backwards(")
 ABSENT = SQUARE[: SQUARE.index("    def backward(")]

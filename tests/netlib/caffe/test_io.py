@@ -16,8 +16,6 @@ from netlib.errors import NetlibError
 
 SMALL = np.array([[0, 10, 20], [40, 30, 60]], np.float32)
 
-# ---------------------------------------------------------------------------------------------- messages
-
 
 def test_blobproto_and_back():
     """Values and gradients keep their shape and are returned in double precision, as in pycaffe."""
@@ -65,9 +63,6 @@ def test_datum_and_back(dtype, back):
 
 def test_datum_without_label():
     assert not io.array_to_datum(np.zeros((1, 1, 1))).HasField("label")
-
-
-# ---------------------------------------------------------------------------------------------- Transformer
 
 
 @pytest.fixture
@@ -150,8 +145,6 @@ def test_a_mean_without_transpose():
         transformer.preprocess("data", np.zeros((2, 4, 3)))
 
 
-# ---------------------------------------------------------------------------------------------- resize_image
-
 RESIZED = {
     (3, 4): [[0, 5.208333, 11.458333, 14.583334], [17.5, 20, 27.5, 35], [29.166668, 28.125, 34.375, 43.75]],
     (4, 6): [
@@ -194,9 +187,6 @@ def test_a_constant_image_stays_constant():
     assert (io.resize_image(np.full((2, 2, 3), 5), (3, 7)) == np.full((3, 7, 3), 5)).all()
 
 
-# ---------------------------------------------------------------------------------------------- oversample
-
-
 def test_ten_crops():
     image = np.arange(20, dtype=np.float32).reshape(4, 5, 1)
     crops = io.oversample([image, image + 100], (2, 2))
@@ -205,8 +195,6 @@ def test_ten_crops():
     assert crops[0, ..., 0].tolist() == [[0, 1], [5, 6]] and crops[5, ..., 0].tolist() == [[1, 0], [6, 5]]
     assert (crops[5:10] == crops[:5, :, ::-1]).all() and (crops[10:] == crops[:10] + 100).all()
 
-
-# ---------------------------------------------------------------------------------------------- load_image
 
 BGR = np.array([[[0, 51, 255], [255, 255, 255]]], np.uint8)  # one orange pixel, one white pixel
 RGB = [[[1, 0.2, 0], [1, 1, 1]]]

@@ -218,19 +218,6 @@ def test_parts_by_number(net: pycaffe.Net) -> None:
     assert net.params["a"][0].diff.any()
 
 
-def test_a_diff_set_by_hand_on_a_loss_counts(net: pycaffe.Net) -> None:
-    """A diff that is set on a loss is used until it is set again, as in Caffe."""
-    net.forward(x=X)
-    net.backward()
-    once = net.params["a"][0].diff.copy()
-    assert net.blobs["l"].diff == 2
-    net.blobs["l"].diff[...] = 6
-    for _ in range(2):
-        net.clear_param_diffs()
-        net.backward()
-        assert np.allclose(net.params["a"][0].diff, 3 * once, rtol=1e-5, atol=1e-6)
-
-
 def test_parameters_of_another_net(net: pycaffe.Net) -> None:
     """An assigned parameter, also by ``layers``, is the one that forward uses and that files contain."""
     other = pycaffe.Net("net.prototxt", netlib.TRAIN)

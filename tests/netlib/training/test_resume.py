@@ -105,9 +105,6 @@ def test_a_state_of_the_other_engine_goes_on(older: Path, names: tuple[str, str]
     assert 0 <= distance(weights(second), weights(first)) <= 1e-6
 
 
-# ---------------------------------------------------------------------------------------------- whole or refused
-
-
 def everything(solver: netlib.Solver) -> str:
     arrays = [*(p.blob.data for p in solver.net.learnable), *(a for h in solver.history for a in h)]
     states = [net.layer_states() for net in [solver.net, *solver.test_nets]]
@@ -194,8 +191,6 @@ def test_nothing_left_to_train_is_told(older: Path, caplog: pytest.LogCaptureFix
     assert netlib.get_solver("solver.prototxt", max_iter=5).solve("older_iter_5.solverstate.h5")
     assert "Nothing is left to train: max_iter is 5" in caplog.text
 
-
-# ---------------------------------------------------------------------------------------------- stops on the way
 
 WITH_TESTS: dict[str, Any] = {
     "test_iter": (3,),
