@@ -1,6 +1,5 @@
 """Data: LMDB databases."""
 
-import gc
 import os
 import sys
 
@@ -55,15 +54,6 @@ def test_without_labels(database, images, net_of):
     assert np.array_equal(net_of(text(database, top='top: "x"')).forward()["x"], images[:2])
 
 
-def test_floats_and_pictures(tmp_path, rng, net_of):
-    floats = rng.normal(size=(3, 4, 5)).astype(np.float32)
-    picture = rng.integers(0, 256, (4, 5, 3)).astype(np.uint8)
-    entries = [datum(floats, 1), datum(cv2.imencode(".png", picture)[1].tobytes(), 2)]
-    tops = net_of(text(write(tmp_path / "lmdb", entries))).forward()
-    assert np.array_equal(tops["x"], [floats, picture.transpose(2, 0, 1)])
-    assert tops["t"].tolist() == [1, 2]
-
-
 @pytest.mark.parametrize(("force", "channels"), [("force_color", 3), ("force_gray", 1)])
 def test_pictures_in_colour_or_in_grey(tmp_path, rng, net_of, force, channels):
     pictures = [rng.integers(0, 256, size).astype(np.uint8) for size in ((4, 5, 3), (4, 5))]
@@ -79,22 +69,6 @@ def test_transformed(database, images, net_of, tmp_path, rng):
     more = f'transform_param {{ crop_size: 2 scale: 0.5 mean_file: "{tmp_path}/mean.binaryproto" }}'
     x = net_of(text(database, more=more), netlib.TEST).forward()["x"]
     assert np.array_equal(x, ((images[:2] - mean) * np.float32(0.5))[:, :, 1:3, 2:4])
-
-
-def test_a_batch_has_the_size_of_its_first_image(tmp_path, net_of):
-    sizes = [(1, 2, 3), (2, 5, 4)]
-    path = write(tmp_path / "lmdb", [datum(np.ones(size, np.uint8), 0) for size in sizes])
-    net = net_of(text(path, "batch_size: 1"))
-    assert [net.forward()["x"].shape for _ in range(3)] == [(1, *sizes[i]) for i in (0, 1, 0)]
-
-
-def test_several_nets_read_one_database(database, net_of):
-    first, second = net_of(text(database)), net_of(text(database), netlib.TEST)
-    assert labels(first, 2) == [10, 11, 12, 13]
-    assert labels(second) == [10, 11]
-    del first
-    gc.collect()
-    assert labels(second) == [12, 13]
 
 
 def test_a_database_that_is_made_anew(database, images, net_of, tmp_path):

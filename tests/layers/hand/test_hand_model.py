@@ -32,10 +32,6 @@ def test_the_default_is_the_hand(run, rng):
     assert np.allclose(y.reshape(3, 31, 3), kinematics_of(load()).joints(x))
 
 
-def test_gradient_of_the_arm(check, text, rng):
-    check(text, rng.normal(size=(3, 4)))
-
-
 @pytest.fixture
 def of_any(tmp_path, any_body):
     """The layer with a random body, and its skeleton."""
