@@ -9,7 +9,6 @@ import pytest
 
 from tests.support.running import run_python
 
-ROOT = Path(__file__).resolve().parents[2]
 OURS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_CORETYPE")
 
 

@@ -16,11 +16,10 @@ from netlib.proto.messages import Filler, LayerParameter
 from netlib.proto.wire import WireError
 from netlib.system.memory import OutOfMemoryError
 from tests.support.bad_input import bad_inputs
-from tests.support.nets import X, inputs, ip, loss, shared
+from tests.support.nets import MakeNet, X, inputs, ip, loss, shared
 
 pytestmark = pytest.mark.both_engines
 
-MakeNet = Callable[..., netlib.Net]
 
 WRITTEN = (
     "is already written by layer {!r}; give it another name, or that of the bottom in the same place ({}) to run ..."

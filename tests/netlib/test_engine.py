@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-
 import pytest
 
 import netlib
 from netlib import engine
 from netlib.engine import Engine, Step
 from tests.netlib.conftest import ONE_WEIGHT, MakeSolver
-from tests.support.nets import X, ip
+from tests.support.nets import MakeNet, X, ip
 from tests.support.running import run_python
 
-ROOT = Path(__file__).resolve().parents[2]
-MakeNet = Callable[..., netlib.Net]
 needs_fast = pytest.mark.skipif(not engine.has_fast(), reason="the folder fast/ is not there")
 
 NET = X + ip("a", "x", "a") + 'layer { name: "r" type: "ReLU" bottom: "a" top: "a" }'

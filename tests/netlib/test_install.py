@@ -8,9 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.nets import inputs
-from tests.support.running import run_python
-
-ROOT = Path(__file__).resolve().parents[2]
+from tests.support.running import ROOT, run_python
 
 
 def run(code: str, folder: Path, *paths: Path) -> str:

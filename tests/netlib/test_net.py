@@ -14,11 +14,9 @@ import netlib
 from netlib.proto import prototxt
 from netlib.proto.messages import SolverParameter
 from tests.support.hdf5_files import write_hdf5
-from tests.support.nets import X, ip, loss
+from tests.support.nets import MakeNet, X, ip, loss
 
 pytestmark = pytest.mark.both_engines
-
-MakeNet = Callable[..., netlib.Net]
 
 
 def test_the_constructor_is_pycaffes(net_of: MakeNet, tmp_path: Path) -> None:

@@ -16,13 +16,13 @@ import pytest
 
 import netlib
 from netlib.net import OneThread
+from tests.support.nets import MakeNet
 from tests.support.running import run_python
 
 pytestmark = pytest.mark.both_engines
 
 OLDER = Path(__file__).parent / "older"
 RECORDINGS = Path(__file__).resolve().parents[1] / "caffe" / "solvers"
-MakeNet = Callable[..., netlib.Net]
 
 NET = """
     name: "hand"

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+
+import netlib
+
+MakeNet = Callable[..., netlib.Net]  # the fixture net_of
 
 
 def inputs(**shapes: Sequence[int]) -> str:

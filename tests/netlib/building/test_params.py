@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
-import netlib
-from tests.support.nets import X, ip, loss, shared
+from tests.support.nets import MakeNet, X, ip, loss, shared
 
 pytestmark = pytest.mark.both_engines
-
-MakeNet = Callable[..., netlib.Net]
 
 
 def test_shared_parameters_are_one(net_of: MakeNet) -> None:

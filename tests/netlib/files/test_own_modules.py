@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.running import run_python
+from tests.support.running import ROOT, run_python
 
-ROOT = Path(__file__).resolve().parents[3]
 NET = f"caffe.Net({str(ROOT / 'prototxt' / 'nyu_deploy.prototxt')!r}, caffe.TEST)"
 
 

@@ -13,11 +13,10 @@ from hypothesis import strategies as st
 import netlib
 from netlib.system import memory
 from netlib.system.memory import OutOfMemoryError, blocks, format_bytes
-from tests.support.nets import inputs
+from tests.support.nets import MakeNet, inputs
 
 pytestmark = pytest.mark.both_engines
 
-MakeNet = Callable[..., netlib.Net]
 
 INPUT = inputs(x=(10, 100))
 INNER = """layer { name: "FC1" type: "InnerProduct" bottom: "x" top: "y"
