@@ -1,13 +1,16 @@
-"""Threads: every job runs once, errors are raised, and jobs can run jobs."""
+"""Threads: every job runs once, errors are raised, jobs can run jobs, and each thread has its own buffers."""
 
 from __future__ import annotations
 
 import threading
 
+import numpy as np
 import pytest
 
 import netlib
 from fast import parallel
+from fast.fast_layer import FastLayer
+from netlib import gradcheck
 from netlib.engine import available_cpus
 
 pytestmark = pytest.mark.usefixtures("keep_threads")
@@ -59,3 +62,18 @@ def test_the_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setenv("NETLIB_NUM_THREADS", text)
         monkeypatch.setattr(parallel, "_helpers", None)
         assert netlib.threads() == expected
+
+
+def test_a_buffer_keeps_its_memory_for_each_thread() -> None:
+    """A buffer has zeros at first and in a new shape, and each thread has its own."""
+    layer = gradcheck.make_layer('type: "ReLU"', [np.zeros(3)])
+    assert isinstance(layer, FastLayer)
+    buffer = layer.buffer("b", (2, 3))
+    assert not buffer.any()
+    assert layer.buffer("b", (2, 3)) is buffer
+    assert layer.buffer("b", (4,)).shape == (4,)
+    found = []
+    thread = threading.Thread(target=lambda: found.append(layer.buffer("b", (4,))))
+    thread.start()
+    thread.join()
+    assert found[0] is not layer.buffer("b", (4,))

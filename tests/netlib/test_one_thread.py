@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import shutil
 import threading
 import warnings
 from collections.abc import Callable
@@ -16,13 +15,12 @@ import pytest
 
 import netlib
 from netlib.net import OneThread
+from tests.netlib.conftest import furnish
 from tests.support.nets import MakeNet
 from tests.support.running import run_python
 
 pytestmark = pytest.mark.both_engines
 
-OLDER = Path(__file__).parent / "older"
-RECORDINGS = Path(__file__).resolve().parents[1] / "caffe" / "solvers"
 
 NET = """
     name: "hand"
@@ -146,8 +144,7 @@ def test_a_forked_process_starts_threads_of_its_own(
     """A child trains on as its parent does, with threads and with a batch that the parent reads ahead."""
     if netlib.threads() > 1:
         netlib.set_threads(2)
-    shutil.copytree(OLDER, tmp_path, dirs_exist_ok=True)
-    (tmp_path / "list.txt").write_text(f"{RECORDINGS}/train0.h5\n{RECORDINGS}/train1.h5\n")
+    furnish(tmp_path)
     monkeypatch.chdir(tmp_path)
     solver = netlib.get_solver("solver.prototxt", snapshot=0)
     solver.step(1)

@@ -66,12 +66,10 @@ def weight(solver: netlib.Solver) -> float:
     return float(solver.net.params["ip"][0].data.item())
 
 
-# ---------------------------------------------------------------------------------------------- one iteration
-
-
 @pytest.mark.parametrize(("param", "options", "expected"), [
     ("", "", 1 - 0.1 * 2),
     ("param { lr_mult: 3 }", "", 1 - 0.3 * 2),
+    ("param { lr_mult: 0 }", "weight_decay: 0.5 momentum: 0.9", 1),
     ("", "weight_decay: 0.5", 1 - 0.1 * (2 + 0.5)),
     ("param { decay_mult: 4 }", "weight_decay: 0.5", 1 - 0.1 * (2 + 2)),
     ("", 'weight_decay: 0.5 regularization_type: "L1"', 1 - 0.1 * (2 + 0.5)),
@@ -87,12 +85,6 @@ def test_one_update_by_hand(solver_of: MakeSolver, param: str, options: str, exp
     solver.step(1)
     assert weight(solver) == pytest.approx(expected, rel=1e-6)
     assert solver.iter == 1
-
-
-def test_a_parameter_with_lr_mult_0_stays_and_is_not_decayed(solver_of: MakeSolver) -> None:
-    solver = solver_of(ONE_WEIGHT % "param { lr_mult: 0 }", "weight_decay: 0.5 momentum: 0.9")
-    solver.step(3)
-    assert weight(solver) == 1
 
 
 def test_the_loss_is_the_mean_over_iter_size_and_average_loss(solver_of: MakeSolver) -> None:
@@ -113,9 +105,6 @@ def test_the_same_seed_gives_the_same_training(solver_of: MakeSolver, rows: None
         solver.step(4)
     assert_same(weights(a), weights(b))
     assert not np.array_equal(weights(a)[0], weights(c)[0])
-
-
-# ---------------------------------------------------------------------------------------------- reports
 
 
 def messages(caplog: pytest.LogCaptureFixture, part: str) -> list[str]:
@@ -171,9 +160,6 @@ def test_a_rate_beyond_all_numbers_ends_the_training(solver_of: MakeSolver, poli
         solver.step(1)
 
 
-# ---------------------------------------------------------------------------------------------- net states
-
-
 @pytest.mark.parametrize(("of_net", "of_solver", "layers"), [
     ("", "", "x t ip loss"),
     ("", "level: -1", "x t ip loss low"),
@@ -199,9 +185,6 @@ def test_the_state_of_the_training_net(solver_of: MakeSolver, of_net: str, of_so
     )
     solver = solver_of(ONE_WEIGHT % "" + more + f"state {{ {of_net} }}", f"train_state {{ {of_solver} }}")
     assert [name for name in solver.net.layer_dict if "split" not in name] == layers.split()
-
-
-# ---------------------------------------------------------------------------------------------- test nets
 
 
 def test_without_test_iter_nothing_is_tested(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture) -> None:
@@ -295,9 +278,6 @@ def test_several_test_nets(solver_of: MakeSolver, tmp_path: Path, caplog: pytest
     assert messages(caplog, "Testing net") == [f"Iteration 0, Testing net (#{i})" for i in (0, 1)]
 
 
-# ---------------------------------------------------------------------------------------------- snapshots
-
-
 @pytest.mark.parametrize(("options", "expected"), [
     ("max_iter: 5 snapshot: 2", [2, 4, 5]),
     ("max_iter: 4 snapshot: 2", [2, 4]),
@@ -355,9 +335,6 @@ def test_a_request_is_met_after_the_iteration(solver_of: MakeSolver, tmp_path: P
     assert solver.iter == (3 if request_ == "stop" else 6)
     assert [path.name for path in tmp_path.glob("*.solverstate")] == ["snap_iter_3.solverstate"]
     assert solver.requested is None
-
-
-# ---------------------------------------------------------------------------------------------- resume
 
 
 @pytest.mark.parametrize("rule", list(RULES))
@@ -489,9 +466,6 @@ def test_weights_of_another_net_change_nothing(solver_of: MakeSolver, tmp_path: 
     assert not np.array_equal(before[0], after[0])
 
 
-# ---------------------------------------------------------------------------------------------- divergence
-
-
 def test_a_nan_behind_finite_weights_names_the_top(solver_of: MakeSolver) -> None:
     log = 'layer { name: "log" type: "Log" bottom: "y" top: "logy" } layer { name: "loss"'
     text = (
@@ -525,9 +499,6 @@ def test_a_diverging_training_leaves_the_last_good_snapshot(solver_of: MakeSolve
         found = snapshot.read_weights(path)
         assert np.isfinite(found["ip"][0]).all(), path.name
     assert len(list(tmp_path.glob("*.caffemodel"))) == solver.iter
-
-
-# ---------------------------------------------------------------------------------------------- mistakes
 
 
 NEEDS = "expected one of net, net_param, train_net, train_net_param; found net, train_net"

@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 
 
-def test_by_hand(run):
-    done = run('type: "Filter"', [[1, 2], [3, 4], [5, 6], [7, 8]], [10, 20, 30, 40], [0, 1, 0, -0.5], tops=2)
-    assert [y.tolist() for y in done.ys] == [[[3, 4], [7, 8]], [20, 40]]
-    dx, dlabel, _ = done.backward([[1, 2], [3, 4]], [5, 6], wanted=[True, True, False])
-    assert dx.tolist() == [[0, 0], [1, 2], [0, 0], [3, 4]]
-    assert dlabel.tolist() == [0, 5, 0, 6]
+def test_by_hand(by_hand):
+    by_hand("Filter", [[[1, 2], [3, 4], [5, 6], [7, 8]], [10, 20, 30, 40], [0, 1, 0, -0.5]],
+            [[[3, 4], [7, 8]], [20, 40]], [[[1, 2], [3, 4]], [5, 6]],
+            [[[0, 0], [1, 2], [0, 0], [3, 4]], [0, 5, 0, 6], None])
 
 
 @pytest.mark.parametrize(("selector", "passed"), [([[1], [1], [1]], 3), ([[[0]], [[0]], [[2]]], 1), ([0, 0, 0], 0)])

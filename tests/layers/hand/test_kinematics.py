@@ -24,9 +24,6 @@ def hand(engine_in_use):
     return kinematics_of(HAND)
 
 
-# ---------------------------------------------------------------------------------------------- the arm
-
-
 @pytest.mark.parametrize("N", [1, 3, 8, 9, 40])
 def test_a_planar_arm_is_its_closed_form(body, arm_text, arm, rng, N):
     """Joints are in file order, even if children precede their parents, for few poses and for many."""
@@ -150,9 +147,6 @@ def test_the_force_along_a_bone_worked_by_hand(body, arm_text):
     assert np.allclose(made.backward_bones(pose, dX), [[2, 5, 0]])
 
 
-# ---------------------------------------------------------------------------------------------- the hand
-
-
 def test_one_pose_by_hand(hand):
     """With the palm unrotated and all angles 0, the ring finger is a straight line along its metacarpal."""
     [joints] = hand.joints(-HAND.initial[None] * ~HAND.fixed)
@@ -262,9 +256,6 @@ def test_rotations():
         many = rotation(axis, np.array([[0.3, -2.0]]))
         assert many.shape == (1, 2, 3, 3)
         assert np.allclose(many[0, 1], rotation(axis, -2.0))
-
-
-# ------------------------------------------------------------------------------------------------ a forward_pose
 
 
 @pytest.mark.parametrize("N", [1, 4, 40])

@@ -26,21 +26,13 @@ def test_blobproto_and_back():
     assert diff.tolist() == [[[0.5] * 3] * 2]
 
 
-def test_blobproto_of_four_axes():
-    """Old files have num, channels, height and width instead of a shape."""
-    blob = caffe_pb2.BlobProto(num=1, channels=2, height=1, width=2, data=[1, 2, 3, 4])
-    assert io.blobproto_to_array(blob).tolist() == [[[[1, 2]], [[3, 4]]]]
-
-
-def test_blobproto_in_double_precision():
-    """double_data is read; pycaffe ignores it."""
-    blob = caffe_pb2.BlobProto(double_data=[0.1, 0.2])
-    blob.shape.dim.append(2)
-    assert io.blobproto_to_array(blob).tolist() == [0.1, 0.2]
-
-
-def test_blobproto_without_shape():
-    assert io.blobproto_to_array(caffe_pb2.BlobProto(data=[7])).shape == ()
+@pytest.mark.parametrize(("blob", "array"), [
+    (caffe_pb2.BlobProto(num=1, channels=2, height=1, width=2, data=[1, 2, 3, 4]), [[[[1, 2]], [[3, 4]]]]),  # old
+    (caffe_pb2.BlobProto(double_data=[0.1, 0.2], shape={"dim": [2]}), [0.1, 0.2]),  # which pycaffe ignores
+    (caffe_pb2.BlobProto(data=[7]), 7),
+])
+def test_other_blobprotos(blob, array):
+    assert io.blobproto_to_array(blob).tolist() == array
 
 
 def test_blobprotovector():

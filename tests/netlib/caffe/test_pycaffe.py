@@ -285,9 +285,6 @@ def test_images_in_memory() -> None:
         pycaffe.Net("net.prototxt", netlib.TEST).set_input_arrays(X, X)
 
 
-# ---------------------------------------------------------------------------------------------- solvers
-
-
 def test_the_class_of_a_solver() -> None:
     """A solver class uses its own update rule regardless of the file's type; get_solver uses the file's type."""
     adam = Path("adam.prototxt")
@@ -378,9 +375,6 @@ def test_a_solver_lends_its_weights() -> None:
     solver.share_weights(net)
     solver.net.params["a"][0].data[...] = 7
     assert (net.params["a"][0].data == 7).all()
-
-
-# ---------------------------------------------------------------------------------------------- the process
 
 
 def test_what_a_gpu_could_do_is_one_note(caplog: pytest.LogCaptureFixture) -> None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 import pytest
 
-from tests.support.running import ROOT, run_python
+from tests.netlib.conftest import furnish
+from tests.support.running import run_python
 
 KILLS = """
 import os, sys
@@ -76,7 +76,5 @@ print(resumed, refused)
     [("HDF5", ".h5", "is empty", "9 3"), ("BINARYPROTO", "", "overwrites", "18 3")],
 )
 def test_a_kill_before_each_rename(tmp_path: Path, format_: str, suffix: str, folder: str, counts: str) -> None:
-    shutil.copytree(ROOT / "tests/netlib/older", tmp_path, dirs_exist_ok=True)
-    recordings = ROOT / "tests/caffe/solvers"
-    (tmp_path / "list.txt").write_text(f"{recordings}/train0.h5\n{recordings}/train1.h5\n")
+    furnish(tmp_path)
     assert run_python("-c", KILLS, format_, suffix, folder, cwd=tmp_path).out == f"{counts}\n"

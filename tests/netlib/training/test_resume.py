@@ -18,26 +18,18 @@ import netlib
 from netlib import engine
 from netlib.snapshots import hdf5_format, snapshot
 from netlib.snapshots.solver_state import SolverState
+from tests.netlib.conftest import RECORDINGS, furnish
 
 pytestmark = pytest.mark.both_engines
 
-OLDER = Path(__file__).parents[1] / "older"
-RECORDINGS = Path(__file__).resolve().parents[2] / "caffe" / "solvers"
 WEIGHTS_BITS, HISTORY_BITS = 1909220512, 2251532900  # CRC-32 of the arrays in checked_iter_5.*, in both formats
 
 
 @pytest.fixture
 def older(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Make a folder with a small net, shuffled data, dropout and a state of version 0.1.0 the working directory."""
     furnish(tmp_path)
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-def furnish(folder: Path) -> None:
-    """Copy the net and the state of version 0.1.0 to a folder, and list the recorded data."""
-    shutil.copytree(OLDER, folder, dirs_exist_ok=True)
-    (folder / "list.txt").write_text(f"{RECORDINGS}/train0.h5\n{RECORDINGS}/train1.h5\n")
 
 
 @pytest.fixture(scope="module")
