@@ -1,7 +1,5 @@
 """Layers that cannot be built or run: options, shapes or values of the bottoms, and the line of the error."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from netlib.errors import DataError, LayerError, PrototxtError

@@ -1,7 +1,5 @@
 """tools/export_onnx.py exports the paper's and the packaged network, and other runtimes compute the same results."""
 
-from __future__ import annotations
-
 import json
 import re
 

@@ -1,7 +1,5 @@
 """Every mistake in a call of tools/export_onnx.py gives one line."""
 
-from __future__ import annotations
-
 import re
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """export/onnx/net.py and graph.py: whole nets, and their shapes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Layers of one value to one value, on numbers worked by hand, in new tops and in place."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

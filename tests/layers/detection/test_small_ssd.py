@@ -7,8 +7,6 @@ weights were chosen such that no decision depends on rounding. To record again, 
 .caffemodel, with norm2's scale of shape (1,), which OpenCV requires.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """caffe.draw: a net as a graph. Tests that need pydot or Graphviz are skipped without them."""
 
-from __future__ import annotations
-
 import shutil
 
 import pytest

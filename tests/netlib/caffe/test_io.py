@@ -1,7 +1,5 @@
 """caffe.io: messages and arrays, the Transformer, images. Expected values of resized images are scikit-image's."""
 
-from __future__ import annotations
-
 import sys
 from io import BytesIO
 from types import ModuleType
