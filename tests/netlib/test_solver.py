@@ -522,8 +522,6 @@ NO_INTERVAL = "1 test nets, but no test_interval; expected at least 1"
         ("test_iter: 1 test_interval: 0", f"21: error: {NO_INTERVAL}"),
         ("test_iter: 1 test_interval: 1 test_state { } test_state { }",
          "51: error: 2 test_state for 1 test nets; expected one each"),
-        ("momentun: 0.9", "21: error: unknown field 'momentun' (did you mean 'momentum'?)"),
-        ('base_lr: "much"', "30: error: 'base_lr' expects a number, found \"much\""),
         ('solver_type: ADAM type: "SGD"',
          "21: error: solver_type ADAM contradicts type 'SGD', which Caffe reads; expected one of them"))
 })

@@ -187,14 +187,6 @@ def test_turning_the_root_keeps_all_distances(hand, pose, angle):
     assert np.allclose(*distances)
 
 
-def test_few_poses_and_many_agree(hand, rng):
-    """A few poses at a time, all together, and with the data for backward give the same joints."""
-    inputs = rng.normal(size=(20, 47))
-    together = hand.joints(inputs)
-    assert np.allclose(np.concatenate([hand.joints(inputs[i : i + 3]) for i in range(0, 20, 3)]), together, atol=1e-14)
-    assert np.allclose(hand.forward(inputs).joints, together, atol=1e-14)
-
-
 def test_float32_costs_digits_of_float32_only(hand, rng):
     """float32 loses only float32 precision, even far from the origin, as torques are computed about local points."""
     inputs, dX = rng.normal(0, 0.5, (20, 47)).astype(np.float32), rng.normal(size=(20, 31, 3)).astype(np.float32)

@@ -176,10 +176,6 @@ BESIDE = "it must lie in the working directory or on PYTHONPATH"
              "f:1:186: error: layer 'own': layers.Absent was looked for in this project's own package "
              "(...__init__.py); expected a module 'layers' with it in the working directory or on PYTHONPATH"),
     "no class": (python("").replace('layer: ""', ""), "f:1:...: error: missing required field 'layer' in python_param"),
-    "misspelt": (python("Square").replace("module", "modul"),
-                 "f:1:...: error: unknown field 'modul' (did you mean 'module'?)"),
-    "no options": ('layer { name: "ip" type: "InnerProduct" bottom: "x" top: "y" }',
-                   "f:1:104: error: missing required field 'num_output' in inner_product_param"),
 })
 def test_a_python_layer_that_is_not_there(
     squares: None, tmp_path: Path, given: str | tuple[str, str], rejected: Any
