@@ -92,14 +92,6 @@ def test_float32_is_computed_in_float32(image):
     assert np.array_equal(y, (image.astype(np.float32) - np.float32(104.3)) * np.float32(0.1))
 
 
-def test_the_same_state_gives_the_same_crops(image):
-    made = transformer("crop_size: 2 mirror: true")
-    state = made.layer.state()
-    first = [transformed(made, image) for _ in range(5)]
-    made.layer.restore(state)
-    assert np.array_equal(first, [transformed(made, image) for _ in range(5)])
-
-
 @bad_inputs(netlib.LayerError, {
     "crop_size: 6": "...:1:48: error: layer 'it': x: the image (C, H, W) (3, 5, 7) is smaller than crop_size 6",
     "mean_value: 1 mean_value: 2":
