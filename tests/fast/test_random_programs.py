@@ -31,7 +31,7 @@ from netlib.proto.messages import NetParameter
 from netlib.proto.net_parameter import load_parameter
 from tests.support.nets import inputs
 
-PER_TEST = 80
+PER_TEST = 50
 TOLERANCE = 1e-9  # of the largest value of an array, or of 1 where all are smaller
 OPERATIONS = {  # weights of the choice
     "forward": 8, "forward new sizes": 4, "forward new count": 3, "write input, forward": 3, "forward of a view": 1,

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import netlib
@@ -111,6 +111,7 @@ TREES = st.recursive(messages(st.nothing()), messages, max_leaves=8)
 
 
 @given(TREES)
+@settings(max_examples=20)
 def test_parse_print_parse_is_stable(tree: Message) -> None:
     assert prototxt.parse(str(tree)) == tree
 
