@@ -10,6 +10,7 @@ import pytest
 
 import netlib
 
+MakeNet = Callable[..., netlib.Net]
 MakeSolver = Callable[..., netlib.Solver]
 RECORDINGS = Path(__file__).resolve().parents[1] / "caffe" / "solvers"
 

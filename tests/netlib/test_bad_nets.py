@@ -15,8 +15,9 @@ from netlib.proto import messages, prototxt, wire
 from netlib.proto.messages import Filler, LayerParameter
 from netlib.proto.wire import WireError
 from netlib.system.memory import OutOfMemoryError
+from tests.netlib.conftest import MakeNet
 from tests.support.bad_input import bad_inputs
-from tests.support.nets import MakeNet, X, inputs, ip, loss, shared
+from tests.support.nets import X, inputs, ip, loss, shared
 
 pytestmark = pytest.mark.both_engines
 

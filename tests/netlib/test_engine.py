@@ -7,8 +7,8 @@ import pytest
 import netlib
 from netlib import engine
 from netlib.engine import Engine, Step
-from tests.netlib.conftest import ONE_WEIGHT, MakeSolver
-from tests.support.nets import MakeNet, X, ip
+from tests.netlib.conftest import ONE_WEIGHT, MakeNet, MakeSolver
+from tests.support.nets import X, ip
 from tests.support.running import run_python
 
 needs_fast = pytest.mark.skipif(not engine.has_fast(), reason="the folder fast/ is not there")

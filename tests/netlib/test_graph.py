@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import netlib
-from tests.support.nets import MakeNet, X, ip, loss
+from tests.netlib.conftest import MakeNet
+from tests.support.nets import X, ip, loss
 
 pytestmark = pytest.mark.both_engines
 

@@ -13,8 +13,9 @@ import pytest
 import netlib
 from netlib.proto import prototxt
 from netlib.proto.messages import SolverParameter
+from tests.netlib.conftest import MakeNet
 from tests.support.hdf5_files import write_hdf5
-from tests.support.nets import MakeNet, X, ip, loss
+from tests.support.nets import X, ip, loss
 
 pytestmark = pytest.mark.both_engines
 

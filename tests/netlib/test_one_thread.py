@@ -15,8 +15,7 @@ import pytest
 
 import netlib
 from netlib.net import OneThread
-from tests.netlib.conftest import furnish
-from tests.support.nets import MakeNet
+from tests.netlib.conftest import MakeNet, furnish
 from tests.support.running import run_python
 
 pytestmark = pytest.mark.both_engines

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-
-import netlib
-
-MakeNet = Callable[..., netlib.Net]  # the fixture net_of
+from collections.abc import Sequence
 
 
 def inputs(**shapes: Sequence[int]) -> str:

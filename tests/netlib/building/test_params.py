@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.support.nets import MakeNet, X, ip, loss, shared
+from tests.netlib.conftest import MakeNet
+from tests.support.nets import X, ip, loss, shared
 
 pytestmark = pytest.mark.both_engines
 

@@ -8,7 +8,8 @@ import netlib
 from netlib.proto import prototxt
 from netlib.proto.messages import NetState, NetStateRule
 from netlib.proto.net_parameter import meets
-from tests.support.nets import MakeNet, X
+from tests.netlib.conftest import MakeNet
+from tests.support.nets import X
 
 
 def names(net: netlib.Net) -> list[str]:

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 import netlib
 from netlib.system import memory
 from netlib.system.memory import OutOfMemoryError, blocks, format_bytes
-from tests.support.nets import MakeNet, inputs
+from tests.netlib.conftest import MakeNet
+from tests.support.nets import inputs
 
 pytestmark = pytest.mark.both_engines
 
