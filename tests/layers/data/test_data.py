@@ -1,7 +1,6 @@
 """Data: LMDB databases."""
 
 import os
-import sys
 
 import cv2
 import lmdb
@@ -122,11 +121,6 @@ def test_what_is_accepted_and_ignored(database, net_of, caplog):
     ):
         assert f"layer 'd': Data ignores {advice}" in caplog.text
     assert len(caplog.records) == 3
-
-
-def test_the_package_is_not_needed(database, net_of, monkeypatch):
-    monkeypatch.setitem(sys.modules, "lmdb", None)
-    assert labels(net_of(text(database))) == [10, 11]
 
 
 def test_a_database_that_is_cut_under_a_running_net(tmp_path, net_of):

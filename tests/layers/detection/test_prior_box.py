@@ -65,17 +65,3 @@ def test_the_size_of_the_image_may_be_given(run, options):
     """Then the second bottom has no influence, and need not have four axes."""
     done = run(f'type: "PriorBox" prior_box_param {{ min_size: 10 {options} }}', np.zeros((1, 1, 1, 1)), np.zeros(3))
     assert np.allclose(done.y[0, 0], [0.375, 0.375, 0.625, 0.625])
-
-
-def test_a_net_is_trained_around_it(net_of):
-    """A loss that reads the boxes does not disturb the gradient of the map's layer."""
-    net = net_of("""
-        input: "x" input_shape { dim: 1 dim: 1 dim: 1 dim: 2 }
-        layer { name: "c" type: "Convolution" bottom: "x" top: "c"
-                convolution_param { num_output: 1 kernel_size: 1 bias_term: false } }
-        layer { name: "p" type: "PriorBox" bottom: "c" bottom: "x" top: "p" prior_box_param { min_size: 1 } }
-        layer { name: "a" type: "Reduction" bottom: "p" top: "a" loss_weight: 1 }
-        layer { name: "b" type: "Reduction" bottom: "c" top: "b" loss_weight: 1 }""")
-    net.forward(x=np.reshape([3.0, 4.0], (1, 1, 1, 2)))
-    net.backward()
-    assert net.params["c"][0].diff.ravel().tolist() == [7]

@@ -89,11 +89,6 @@ def test_several_bottoms_share_the_kernel(run, rng):
     assert np.allclose(both.layer.blobs[0].diff, one.layer.blobs[0].diff)
 
 
-def test_the_output_size_is_rounded_down(run):
-    """The output size is rounded down: (10 - 3) / 2 + 1 = 4."""
-    assert run(text(kernel_size=3, stride=2), np.zeros((1, 1, 10, 12))).y.shape == (1, 2, 4, 5)
-
-
 def test_axes_before_the_channels_are_items(run, rng):
     x = rng.normal(size=(2, 3, 1, 4, 4))
     five = run(text(kernel_size=2, axis=2), x)
@@ -131,11 +126,6 @@ def test_each_axis_has_its_own_numbers(run, rng):
     params = [flat.layer.blobs[0].data[:, :, None], flat.layer.blobs[1].data]
     deep = run(text(kernel_size="[1, 2, 3]", stride="[1, 1, 2]", pad="[0, 1, 0]"), x[:, :, None], params=params)
     assert np.allclose(deep.y[:, :, 0], flat.y)
-
-
-def test_without_spatial_axes_it_is_an_inner_product(run, rng):
-    done = run(text(), rng.normal(size=(3, 4)))
-    assert np.allclose(done.y, done.bottom[0].data @ done.layer.blobs[0].data.T + done.layer.blobs[1].data)
 
 
 def test_without_items(net_of, rng):
