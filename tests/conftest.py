@@ -37,9 +37,9 @@ settings.load_profile("deterministic")
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Run tests with the marker ``both_engines`` under every engine that makes a difference."""
-    if metafunc.definition.get_closest_marker("both_engines"):
-        path = Path(metafunc.module.__file__).relative_to(ROOT / "tests")
+    """Run tests of layers, and those with the marker ``both_engines``, under every engine that makes a difference."""
+    path = Path(metafunc.module.__file__).relative_to(ROOT / "tests")
+    if path.parts[0] == "layers" or metafunc.definition.get_closest_marker("both_engines"):
         engines = ENGINES if has_fast_class(path) else ENGINES[-1:]
         metafunc.parametrize("engine_in_use", engines, indirect=True, scope="module")
 

@@ -9,7 +9,6 @@ import pytest
 
 from tests.support.running import run_python
 
-ROOT = Path(__file__).resolve().parents[2]
 OURS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_CORETYPE")
 
 
@@ -31,7 +30,6 @@ for library in blas._loaded("openblas"):
 
 @pytest.mark.parametrize("first", ["import netlib, numpy", "import numpy, netlib"])
 def test_one_thread_a_product(first: str) -> None:
-    """OpenBLAS reports that it uses one thread."""
     counts = run(first + THREADS).split()
     if not counts:
         pytest.skip("NumPy has no OpenBLAS here")
@@ -39,13 +37,11 @@ def test_one_thread_a_product(first: str) -> None:
 
 
 def test_the_user_decides() -> None:
-    """Variables set in the environment are not changed, and the log reports them."""
     note = run("import netlib; print(netlib.BLAS_NOTE)", OPENBLAS_NUM_THREADS="2", OPENBLAS_CORETYPE="Haswell")
     assert note == "BLAS: kernels Haswell (OPENBLAS_CORETYPE), threads per product: 2 (OPENBLAS_NUM_THREADS)"
 
 
 def test_late_import_is_told() -> None:
-    """If NumPy was imported first, the log reports that the kernels cannot be changed."""
     note = run("import numpy, netlib, os; print(netlib.BLAS_NOTE, os.environ.get('OPENBLAS_CORETYPE'))")
     assert "kernels chosen by OpenBLAS" in note and note.endswith("None")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from fast.rows import Rows
 from fast.winograd import Winograd
 from netlib import gradcheck
 from netlib.blob import Array, Blob, Blobs
-from netlib.proto import prototxt
+from tests.support.nets import inputs
 
 CASES = range(100)
 SMALL_BLOCKS = {"depthwise.MAX_VALUES": 700, "depthwise.BAND_VALUES": 50,
@@ -30,16 +31,6 @@ SMALL_BLOCKS = {"depthwise.MAX_VALUES": 700, "depthwise.BAND_VALUES": 50,
                 "winograd.MIN_OUTPUTS": 1, "winograd.MIN_COST": 0, "geometry.MIN_BLOCK_COST": 0,
                 "row_winograd.BLOCK_BYTES": 3000, "row_winograd.MIN_IMAGES": 1, "columns.COLUMN_BYTES": 3000,
                 "columns.MIN_COLUMNS": 5, "columns.MIN_WINDOWS": 1, "fusing.BLOCK": 100}
-USUAL = [
-    "num_output: 128 kernel_size: 3 pad: 1",
-    "num_output: 64 kernel_size: 5 pad: 2 group: 2",
-    "num_output: 32 kernel_size: 5 pad: 2",
-    "num_output: 64 kernel_size: 1",
-    "num_output: 64 kernel_size: 3 group: 64",
-    "num_output: 8 kernel_size: 3 stride: 2",
-    "num_output: 16 kernel_size: 3 pad: 2 dilation: 2 group: 2",
-    "num_output: 64 kernel_size: 3 pad: 2 dilation: 2",
-]
 
 
 def options(rng: np.random.Generator) -> tuple[str, tuple[int, ...]]:
@@ -114,21 +105,14 @@ def test_random_options(kind: str, case: int) -> None:
 @pytest.mark.parametrize("kind", ["Convolution", "Deconvolution"])
 @pytest.mark.parametrize("sizes", [(106, 104), (104, 106), (7, 50)])
 @pytest.mark.parametrize("options", ["kernel_size: 3 pad: 2 stride: 3", "kernel_size: 3 pad: 1"])
-def test_bottoms_of_several_sizes(kind: str, sizes: tuple[int, int], options: str) -> None:
-    text = "force_backward: true " + "".join(
-        f'input: "x{i}" input_shape {{ dim: 2 dim: 3 dim: {n} dim: {n} }}' for i, n in enumerate(sizes)
-    )
-    text += (f'layer {{ name: "c" type: "{kind}" bottom: "x0" bottom: "x1" top: "y0" top: "y1" convolution_param {{'
-             f' num_output: 3 group: 3 {options} weight_filler {{ type: "gaussian" }} }} }}')
-    found = []
-    for engine in ("plain", "fast"):
-        rng = np.random.default_rng(0)
-        net = netlib.Net(prototxt.parse(text), netlib.TRAIN, engine=engine, seed=1, dtype=np.float64)
-        tops = net.forward(**{name: rng.normal(size=net.blobs[name].shape) for name in ("x0", "x1")})
-        diffs = net.backward(**{name: rng.normal(size=top.shape) for name, top in tops.items()})
-        found.append([*tops.values(), *(diffs[f"x{i}"] for i in range(2)), *(p.diff for p in net.params["c"])])
-    for got, want in zip(*found):
-        np.testing.assert_allclose(got, want, rtol=0, atol=1e-12 * np.abs(want).max())
+def test_bottoms_of_several_sizes(
+    agree: Callable[..., netlib.Net], rng: np.random.Generator, kind: str, sizes: tuple[int, int], options: str
+) -> None:
+    shapes = {f"x{i}": (2, 3, n, n) for i, n in enumerate(sizes)}
+    text = (f'layer {{ name: "c" type: "{kind}" bottom: "x0" bottom: "x1" top: "y0" top: "y1" convolution_param {{'
+            f' num_output: 3 group: 3 {options} weight_filler {{ type: "gaussian" }} }} }}')
+    agree(f"force_backward: true {inputs(**shapes)} {text}", {x: rng.normal(size=shape) for x, shape in shapes.items()},
+          tolerance=1e-12)
 
 
 def geometry_for(algorithm: Algorithm, rng: np.random.Generator, channels: int) -> Geometry:
@@ -199,26 +183,22 @@ def test_each_algorithm(algorithm: Algorithm, case: int, monkeypatch: pytest.Mon
         np.testing.assert_allclose(got, want, rtol=0, atol=1e-11)
 
 
-@pytest.mark.parametrize(
-    ("x_shape", "w_shape", "group", "names"),
-    [
-        ((8, 128, 16, 16), (128, 128, 3, 3), 1, ["Winograd", "Winograd", "Winograd"]),
-        ((8, 32, 16, 16), (32, 32, 3, 3), 1, ["RowWinograd", "RowWinograd", "RowWinograd"]),
-        ((8, 16, 16, 16), (16, 16, 5, 5), 1, ["RowWinograd", "RowWinograd", "RowWinograd"]),
-        ((8, 16, 16, 16), (16, 16, 3, 3), 1, ["Rows", "Rows", "Rows"]),
-        ((8, 32, 20, 20), (32, 1, 3, 3), 32, ["Depthwise", "Depthwise", "Depthwise"]),
-        ((8, 64, 16, 16), (32, 64, 1, 1), 1, ["Columns", "Columns", "Columns"]),
-        ((1, 512, 7, 7), (512, 512, 3, 3), 1, ["Columns", "Columns", "Columns"]),
-        ((8, 3, 32, 32), (32, 3, 5, 5), 1, ["Rows", "Columns", "RowWinograd"]),
-        ((8, 64, 16, 16), (64, 32, 5, 5), 2, ["RowWinograd", "RowWinograd", "RowWinograd"]),
-        ((8, 32, 40, 40), (32, 1, 3, 3), 32, ["Filter", "Filter", "Depthwise"]),
-        ((8, 32, 20, 20), (64, 1, 3, 3), 32, ["Depthwise", "Depthwise", "Depthwise"]),
-        ((8, 64, 20, 20), (32, 2, 3, 3), 32, ["Columns", "Depthwise", "Columns"]),
-        ((2, 16, 8, 16, 16), (16, 16, 3, 3, 3), 1, ["Rows", "Rows", "Rows"]),
-    ],
-)
+@pytest.mark.parametrize(("x_shape", "w_shape", "group", "names"), [
+    ((8, 128, 16, 16), (128, 128, 3, 3), 1, ["Winograd", "Winograd", "Winograd"]),
+    ((8, 32, 16, 16), (32, 32, 3, 3), 1, ["RowWinograd", "RowWinograd", "RowWinograd"]),
+    ((8, 16, 16, 16), (16, 16, 5, 5), 1, ["RowWinograd", "RowWinograd", "RowWinograd"]),
+    ((8, 16, 16, 16), (16, 16, 3, 3), 1, ["Rows", "Rows", "Rows"]),
+    ((8, 32, 20, 20), (32, 1, 3, 3), 32, ["Depthwise", "Depthwise", "Depthwise"]),
+    ((8, 64, 16, 16), (32, 64, 1, 1), 1, ["Columns", "Columns", "Columns"]),
+    ((1, 512, 7, 7), (512, 512, 3, 3), 1, ["Columns", "Columns", "Columns"]),
+    ((8, 3, 32, 32), (32, 3, 5, 5), 1, ["Rows", "Columns", "RowWinograd"]),
+    ((8, 64, 16, 16), (64, 32, 5, 5), 2, ["RowWinograd", "RowWinograd", "RowWinograd"]),
+    ((8, 32, 40, 40), (32, 1, 3, 3), 32, ["Filter", "Filter", "Depthwise"]),
+    ((8, 32, 20, 20), (64, 1, 3, 3), 32, ["Depthwise", "Depthwise", "Depthwise"]),
+    ((8, 64, 20, 20), (32, 2, 3, 3), 32, ["Columns", "Depthwise", "Columns"]),
+    ((2, 16, 8, 16, 16), (16, 16, 3, 3, 3), 1, ["Rows", "Rows", "Rows"]),
+])
 def test_the_choice(x_shape: tuple[int, ...], w_shape: tuple[int, ...], group: int, names: list[str]) -> None:
-    """Each kind of sizes has its algorithm for y, dx and dw."""
     pad = tuple(k // 2 for k in w_shape[2:])
     g = Geometry(w_shape[2:], (1, 1), pad, (1, 1), group)
     chosen = choose(g, x_shape, (x_shape[0], w_shape[0], *x_shape[2:]))
@@ -238,15 +218,6 @@ def name_of(algorithm: Algorithm) -> str:
     while isinstance(algorithm, (ByGroup, Contained, Turned)):
         algorithm = algorithm.algorithm
     return type(algorithm).__name__
-
-
-@pytest.mark.parametrize("text", USUAL)
-@pytest.mark.parametrize("batch", [1, 3, 100])
-def test_batches_in_float32(text: str, batch: int) -> None:
-    """Sizes as in usual nets, in small and large batches, agree with the plain layer within float32."""
-    size = 16 if batch < 100 else 5
-    compare("Convolution", text + ' weight_filler { type: "gaussian" }', (batch, 64, size, size),
-            np.random.default_rng(batch), np.float32)
 
 
 @pytest.mark.parametrize("kind", ["DepthwiseConvolution", "ConvolutionDepthwise"])

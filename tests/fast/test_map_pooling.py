@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from random import Random
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 import netlib
 from netlib.errors import LayerError
-from netlib.proto import prototxt
+from tests.support.nets import inputs
 
 OPTIONS = "kernel_h: %d kernel_w: %d stride_h: %d stride_w: %d pad_h: %d pad_w: %d round_mode: %s"
 
@@ -26,18 +27,8 @@ def options(rng: Random) -> str:
     return f"{mask} pooling_param {{ pool: {kind} {windows} }}"
 
 
-def passes(engine: str, text: str, x: np.ndarray) -> list[np.ndarray]:
-    """The tops and the gradient of the bottom, for given gradients of the first top."""
-    net = netlib.Net(prototxt.parse(text), netlib.TRAIN, dtype=x.dtype, engine=engine)
-    net.blobs["x"].data[...] = x
-    net.run_forward()
-    dy = np.random.default_rng(1).normal(size=net.blobs["y"].shape)
-    net.backward(y=dy)
-    return [net.blobs[name].data.copy() for name in net.outputs] + [net.blobs["x"].diff.copy()]
-
-
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_any_windows(rng: np.random.Generator, dtype: type) -> None:
+def test_any_windows(agree: Callable[..., netlib.Net], rng: np.random.Generator, dtype: type) -> None:
     """Maxima, masks, means and gradients are those of the plain layer, and ties select the same value."""
     compared = 0
     for seed in range(120):
@@ -46,14 +37,10 @@ def test_any_windows(rng: np.random.Generator, dtype: type) -> None:
         x = rng.normal(size=shape).astype(dtype)
         if choice.random() < 0.5:
             x = np.round(x)
-        sizes = " ".join(f"dim: {n}" for n in shape)
-        text = (f'force_backward: true input: "x" input_shape {{ {sizes} }}\n'
-                f'layer {{ name: "p" type: "Pooling" bottom: "x" top: "y" {options(choice)} }}')
+        layer = f'layer {{ name: "p" type: "Pooling" bottom: "x" top: "y" {options(choice)} }}'
         try:
-            expected = passes("plain", text, x)
+            agree(f"force_backward: true {inputs(x=shape)} {layer}", {"x": x}, tolerance=1e-5, dtype=dtype)
         except LayerError:
             continue  # the window is larger than the image
-        for found, wanted in zip(passes("fast", text, x), expected):
-            assert np.allclose(found, wanted, rtol=1e-5, atol=1e-5, equal_nan=True), text
         compared += 1
     assert compared > 60

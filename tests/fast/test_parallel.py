@@ -1,13 +1,16 @@
-"""Threads: every job runs once, errors are raised, and jobs can run jobs."""
+"""Threads: every job runs once, errors are raised, jobs can run jobs, and each thread has its own buffers."""
 
 from __future__ import annotations
 
 import threading
 
+import numpy as np
 import pytest
 
 import netlib
 from fast import parallel
+from fast.fast_layer import FastLayer
+from netlib import gradcheck
 from netlib.engine import available_cpus
 
 pytestmark = pytest.mark.usefixtures("keep_threads")
@@ -16,7 +19,6 @@ pytestmark = pytest.mark.usefixtures("keep_threads")
 @pytest.mark.parametrize("threads", [1, 2, 5])
 @pytest.mark.parametrize("count", [0, 1, 2, 40])
 def test_every_job_is_done_once(threads: int, count: int) -> None:
-    """Every job runs once if there are more jobs than threads, fewer, or none."""
     netlib.set_threads(threads)
     done: list[int] = []
     parallel.run([lambda i=i: done.append(i) for i in range(count)])
@@ -24,7 +26,6 @@ def test_every_job_is_done_once(threads: int, count: int) -> None:
 
 
 def test_two_threads_work_at_the_same_time() -> None:
-    """Two jobs that wait for each other both end."""
     netlib.set_threads(2)
     both = threading.Barrier(2, timeout=60)
     parallel.run([both.wait, both.wait])
@@ -32,7 +33,6 @@ def test_two_threads_work_at_the_same_time() -> None:
 
 @pytest.mark.parametrize("threads", [1, 3])
 def test_the_first_error_is_raised(threads: int) -> None:
-    """The first error of a job is raised, and the pool can be used afterwards."""
     netlib.set_threads(threads)
 
     def fail() -> None:
@@ -46,7 +46,6 @@ def test_the_first_error_is_raised(threads: int) -> None:
 
 
 def test_a_job_may_run_jobs() -> None:
-    """A job that runs jobs executes them on its own thread, for any number of threads."""
     netlib.set_threads(2)
     done: list[int] = []
     parallel.run([lambda: parallel.run([lambda: done.append(1)] * 3)] * 4)
@@ -63,3 +62,18 @@ def test_the_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setenv("NETLIB_NUM_THREADS", text)
         monkeypatch.setattr(parallel, "_helpers", None)
         assert netlib.threads() == expected
+
+
+def test_a_buffer_keeps_its_memory_for_each_thread() -> None:
+    """A buffer has zeros at first and in a new shape, and each thread has its own."""
+    layer = gradcheck.make_layer('type: "ReLU"', [np.zeros(3)])
+    assert isinstance(layer, FastLayer)
+    buffer = layer.buffer("b", (2, 3))
+    assert not buffer.any()
+    assert layer.buffer("b", (2, 3)) is buffer
+    assert layer.buffer("b", (4,)).shape == (4,)
+    found = []
+    thread = threading.Thread(target=lambda: found.append(layer.buffer("b", (4,))))
+    thread.start()
+    thread.join()
+    assert found[0] is not layer.buffer("b", (4,))

@@ -1,7 +1,5 @@
 """The plan of the fast engine for the paper's network. A lost optimization would make it slower, but not wrong."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import netlib

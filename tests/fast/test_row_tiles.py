@@ -41,7 +41,6 @@ def test_any_number_of_images(rng, N, tile):
     [((5, 5), (1, 1)), ((5, 5), (5, 5)), ((8, 12), (5, 5)), ((7, 4), (2, 3)), ((3, 11), (3, 1)), ((6, 9), (1, 4))],
 )
 def test_any_size(rng, image, kernel, tile, bottom_tile):
-    """Results agree for kernels as large as the image, kernels that are not square, and sizes not divisible by T."""
     compare(rng, (3, 2, *image), (2, 2, *kernel), tile, bottom_tile)
 
 

@@ -10,7 +10,7 @@ import pytest
 import netlib
 from tests.support.nets import inputs
 
-MakeNet = Callable[..., netlib.Net]
+Agree = MakeNet = Callable[..., netlib.Net]
 
 CONVOLUTION = """
     layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 dim: 1 dim: 9 dim: 6 } } }
@@ -44,31 +44,19 @@ def both(net_of: MakeNet, text: str, **options: int) -> tuple[netlib.Net, netlib
     return fast, plain
 
 
-def assert_same_gradients(fast: netlib.Net, plain: netlib.Net, **inputs: np.ndarray) -> None:
-    """Assert that the gradients of the parameters are equal after one more pass."""
-    for net in (fast, plain):
-        net.clear_param_diffs()
-        net.forward(**inputs)
-        net.backward()
-    for got, want in zip(fast.learnable, plain.learnable):
-        np.testing.assert_allclose(got.blob.diff, want.blob.diff, rtol=1e-11, atol=1e-11)
-
-
 @pytest.mark.parametrize("between, loss", [("", "c"), (POOLING, "p")], ids=["convolution", "pooling"])
 def test_narrower_and_lower_images_after_wider_and_higher_ones(
-    net_of: MakeNet, rng: np.random.Generator, between: str, loss: str
+    agree: Agree, rng: np.random.Generator, between: str, loss: str
 ) -> None:
     """The padding of tiles has no values of larger images whose tiles had the same shape."""
-    fast, plain = both(net_of, CONVOLUTION % (between, loss))
-    for height, width in [(9, 6), (9, 5), (9, 6), (8, 6), (8, 5), (9, 5)]:
-        assert_same_gradients(fast, plain, x=rng.normal(size=(3, 1, height, width)))
+    sizes = [(9, 6), (9, 5), (9, 6), (8, 6), (8, 5), (9, 5)]
+    agree(CONVOLUTION % (between, loss), *({"x": rng.normal(size=(3, 1, *size))} for size in sizes), tolerance=1e-11)
 
 
-def test_a_convolution_of_two_bottoms_of_different_sizes(net_of: MakeNet, rng: np.random.Generator) -> None:
+def test_a_convolution_of_two_bottoms_of_different_sizes(agree: Agree, rng: np.random.Generator) -> None:
     """Gradients of one bottom leave no values in the memory for the other, which may have fewer items."""
-    fast, plain = both(net_of, TWO_SIZES)
-    for items in (3, 3, 3, 2, 3):
-        assert_same_gradients(fast, plain, x=rng.normal(size=(3, 1, 9, 5)), y=rng.normal(size=(items, 1, 7, 6)))
+    agree(TWO_SIZES, *({"x": rng.normal(size=(3, 1, 9, 5)), "y": rng.normal(size=(items, 1, 7, 6))}
+                       for items in (3, 3, 3, 2, 3)), tolerance=1e-11)
 
 
 @pytest.mark.parametrize(
@@ -76,10 +64,9 @@ def test_a_convolution_of_two_bottoms_of_different_sizes(net_of: MakeNet, rng: n
     ['type: "Power" power_param { scale: -1 shift: 0.5 }', 'type: "Power" power_param { shift: 1 }',
      'type: "Sigmoid"', 'type: "TanH"', 'type: "ReLU" relu_param { negative_slope: 0.1 }', 'type: "ReLU"'],
 )
-def test_a_layer_that_overwrites_pooled_values(net_of: MakeNet, rng: np.random.Generator, function: str) -> None:
+def test_a_layer_that_overwrites_pooled_values(agree: Agree, rng: np.random.Generator, function: str) -> None:
     """A ReLU is not moved behind a pooling whose values are overwritten, because its backward reads their signs."""
-    fast, plain = both(net_of, CONVOLUTION % (POOLING + IN_PLACE % function, "d"))
-    assert_same_gradients(fast, plain, x=rng.normal(size=(3, 1, 9, 6)))
+    agree(CONVOLUTION % (POOLING + IN_PLACE % function, "d"), {"x": rng.normal(size=(3, 1, 9, 6))}, tolerance=1e-11)
 
 
 @pytest.mark.parametrize("change", ["parameters", "shared parameters", "output"])

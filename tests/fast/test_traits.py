@@ -22,7 +22,6 @@ def test_every_entry_is_a_layer_type() -> None:
 
 
 def test_a_fast_class_is_its_plain_class_with_another_computation() -> None:
-    """A fast class inherits options and messages, and has the traits of its plain class."""
     for place, fast in FAST_CLASSES.items():
         plain = class_at(PACKAGE, place)
         assert (
@@ -33,8 +32,6 @@ def test_a_fast_class_is_its_plain_class_with_another_computation() -> None:
 
 
 def test_a_users_subclass_of_a_known_type_is_not_taken_for_it() -> None:
-    """A user's subclass may compute anything, so it has the default traits."""
-
     class Own(ReLU):
         """A subclass that may compute anything."""
 

@@ -54,7 +54,6 @@ def dense(sparse, shape, T, values, rest):
 @pytest.mark.parametrize(("T", "k", "size"), [(4, 5, 16), (2, 3, 8), (4, 5, 20), (8, 9, 24)])
 @pytest.mark.parametrize("seen", [0, 1, 5, "all"])
 def test_forward_and_backward(rng, seen, T, k, size, dtype):
-    """Results agree for images with only background, with some background, and without background."""
     x = images(rng, 3, size, size if seen == "all" else seen).astype(dtype)
     w, b = rng.normal(size=(2, 1, k, k)).astype(dtype), rng.normal(size=2).astype(dtype)
     bottom, top = blobs(x, 2, k, T)

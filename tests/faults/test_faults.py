@@ -41,14 +41,7 @@ from netlib.proto import prototxt
 from netlib.proto.binaryproto import write_blob
 from netlib.snapshots.hdf5_format import MAGIC
 from tests.faults.damage import damaged
-from tests.faults.readers import (
-    PRODUCT,
-    READERS,
-    Reader,
-    digest,
-    make_states,
-    read_state,
-)
+from tests.faults.readers import PRODUCT, READERS, Reader, digest, make_states, read_state
 from tests.support.made_tracks import any_track, header_of
 from tools.common.track_outputs import Outputs, add_output_options
 

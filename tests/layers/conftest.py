@@ -71,6 +71,35 @@ def run() -> Callable[..., Run]:
 
 
 @pytest.fixture
+def by_hand(run: Callable[..., Run]) -> Callable[..., None]:
+    """``by_hand("ReLU", [x], [y], [dy], [dx])``: the tops, and the gradients of the bottoms, are these numbers.
+
+    The first word is the type, others are its options. A bottom with dx None has no gradient; without dy there is no
+    backward pass. ``dparams`` are the gradients of the parameters, whose values are ``params``.
+    """
+
+    def equal(found: np.ndarray, wanted: ArrayLike) -> None:
+        assert found.shape == np.shape(wanted)
+        np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-15)
+
+    def compare(
+        layer: str, bottoms: Sequence[ArrayLike], tops: Sequence[ArrayLike], dy: Sequence[ArrayLike] = (),
+        dx: Sequence[Any] = (), dparams: Sequence[ArrayLike] = (), **options: Any,
+    ) -> None:
+        kind, _, text = layer.partition(" ")
+        done = run(f'type: "{kind}" {text}', *bottoms, tops=len(tops), **options)
+        for found, wanted in zip(done.ys, tops):
+            equal(found, wanted)
+        for found, wanted in zip(done.backward(*dy, wanted=[one is not None for one in dx]) if dx else [], dx):
+            if wanted is not None:
+                equal(found, wanted)
+        for param, wanted in zip(done.layer.blobs, dparams):
+            equal(param.diff, wanted)
+
+    return compare
+
+
+@pytest.fixture
 def check() -> Callable[..., None]:
     """``check(text, x, ...)`` runs the gradient check."""
 

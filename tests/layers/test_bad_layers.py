@@ -1,16 +1,11 @@
 """Layers that cannot be built or run: options, shapes or values of the bottoms, and the line of the error."""
 
-from __future__ import annotations
-
 import numpy as np
-import pytest
 
 from netlib.errors import DataError, LayerError, PrototxtError
 from tests.layers.conftest import Run
 from tests.support.bad_input import bad_inputs
 from tests.support.nets import inputs
-
-pytestmark = pytest.mark.both_engines
 
 IMAGE, ITEMS, NEAR = (1, 1, 5, 5), (2, 3), (1, 1, 2, 2)
 PRIOR = [(1, 4), (1, 2), [[[0, 0, 1, 1], [0.1] * 4]]]  # one box and its two confidences
@@ -54,10 +49,7 @@ BAD = [
         ("axis: 3", [(2, 3, 4)], RANGE.format(3, 3, (2, 3, 4))),
         ("", [(2, 3, 4), (4,)], "bias (4,) does not fit axes 1 to 2 of bottom 'bottom0' (2, 3, 4)"),
         ("axis: 2", [(2, 3, 4), (4, 1)], "bias (4, 1) does not fit axes 2 to 4 of bottom 'bottom0' (2, 3, 4)")),
-    *of("Scale scale_param",
-        ("axis: 1 num_axes: 3", [(2, 3, 4)], "axis 1, num_axes 3 do not fit (2, 3, 4)"),
-        ("axis: 3", [(2, 3, 4)], RANGE.format(3, 3, (2, 3, 4))),
-        ("", [(2, 3, 4), (4,)], "gain (4,) does not fit axes 1 to 2 of bottom 'bottom0' (2, 3, 4)")),
+    *of("Scale", ("", [(2, 3, 4), (4,)], "gain (4,) does not fit axes 1 to 2 of bottom 'bottom0' (2, 3, 4)")),
     *of("Exp exp_param", *((f"base: {base}", [(1,)], f"36: base {base} must be positive and finite, or -1 for e")
                            for base in ("0", "-2", "inf", "nan"))),
     *of("Log log_param", *((f"base: {base}", [(1,)], f"36: base {base} must be positive, finite and not 1, or -1 for e")
@@ -153,19 +145,15 @@ BAD = [
           for pairs in ((3,), (2, 2), (1, 2)))),
     *of("EuclideanLoss", *(("", [ITEMS, target], ITEM.format(ITEMS, target))
                            for target in ((2, 4), (3, 2), (6,), (6, 1), ()))),
-    *of("SmoothL1Loss", *(("", [ITEMS, target], ITEM.format(ITEMS, target))
-                          for target in ((2, 4), (3, 2), (6,), (6, 1), ()))),
+    *(row for kind in ("SmoothL1Loss", "SigmoidCrossEntropyLoss")
+      for row in of(kind, ("", [ITEMS, (2, 4)], ITEM.format(ITEMS, (2, 4))))),
     *of("SmoothL1Loss smooth_l1_loss_param", *(
         (f"sigma: {text}", [ITEMS] * 2, f"sigma {value} must be above 0, with a finite square")
         for text, value in (("0", "0"), ("-1", "-1"), ("1e200", "inf"), ("1e-200", "0")))),
-    *of("SigmoidCrossEntropyLoss", *(("", [ITEMS, target], ITEM.format(ITEMS, target))
-                                     for target in ((2, 4), (3, 2), (6,), ()))),
     *of("HingeLoss", *(("", [ITEMS, labels], LABELS.format(labels, ITEMS, (2,))) for labels in ((3,), (2, 3), (1, 2))),
         ("", [(), ()], "scores 'bottom0' have shape (), expected (N, classes)"),
         ("", [(0, 3), (0,)], "scores 'bottom0' have shape (0, 3), expected (N, classes)")),
-    *of("MultinomialLogisticLoss", *(("", [ITEMS, labels], LABELS.format(labels, ITEMS, (2,)))
-                                     for labels in ((3,), (2, 3), (1, 2), ())),
-        ("", [(0, 3), (0,)], "scores 'bottom0' have shape (0, 3), expected (N, classes)")),
+    *of("MultinomialLogisticLoss", ("", [ITEMS, (3,)], LABELS.format((3,), ITEMS, (2,)))),
     *of("SoftmaxWithLoss", *(("", [ITEMS, labels], LABELS.format(labels, ITEMS, (2,))) for labels in ((1,), (1, 2)))),
     *(row for kind in ("SoftmaxWithLoss", "HingeLoss", "MultinomialLogisticLoss", "Accuracy")
       for row in of(kind, *(("", [ITEMS, [0, label]], f"label {label:.9g} in 'bottom1'; expected 0 to 2")
@@ -215,10 +203,8 @@ BAD = [
     *of("Convolution convolution_param", *((f"num_output: 2 {options}", [(1, 3, 5, 5)], line) for options, line in (
         ("kernel_h: 3", f"{KERNEL}, of at least 1"),
         ("kernel_size: 3 stride_h: 2", "stride_h and stride_w are (2, 0); expected both, of at least 1"),
-        ("kernel_size: 3 stride_w: 3", "stride_h and stride_w are (0, 3); expected both, of at least 1"),
         ("kernel_size: 3 kernel_h: 3", "give either kernel_size, or kernel_h and kernel_w"),
         ("kernel_size: 2 pad: [1, 1, 1]", "3 values of pad for 2 spatial axes"),
-        ("kernel_size: 0", f"{KERNEL}, of at least 1"),
         ("kernel_size: 2 stride: 0", "stride and dilation must be at least 1"),
         ("kernel_size: 2 group: 0", GROUP),
         ("kernel_size: 6", "kernel (6, 6) is larger than the padded bottom 'bottom0' (1, 3, 5, 5)"),
@@ -356,7 +342,6 @@ BAD = [
     for text, bottoms, line, tops in BAD
 })
 def test_layers_that_are_refused(given, rejected):
-    """Invalid options, and bottoms of other shapes or values than the layer takes, are an error with the position."""
     text, bottoms, tops = given
     with rejected:
         Run(text, arrays(bottoms), tops)
@@ -376,7 +361,6 @@ def test_layers_that_are_refused(given, rejected):
                      "<gradcheck>:1:1: error: layer 'it': bottom 'bottom0' has shape (2, 3), expected ..., in place 4"),
 })
 def test_texts_that_are_refused(given, rejected):
-    """A required field that is missing, an unknown value and a missing file are errors before the layer runs."""
     count = 3 if "Output" in given else 2 if "Loss" in given else 1
     with rejected:
         Run(given, [np.zeros((2, 3))] * count, in_place="MVN" in given)
@@ -436,7 +420,6 @@ def test_shapes_that_must_stay(given, rejected):
     )
 })
 def test_what_has_no_gradient(given, rejected):
-    """Requesting a gradient of indices, labels, weights or marks is an error."""
     kind, bottoms, wanted, tops = given
     options = {
         "Embed": "embed_param { num_output: 2 input_dim: 3 }",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import inspect
 from collections.abc import Callable
 from typing import Any
 
@@ -13,40 +12,9 @@ import pytest
 from layers import LAYER_TYPES
 from netlib import gradcheck
 from netlib.blob import Blob, Blobs
-from netlib.layer import Layer
 from netlib.net import Net
 from netlib.proto.options import block_name
 from tests.support.layer_cases import CASES, SOURCES, forward, made
-
-pytestmark = pytest.mark.both_engines
-
-WINDOWS = {
-    "by_group",
-    "col2im",
-    "im2col",
-    "images",
-    "padded",
-    "window_slices",
-}  # Convolution and its subclasses
-READER = {"batch_of", "reads"}  # from layers/data/reader.py
-CONTRACT = {name for name, _ in inspect.getmembers(Layer)}
-EXTRAS = {
-    "Convolution": WINDOWS,
-    "ConvolutionDepthwise": WINDOWS,
-    "Data": READER,
-    "Deconvolution": WINDOWS,
-    "HDF5Data": READER | {"order", "read", "rewind", "row", "use_batch_size"},
-    "DepthwiseConvolution": WINDOWS,
-    "DeepHandModel": {"kinematics_type"},
-    "HandModel": {"kinematics_type"},
-    "HandAugment": {"move_crops", "move_joints"},
-    "Im2col": WINDOWS,
-    "ImageData": READER,
-    "InnerProduct": {"output_first", "rows"},
-    "MemoryData": {"reset", "set_input_arrays"},
-    "Pooling": {"area", "padded", "window_slices", "windows"},
-    "SPP": {"padded"},
-}  # documented: parts of a longer computation, or methods for tools
 
 # The gradient of the regions is 0, but differences are not.
 FORCED = {"PSROIPooling": [True, True], "ROIPooling": [True, True]}
@@ -55,13 +23,11 @@ every_type = pytest.mark.parametrize("name", list(CASES))
 
 
 def test_every_type_has_a_case() -> None:
-    """Every layer type has a case in support/layer_cases.py or is a data source."""
     assert set(CASES) | SOURCES == set(LAYER_TYPES)
 
 
 @every_type
 def test_the_gradient_agrees_with_differences(name: str) -> None:
-    """In TRAIN the gradient agrees with differences, away from kinks."""
     layer, bottoms = made(name)
     gradcheck.check(layer, bottoms, **CASES[name][2])
 
@@ -76,7 +42,6 @@ def test_another_batch_size_works(name: str) -> None:
 
 @pytest.mark.parametrize("name", [name for name in CASES if LAYER_TYPES[name].in_place])
 def test_in_place_if_it_says_so(name: str) -> None:
-    """A layer that supports it gives the same values and gradients in place."""
     layer, bottoms = made(name)
     options = CASES[name][2]
     if options.get("tops", 1) == 1:
@@ -118,16 +83,7 @@ def test_forced_backward_asks_for_the_gradients_that_there_are(net_of: Callable[
     assert [np.isfinite(net.blobs[blob].diff).all() for blob in arrays] == wanted
 
 
-@pytest.mark.parametrize("name", list(LAYER_TYPES))
-def test_no_public_method_outside_the_contract(name: str) -> None:
-    """Every public method belongs to the contract or is listed, because a misspelt hook would never be called."""
-    cls = LAYER_TYPES[name]
-    public = {n for n, value in inspect.getmembers(cls) if callable(value) and not n.startswith("_")}
-    assert public - CONTRACT - {"param_type"} == EXTRAS.get(name, set())
-
-
 def test_types_that_share_a_block_read_the_same_in_it() -> None:
-    """Layer types that share an options block declare equal fields with equal numbers."""
     blocks: dict[str, list[Any]] = {}
     for name, cls in LAYER_TYPES.items():
         fields = [(f.name, f.type, f.metadata.get("number")) for f in dataclasses.fields(cls.param_type)]

@@ -11,8 +11,6 @@ import pytest
 from layers import LAYER_TYPES
 from tests.support.layer_cases import different, off_zero
 
-pytestmark = pytest.mark.both_engines
-
 RANDOM = 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
 NORM = 'scale_filler { type: "uniform" min: 0.5 max: 2 } eps: 0.1'
 CONT = [[0, 1], [1, 1], [1, 0], [1, 1]]
@@ -23,9 +21,17 @@ WINDOWS = [
 ]
 SPATIAL = [(2, 4), (2, 4, 5), (1, 4, 3, 2, 3)]  # zero, one and three spatial axes
 
+SHAPES = ["", "axis: 0", "num_axes: 2", "axis: 0 num_axes: -1", "num_axes: 0", "axis: -1"]  # of a gain or a bias
+GAINS = 'filler { type: "gaussian" } bias_term: true bias_filler { type: "gaussian" }'
+
 # type, options, bottoms, and the options of the check
 CASES: list[tuple[str, str, list[Any], dict[str, Any]]] = [
     ("PReLU", "prelu_param { channel_shared: true }", [off_zero(2, 3, 2, 2)], {}),
+    *(("Scale", f"scale_param {{ {GAINS} {shape} }}", [off_zero(2, 3, 4)], {}) for shape in SHAPES),
+    *(("Scale", f"scale_param {{ {GAINS} }}", [off_zero(2, 3, 4), off_zero(*gain)], {}) for gain in ((), (3,))),
+    *(("Bias", f'bias_param {{ filler {{ type: "gaussian" }} {shape} }}', [off_zero(2, 3, 4)], {}) for shape in SHAPES),
+    *(("Bias", "", [off_zero(2, 3, 4), off_zero(*bias)], {}) for bias in ((), (3,), (3, 4))),
+    *(("Bias", "", [off_zero(2, 3, 4), off_zero(3, 4)], {"wanted": [first, not first]}) for first in (True, False)),
     ("ReLU", "relu_param { negative_slope: 0.25 }", [off_zero(3, 4)], {}),
     ("ReLU", "relu_param { negative_slope: -0.5 }", [off_zero(3, 4)], {"in_place": False}),
     ("ReLU6", "relu6_param { negative_slope: -3 }", [off_zero(3, 4) * 3], {"in_place": False}),
@@ -47,6 +53,8 @@ CASES: list[tuple[str, str, list[Any], dict[str, Any]]] = [
     ("Reduction", "reduction_param { operation: SUM coeff: 1.5 }", [off_zero(2, 3, 2)], {}),
     ("Reduction", "reduction_param { operation: ASUM axis: 1 coeff: 1.5 }", [off_zero(2, 3, 2)], {}),
     ("Reduction", "reduction_param { operation: MEAN axis: 2 coeff: 1.5 }", [off_zero(2, 3, 2)], {}),
+    ("ContrastiveLoss", "contrastive_loss_param { margin: 3 }", [off_zero(6, 3), off_zero(6, 3), [0, 1, 0, 1, 0, 0]],
+     {"wanted": [True, True, False], "tolerance": 1e-3}),  # Caffe's divisor is larger than the distance by 1e-4
     ("HingeLoss", "", [off_zero(4, 3), [0, 2, 1, 1]], FIRST),
     ("HingeLoss", "", [off_zero(2, 3, 2), [[5], [0]]], FIRST),
     ("EuclideanLoss", "", [off_zero(3, 4), off_zero(3, 4)], FIRST),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,7 +10,16 @@ import pytest
 
 import netlib
 
+MakeNet = Callable[..., netlib.Net]
 MakeSolver = Callable[..., netlib.Solver]
+RECORDINGS = Path(__file__).resolve().parents[1] / "caffe" / "solvers"
+
+
+def furnish(folder: Path) -> None:
+    """Copy a training with its state of version 0.1.0 to a folder: a small net, shuffled data, dropout."""
+    shutil.copytree(Path(__file__).parent / "older", folder, dirs_exist_ok=True)
+    (folder / "list.txt").write_text(f"{RECORDINGS}/train0.h5\n{RECORDINGS}/train1.h5\n")
+
 
 # Loss = (w x - t)² / 2 with x = 2, t = 1: dL/dw = 2 (2 w - 1). From w = 1 the gradient is 2.
 ONE_WEIGHT = """

@@ -63,7 +63,6 @@ def test_reshape_takes_numbers_or_a_shape_and_forgets_values_only_with_another_c
 
 @pytest.mark.parametrize("shape", [(2**62,), (0, 2**64), (10**10, 10**10), (1,) * 33])
 def test_shapes_that_no_array_can_have(shape: tuple[int, ...]) -> None:
-    """Impossible shapes raise an error on construction and reshape, not on first use of the values."""
     with pytest.raises((ValueError, MemoryError), match="a blob cannot have the shape"):
         Blob(shape)
     with pytest.raises((ValueError, MemoryError), match="a blob cannot have the shape"):

@@ -40,37 +40,33 @@ class Right(Layer):
             bottom[0].diff[...] = 2 * self.blobs[0].data * bottom[0].data * top[0].diff
 
 
-class Forgets(Right):
-    """Leaves one element of the bottom diff unwritten."""
+class Spoilt(Right):
+    """A backward that is wrong because of what is done before it or after it."""
+
+    def before(self, top: Blobs, bottom: Blobs) -> None:
+        pass
+
+    def after(self, top: Blobs, bottom: Blobs) -> None:
+        pass
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        kept = bottom[0].diff[1, 1]
+        self.before(top, bottom)
         super().backward(top, propagate_down, bottom)
-        bottom[0].diff[1, 1] = kept
+        self.after(top, bottom)
 
 
-class Overwrites(Right):
-    """Writes the parameter's diff where it must add."""
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        self.blobs[0].diff[...] = 0
-        super().backward(top, propagate_down, bottom)
+def spoilt(name: str, **methods: Callable[..., object]) -> type[Layer]:
+    return type(name, (Spoilt,), methods)
 
 
-class Wrong(Right):
-    """Off by a hundredth of a per cent in one element."""
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        super().backward(top, propagate_down, bottom)
-        bottom[0].diff[2, 0] *= 1.0001
+def scale(array: np.ndarray, place: object, factor: float) -> None:
+    array[place] *= factor
 
 
-class IgnoresTop(Right):
-    """A loss that ignores its top diff."""
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        top[0].diff[...] = 1
-        super().backward(top, propagate_down, bottom)
+Forgets = spoilt("Forgets", after=lambda self, top, bottom: scale(bottom[0].diff, (1, 1), np.nan))
+Overwrites = spoilt("Overwrites", before=lambda self, top, bottom: scale(self.blobs[0].diff, ..., 0))
+Wrong = spoilt("Wrong", after=lambda self, top, bottom: scale(bottom[0].diff, (2, 0), 1.0001))
+IgnoresTop = spoilt("IgnoresTop", before=lambda self, top, bottom: top[0].diff.fill(1))
 
 
 @pytest.fixture

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import netlib
+from tests.netlib.conftest import MakeNet
 from tests.support.nets import X, ip, loss
 
 pytestmark = pytest.mark.both_engines
-
-MakeNet = Callable[..., netlib.Net]
 
 
 def backwards(net: netlib.Net) -> dict[str, list[bool]]:

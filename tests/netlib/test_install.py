@@ -8,9 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.nets import inputs
-from tests.support.running import run_python
-
-ROOT = Path(__file__).resolve().parents[2]
+from tests.support.running import ROOT, run_python
 
 
 def run(code: str, folder: Path, *paths: Path) -> str:
@@ -25,8 +23,9 @@ def test_once_asked_for_every_import_finds_it(tmp_path: Path) -> None:
     code = "import netlib; netlib.install_as_caffe(); netlib.install_as_caffe()\n" + SAME
     code += "from caffe import layers as L, params as P, Net\nimport caffe\n"
     code += "assert caffe.proto.caffe_pb2 is caffe.io.caffe_pb2 is a and caffe._caffe.Net is Net\n"
-    code += "print(a is b, caffe.io is c.io, caffe is c, Net is c.Net, caffe.__name__, P.Pooling.AVE)"
-    assert run(code, tmp_path) == "True True True True netlib.caffe 1"
+    code += "print(a is b, caffe.io is c.io, caffe is c, Net is c.Net, caffe.__name__, P.Pooling.AVE)\n"
+    code += "try: import caffe.nothing\nexcept ImportError as e: print(e)"
+    assert run(code, tmp_path).split("\n") == ["True True True True netlib.caffe 1", "No module named 'caffe.nothing'"]
 
 
 def test_it_wins_over_what_else_is_called_caffe(tmp_path: Path) -> None:
@@ -47,11 +46,6 @@ def test_modules_that_a_fork_adds_to_the_package(tmp_path: Path) -> None:
     code += "import caffe, caffe.model_libs, caffe.sub.deep\n"
     code += "print(caffe.model_libs.caffe is caffe, caffe.sub.deep.phase, caffe.io.__name__)"
     assert run(code, tmp_path) == "True 1 netlib.caffe.io"
-
-
-def test_what_is_not_there_is_missing_as_ever(tmp_path: Path) -> None:
-    code = "import netlib; netlib.install_as_caffe()\ntry:\n    import caffe.nothing\nexcept ImportError as e: print(e)"
-    assert run(code, tmp_path) == "No module named 'caffe.nothing'"
 
 
 LAYER = """
@@ -76,7 +70,7 @@ FORWARD = (
 )
 
 
-@pytest.mark.parametrize("module", ["ten", "layers", "tools", "tools.ten", "layers.ten"])
+@pytest.mark.parametrize("module", ["ten", "layers", "tools.ten"])
 def test_a_python_layer_that_imports_caffe(tmp_path: Path, module: str) -> None:
     """A Python layer can import caffe and use Python 2's xrange, also in a module named like one of the project's."""
     path = tmp_path / (module.replace(".", "/") + ".py")
@@ -157,8 +151,8 @@ def test_a_script_from_a_pipe_alone(tmp_path: Path) -> None:
     assert "needs code" in run_python("-m", "netlib.caffe", "-c", cwd=tmp_path, status=2).err
 
 
-@pytest.mark.parametrize(("level", "lines"), [("0", 1), ("1", 1), ("2", 0), ("9", 0), ("x", 1)])
-@pytest.mark.parametrize("inside", [True, False])
+@pytest.mark.parametrize(("level", "lines", "inside"),
+                         [("1", 1, True), ("2", 0, True), ("2", 0, False), ("9", 0, False), ("x", 1, False)])
 def test_a_quiet_script(tmp_path: Path, level: str, lines: int, inside: bool) -> None:
     """GLOG_minloglevel is obeyed, also if the script sets it before its import."""
     (tmp_path / "net.prototxt").write_text(inputs(x=(2,)))

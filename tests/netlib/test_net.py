@@ -13,15 +13,11 @@ import pytest
 import netlib
 from netlib.proto import prototxt
 from netlib.proto.messages import SolverParameter
+from tests.netlib.conftest import MakeNet
 from tests.support.hdf5_files import write_hdf5
 from tests.support.nets import X, ip, loss
 
 pytestmark = pytest.mark.both_engines
-
-MakeNet = Callable[..., netlib.Net]
-
-
-# ---------------------------------------------------------------------------------------------- making
 
 
 def test_the_constructor_is_pycaffes(net_of: MakeNet, tmp_path: Path) -> None:
@@ -49,9 +45,6 @@ def test_set_random_seed_decides_the_weights(net_of: MakeNet, monkeypatch: pytes
     assert found[0] == found[1]
     assert all(one != two for one, two in zip(found[1], found[2]))
     assert found[0][0] != found[0][1] != found[0][2]
-
-
-# ---------------------------------------------------------------------------------------------- running
 
 
 def test_forward_takes_inputs_and_gives_outputs(net_of: MakeNet) -> None:
@@ -104,9 +97,6 @@ def test_backward_from_one_layer_to_another(net_of: MakeNet) -> None:
     assert np.allclose(net.blobs["x"].diff, net.blobs["a"].diff @ net.params["a"][0].data)
 
 
-# ---------------------------------------------------------------------------------------------- gradients
-
-
 def test_param_diffs_add_up_until_they_are_cleared(net_of: MakeNet) -> None:
     net = net_of(X + ip("a", "x", "a") + loss("a"))
     diff = net.params["a"][0].diff  # stays the parameter's own, for a layer that keeps it
@@ -123,9 +113,6 @@ def test_param_diffs_add_up_until_they_are_cleared(net_of: MakeNet) -> None:
     assert np.allclose(diff, once)
 
 
-# ---------------------------------------------------------------------------------------------- weights
-
-
 def test_copy_from_copies_by_layer_name(net_of: MakeNet, tmp_path: Path) -> None:
     """Weights are copied from a file or a net; layers that exist only in the source are returned."""
     source, net = net_of(X + ip("a", "x", "a") + ip("more", "a", "more")), net_of(X + ip("a", "x", "y"), seed=2)
@@ -136,15 +123,21 @@ def test_copy_from_copies_by_layer_name(net_of: MakeNet, tmp_path: Path) -> None
         assert np.array_equal(net.params["a"][0].data, source.params["a"][0].data)
 
 
-@pytest.mark.parametrize(("text", "message"), [
-    (X + ip("a", "x", "a") + ip("b", "a", "b", outputs=4),
+BOTH = X + ip("a", "x", "a") + ip("b", "a", "b")
+NO_BIAS = BOTH.replace("num_output: 3", "num_output: 3 bias_term: false")
+
+
+@pytest.mark.parametrize(("saved", "text", "message"), [
+    (BOTH, X + ip("a", "x", "a") + ip("b", "a", "b", outputs=4),
      r"layer 'b' parameter 0 has shape \(3, 3\), the net expects \(4, 3\)"),
-    (X + ip("other", "x", "y"), "it has no layer of net ''; it has a, b.*, the net has other"),
-    ((X + ip("a", "x", "a") + ip("b", "a", "b")).replace("num_output: 3", "num_output: 3 bias_term: false"),
-     "layer 'a' has 2 parameters, the net expects 1"),
+    (BOTH, X + ip("other", "x", "y"), "it has no layer of net ''; it has a, b.*, the net has other"),
+    (BOTH, NO_BIAS, "layer 'a' has 2 parameters, the net expects 1"),
+    (NO_BIAS, BOTH, "layer 'a' lacks parameter 1, the net has 2"),
 ])
-def test_weights_that_do_not_fit_change_nothing(net_of: MakeNet, tmp_path: Path, text: str, message: str) -> None:
-    net_of(X + ip("a", "x", "a") + ip("b", "a", "b")).save(tmp_path / "w.h5")
+def test_weights_that_do_not_fit_change_nothing(
+    net_of: MakeNet, tmp_path: Path, saved: str, text: str, message: str
+) -> None:
+    net_of(saved).save(tmp_path / "w.h5")
     net = net_of(text, seed=2)
     before = [p.blob.data.copy() for p in net.learnable]
     with pytest.raises(netlib.WeightsError, match=message):
@@ -152,20 +145,9 @@ def test_weights_that_do_not_fit_change_nothing(net_of: MakeNet, tmp_path: Path,
     assert all(np.array_equal(p.blob.data, old) for p, old in zip(net.learnable, before))
 
 
-def test_weights_without_a_bias_do_not_fill_half_a_layer(net_of: MakeNet, tmp_path: Path) -> None:
-    net_of((X + ip("a", "x", "a")).replace("num_output: 3", "num_output: 3 bias_term: false")).save(tmp_path / "w.h5")
-    with pytest.raises(netlib.WeightsError, match="layer 'a' lacks parameter 1, the net has 2"):
-        net_of(X + ip("a", "x", "a")).copy_from(tmp_path / "w.h5")
-
-
 def test_old_four_dimensional_weights(net_of: MakeNet, tmp_path: Path) -> None:
-    write_hdf5(
-        tmp_path / "old.h5",
-        **{
-            "data/a/0": np.arange(9, dtype=np.float32).reshape(1, 1, 3, 3),
-            "data/a/1": np.ones((1, 1, 1, 3), np.float32),
-        },
-    )
+    arrays = {"data/a/0": np.arange(9.0).reshape(1, 1, 3, 3), "data/a/1": np.ones((1, 1, 1, 3))}
+    write_hdf5(tmp_path / "old.h5", **arrays)
     net = net_of(X + ip("a", "x", "a"))
     net.copy_from(tmp_path / "old.h5")
     assert net.params["a"][0].data[2].tolist() == [6, 7, 8]
@@ -194,24 +176,16 @@ def test_a_net_is_not_copied(net_of: MakeNet, how: Callable[[object], object]) -
 def test_nets_that_cannot_share_parameters_share_none(net_of: MakeNet, other: str) -> None:
     text = X + ip("a", "x", "a") + ip("b", "a", "b")
     one = net_of(text)
-    two = (
-        net_of(text, dtype=np.float64)
-        if other == "dtype"
-        else net_of(X + ip("a", "x", "a") + ip("b", "a", "b", outputs=4))
-    )
-    with pytest.raises(netlib.LayerError, match="layer 'a' is in float32" if other == "dtype" else "layer 'b' has"):
+    two = net_of(text.replace("num_output: 3", "num_output: 4")) if other == "shape" else net_of(text, dtype=np.float64)
+    with pytest.raises(netlib.LayerError, match="layer 'a' is in float32" if other == "dtype" else "layer 'a' has"):
         one.share_params(two)
     assert not np.shares_memory(one.params["a"][0].data, two.params["a"][0].data)
 
 
 def test_stages_are_added_to_those_of_the_file(net_of: MakeNet) -> None:
-    """The caller's stages are added to those of the file, as in pycaffe."""
     text = X + "".join(f'layer {{ name: "{s}" type: "Silence" bottom: "x" include {{ stage: "{s}" }} }}' for s in "st")
     net = net_of(text + 'state { stage: "s" }', stages=["t"])
     assert {"s", "t"} <= set(net.layer_dict)
-
-
-# ---------------------------------------------------------------------------------------------- mistakes
 
 
 def test_weights_that_lack_a_layer(net_of: MakeNet, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -224,8 +198,6 @@ def test_weights_that_lack_a_layer(net_of: MakeNet, tmp_path: Path, caplog: pyte
     assert np.array_equal(net.params["a"][0].data, small.params["a"][0].data)
     assert caplog.messages == [f"{tmp_path}/w.caffemodel has no weights for b; they keep their initial values"]
 
-
-# ------------------------------------------------------------------------------------------ diffs of losses
 
 WEIGHED = """force_backward: true
 layer { name: "a" type: "Input" top: "a" input_param { shape { dim: 3 dim: 4 } } }

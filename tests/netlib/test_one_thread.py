@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import shutil
 import threading
 import warnings
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -15,13 +15,11 @@ import pytest
 
 import netlib
 from netlib.net import OneThread
+from tests.netlib.conftest import MakeNet, furnish
 from tests.support.running import run_python
 
 pytestmark = pytest.mark.both_engines
 
-OLDER = Path(__file__).parent / "older"
-RECORDINGS = Path(__file__).resolve().parents[1] / "caffe" / "solvers"
-MakeNet = Callable[..., netlib.Net]
 
 NET = """
     name: "hand"
@@ -38,23 +36,12 @@ NET = """
 
 def in_a_thread(work: Callable[[], object]) -> BaseException | None:
     """Run ``work`` in another thread and return the exception that it raised."""
-    raised: list[BaseException] = []
-
-    def run() -> None:
-        try:
-            work()
-        except BaseException as error:
-            raised.append(error)
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    thread.join()
-    return raised[0] if raised else None
+    with ThreadPoolExecutor(1) as pool:
+        return pool.submit(work).exception()
 
 
 @pytest.mark.parametrize("use", ["forward", "backward", "reshape", "run_forward", "run_backward"])
 def test_a_second_thread_is_told(net_of: MakeNet, use: str) -> None:
-    """A second thread gets an error while the first is inside a layer, but not afterwards."""
     net = net_of(NET)
     said: list[BaseException | None] = []
     compute = net.layers[0].forward
@@ -131,36 +118,20 @@ def test_two_threads_with_a_net_each(
                 found += [nets[i].blobs["x"].diff.copy(), *(p.blob.diff.copy() for p in nets[i].learnable)]
         return found
 
-    want, got = [work(0), work(1)], dict[int, list[np.ndarray]]()
-    both = threading.Barrier(2, timeout=60)
-
-    def run(i: int) -> None:
-        both.wait()
-        got[i] = work(i)
-
-    threads = [threading.Thread(target=run, args=(i,)) for i in (0, 1)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    for i in (0, 1):
-        assert all(map(np.array_equal, got[i], want[i]))
+    wanted, both = [work(0), work(1)], threading.Barrier(2, timeout=60)
+    with ThreadPoolExecutor(2, initializer=both.wait) as pool:
+        for got, want in zip(pool.map(work, (0, 1)), wanted):
+            assert all(map(np.array_equal, got, want))
 
 
 def test_two_threads_make_the_first_nets() -> None:
     """Two threads may build the first nets of a process at the same time, although this imports layers and engines."""
     program = """
 import threading
+from concurrent.futures import ThreadPoolExecutor
 import netlib
-made = []
-both = threading.Barrier(2)
-def make():
-    both.wait()
-    made.append(netlib.Net("prototxt/nyu_deploy.prototxt", netlib.TEST))
-threads = [threading.Thread(target=make) for _ in range(2)]
-for thread in threads: thread.start()
-for thread in threads: thread.join()
-print(len(made))
+with ThreadPoolExecutor(2, initializer=threading.Barrier(2).wait) as pool:
+    print(len(list(pool.map(netlib.Net, ["prototxt/nyu_deploy.prototxt"] * 2, [netlib.TEST] * 2))))
 """
     assert run_python("-c", program) == (0, "2\n", "")
 
@@ -172,8 +143,7 @@ def test_a_forked_process_starts_threads_of_its_own(
     """A child trains on as its parent does, with threads and with a batch that the parent reads ahead."""
     if netlib.threads() > 1:
         netlib.set_threads(2)
-    shutil.copytree(OLDER, tmp_path, dirs_exist_ok=True)
-    (tmp_path / "list.txt").write_text(f"{RECORDINGS}/train0.h5\n{RECORDINGS}/train1.h5\n")
+    furnish(tmp_path)
     monkeypatch.chdir(tmp_path)
     solver = netlib.get_solver("solver.prototxt", snapshot=0)
     solver.step(1)

@@ -144,7 +144,7 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     ),
     "PSROIPooling": (
         "psroi_pooling_param { spatial_scale: 0.5 output_dim: 2 group_size: 2 }",
-        lambda N: [different(N, 8, 5, 6), np.array([[0, 0, 1, 9, 8], [N - 1, 3, 4, 20, 4.4], [0, 90, 0, 99, 9]])],
+        lambda N: [different(N, 8, 4, 5), np.array([[0, 0, 1, 9, 8], [N - 1, 3, 4, 20, 4.4], [0, 90, 0, 99, 9]])],
         {"wanted": [True, False]},
     ),
     "ROIPooling": (

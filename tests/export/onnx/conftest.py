@@ -1,7 +1,5 @@
 """Nets and weights in temporary folders; all tests are skipped without the packages onnx and onnxruntime."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """tools/export_onnx.py exports the paper's and the packaged network, and other runtimes compute the same results."""
 
-from __future__ import annotations
-
 import json
 import re
 
@@ -17,7 +15,6 @@ from tests.support.running import run_python, run_tool
 
 
 def test_the_papers_network(tmp_path, monkeypatch):
-    """The paper's network with random weights gives the joints of netlib, and the tool prints the comparison."""
     monkeypatch.chdir(tmp_path)
     netlib.Net(NYU, netlib.TEST, seed=3).save("net.caffemodel")
     out = run_tool("export_onnx", NYU, "net.caffemodel", "hand.onnx", "--check").out
@@ -35,7 +32,6 @@ def packaged(tmp_path_factory):
 
 
 def test_the_packaged_network(packaged, rng):
-    """The packaged network gives netlib's joints and pose to 1e-5, for one crop and for three."""
     net = netlib.Net(SYNTHETIC / "deploy.prototxt", SYNTHETIC / "synthetic_hand.caffemodel.h5", netlib.TEST)
     for batch in (1, 3):
         depth = rng.uniform(-1, 1, (batch, 1, 128, 128)).astype(np.float32)
@@ -46,7 +42,6 @@ def test_the_packaged_network(packaged, rng):
 
 
 def test_metadata(packaged, onnx):
-    """The metadata name the producer and describe the outputs."""
     model = onnx.load(packaged)
     about = {entry.key: entry.value for entry in model.metadata_props}
     assert json.loads(about.pop("joint_names")) == load().joint_names

@@ -1,7 +1,5 @@
 """Every mistake in a call of tools/export_onnx.py gives one line."""
 
-from __future__ import annotations
-
 import re
 import sys
 from pathlib import Path
@@ -32,37 +30,33 @@ def test_a_type_without_a_form(kind, files):
     )
 
 
-@pytest.mark.parametrize(
-    ("layers", "shapes", "message"),
-    [
-        ('layer { name: "r" type: "Reshape" bottom: "x0" top: "y" reshape_param { shape { dim: 1 dim: 4 } } }',
-         [(1, 4)], "net.prototxt:3:73: error: layer 'r': cannot give 8 values (2, 4) the shape (1, 4) (with 2 "
-         "items); expected a net that accepts any number"),
-        ('layer { name: "s" type: "Slice" bottom: "x0" top: "y" top: "z" slice_param { axis: 0 slice_point: 1 } }',
-         [(2, 4)], "net.prototxt:3:7: error: layer 's': shape [(1, 4), (1, 4)] for 2 items, [(1, 4), (2, 4)] for 3 "
-         "cannot be exported to ONNX; expected one axis that depends on the number of items"),
-        ('layer { name: "m" type: "ArgMax" bottom: "x0" top: "y" argmax_param { axis: 0 } }', [(1, 4)],
-         "net.prototxt:3:7: error: layer 'm': ArgMax along the batch axis cannot be exported to ONNX; shape (N)"),
-        ('layer { name: "b" type: "BatchNorm" bottom: "x0" top: "y" batch_norm_param { use_global_stats: false } }',
-         [(1, 4)], "net.prototxt:3:78: error: layer 'b': use_global_stats: false makes items depend on their batch; "
-         "expected true or no value"),
-        ('layer { name: "a" type: "ReLU" bottom: "x0" top: "x0" }', [(1, 4)],
-         "net.prototxt: blob 'x0' is both input and output, which ONNX does not support; expected a layer "
-         "that reads it, with another top"),
-        ('layer { name: "a" type: "Silence" bottom: "x0" }', [(1, 4)],
-         "net.prototxt: no layer leaves a blob unread, so the net has no output; name one (--blob)"),
-        ('layer { name: "a" type: "Concat" bottom: "x0" bottom: "x1" top: "y" concat_param { axis: 0 } }',
-         [(1, 4), (2, 4)], "net.prototxt: inputs with different batch sizes, x0 (1, 4), x1 (2, 4); expected first axes "
-         "of the same size"),
-    ],
-)
+@pytest.mark.parametrize(("layers", "shapes", "message"), [
+    ('layer { name: "r" type: "Reshape" bottom: "x0" top: "y" reshape_param { shape { dim: 1 dim: 4 } } }',
+     [(1, 4)], "net.prototxt:3:73: error: layer 'r': cannot give 8 values (2, 4) the shape (1, 4) (with 2 "
+     "items); expected a net that accepts any number"),
+    ('layer { name: "s" type: "Slice" bottom: "x0" top: "y" top: "z" slice_param { axis: 0 slice_point: 1 } }',
+     [(2, 4)], "net.prototxt:3:7: error: layer 's': shape [(1, 4), (1, 4)] for 2 items, [(1, 4), (2, 4)] for 3 "
+     "cannot be exported to ONNX; expected one axis that depends on the number of items"),
+    ('layer { name: "m" type: "ArgMax" bottom: "x0" top: "y" argmax_param { axis: 0 } }', [(1, 4)],
+     "net.prototxt:3:7: error: layer 'm': ArgMax along the batch axis cannot be exported to ONNX; shape (N)"),
+    ('layer { name: "b" type: "BatchNorm" bottom: "x0" top: "y" batch_norm_param { use_global_stats: false } }',
+     [(1, 4)], "net.prototxt:3:78: error: layer 'b': use_global_stats: false makes items depend on their batch; "
+     "expected true or no value"),
+    ('layer { name: "a" type: "ReLU" bottom: "x0" top: "x0" }', [(1, 4)],
+     "net.prototxt: blob 'x0' is both input and output, which ONNX does not support; expected a layer "
+     "that reads it, with another top"),
+    ('layer { name: "a" type: "Silence" bottom: "x0" }', [(1, 4)],
+     "net.prototxt: no layer leaves a blob unread, so the net has no output; name one (--blob)"),
+    ('layer { name: "a" type: "Concat" bottom: "x0" bottom: "x1" top: "y" concat_param { axis: 0 } }',
+     [(1, 4), (2, 4)], "net.prototxt: inputs with different batch sizes, x0 (1, 4), x1 (2, 4); expected first axes "
+     "of the same size"),
+])
 def test_a_net_without_a_batch(layers, shapes, message, files):
     """Every blob must have N items at most once, and cannot be both input and output."""
     assert refusal(*files(layers, *shapes)) == f"{message}\n"
 
 
 def test_files_that_are_not_there(files):
-    """Missing nets, weights, blobs and folders, and weights of another net, are reported."""
     net, weights = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (1, 3))
     assert refusal("no.prototxt", weights) == ("no.prototxt: cannot read the prototxt: No such file or directory\n")
     assert "no.caffemodel.h5" in refusal(net, "no.caffemodel.h5")
@@ -76,7 +70,6 @@ def test_files_that_are_not_there(files):
 
 
 def test_no_input(files):
-    """A net without inputs cannot be exported."""
     Path("net.prototxt").write_text('layer { name: "a" type: "Input" top: "y" }')
     _, weights = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (1, 3))
     Path("net.prototxt").write_text('layer { name: "a" type: "Input" top: "x" }'
@@ -95,7 +88,6 @@ def test_a_missing_package(missing, more, files, monkeypatch):
 
 
 def test_a_difference_fails(files, monkeypatch):
-    """If the results differ, --check prints the difference and ends with status 1."""
     net, weights = files('layer { name: "a" type: "Power" bottom: "x0" top: "y" power_param { scale: 2 } }', (1, 3))
     monkeypatch.setitem(LAYERS, "Power", LAYERS["AbsVal"])
     _, out, err = run_tool("export_onnx", net, weights, "out.onnx", "--check", status=1)
@@ -105,6 +97,5 @@ def test_a_difference_fails(files, monkeypatch):
 
 
 def test_usage():
-    """The size of the cube must be valid."""
     done = run_tool("export_onnx", "net", "weights", "out", "--cube", "0", status=2)
     assert done.err.endswith("argument --cube: expected a number of at least 50 and at most 10000 mm, found '0'\n")

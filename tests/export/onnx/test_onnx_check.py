@@ -111,7 +111,6 @@ def test_a_correct_file_passes(net):
 @pytest.mark.parametrize(("net", "mistake"), [(name, mistake) for name, case in CASES.items()
                                               for mistake in case.mistakes], indirect=["net"])
 def test_mistakes_are_found(net, mistake, onnx):
-    """A constant or attribute that is wrong by 0.1%, or a wrong axis, is found."""
     assert largest(*differences(wrong(onnx_image(net), mistake, onnx), net, (1, 3))) > 1
 
 

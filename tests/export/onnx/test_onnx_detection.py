@@ -36,17 +36,14 @@ def detector(files, options: str, shared: bool = True, more: str = "") -> netlib
 
 @pytest.mark.parametrize("code", ["CORNER", "CORNER_SIZE", "CENTER_SIZE"])
 @pytest.mark.parametrize("shared", [True, False])
-@pytest.mark.parametrize(
-    "more",
-    [
-        "",
-        "nms_param { nms_threshold: 0.45 top_k: 5 } keep_top_k: 6",
-        "keep_top_k: 7 variance_encoded_in_target: true",
-        "nms_param { nms_threshold: 0 } background_label_id: 1 clip: true",
-        "nms_param { nms_threshold: 2 top_k: 100 } background_label_id: -1 keep_top_k: 100",
-        "confidence_threshold: 0.5 nms_param { top_k: 3 } keep_top_k: 1",
-    ],
-)
+@pytest.mark.parametrize("more", [
+    "",
+    "nms_param { nms_threshold: 0.45 top_k: 5 } keep_top_k: 6",
+    "keep_top_k: 7 variance_encoded_in_target: true",
+    "nms_param { nms_threshold: 0 } background_label_id: 1 clip: true",
+    "nms_param { nms_threshold: 2 top_k: 100 } background_label_id: -1 keep_top_k: 100",
+    "confidence_threshold: 0.5 nms_param { top_k: 3 } keep_top_k: 1",
+])
 def test_detections(code, shared, more, files):
     """The same rows in the same order, for batches of 1 and 3."""
     options = f"code_type: {code} share_location: {str(shared).lower()} {more}"
@@ -123,18 +120,14 @@ def test_a_whole_detector(tmp_path):
                 assert name == "corners" or np.allclose(rows, found[name], atol=1e-3), name
 
 
-@pytest.mark.parametrize(
-    ("options", "more", "message"),
-    [
-        ("nms_param { nms_threshold: 0.8 eta: 0.9 }", "", "layer 'd': eta below 1 cannot be exported to ONNX"),
-        ("keep_top_k: 0", "", "layer 'd': has no detections"),
-        ("nms_param { top_k: 0 }", "", "layer 'd': has no detections"),
-        ("", 'layer { name: "r" type: "Power" bottom: "d" top: "r" }',
-         "layer 'r': reads 'd', whose number of rows depends on values, which cannot be exported"),
-    ],
-)
+@pytest.mark.parametrize(("options", "more", "message"), [
+    ("nms_param { nms_threshold: 0.8 eta: 0.9 }", "", "layer 'd': eta below 1 cannot be exported to ONNX"),
+    ("keep_top_k: 0", "", "layer 'd': has no detections"),
+    ("nms_param { top_k: 0 }", "", "layer 'd': has no detections"),
+    ("", 'layer { name: "r" type: "Power" bottom: "d" top: "r" }',
+     "layer 'r': reads 'd', whose number of rows depends on values, which cannot be exported"),
+])
 def test_refusals(options, more, message, files):
-    """What has no form in ONNX is an error of one line with the layer."""
     with pytest.raises(LayerError, match=message) as raised:
         onnx_image(detector(files, options, more=more))
     assert str(raised.value).startswith("net.prototxt:") and Path("net.prototxt").exists()

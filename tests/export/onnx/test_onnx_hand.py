@@ -1,7 +1,5 @@
 """export/onnx/hand.py: the hand model, for any body."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

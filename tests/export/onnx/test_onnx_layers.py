@@ -1,7 +1,5 @@
 """Every layer type that has a form in ONNX, on its own: the exported layer computes the same as netlib."""
 
-from __future__ import annotations
-
 import pytest
 
 from export.onnx.table import LAYERS

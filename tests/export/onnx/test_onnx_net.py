@@ -1,7 +1,5 @@
 """export/onnx/net.py and graph.py: whole nets, and their shapes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +44,6 @@ def test_a_net_from_python(files):
 
 
 def test_weights_over_two_gigabytes(monkeypatch):
-    """Nets of more than two gigabytes, the limit of a protocol buffer, are rejected."""
     monkeypatch.setattr("export.onnx.graph.MAX_BYTES", 1000)
     net = load(SYNTHETIC / "deploy.prototxt", SYNTHETIC / "synthetic_hand.caffemodel.h5")
     with pytest.raises(NetlibError, match=r"^net 'SyntheticHand' has 0\.0 GB of weights; expected at most"):

@@ -1,7 +1,5 @@
 """export/onnx/table.py: the layer types that have a form in ONNX."""
 
-from __future__ import annotations
-
 import re
 
 from export.onnx.table import LAYERS

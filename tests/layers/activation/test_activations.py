@@ -1,13 +1,9 @@
 """Layers of one value to one value, on numbers worked by hand, in new tops and in place."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from layers import LAYER_TYPES
-
-pytestmark = pytest.mark.both_engines
 
 LN2, LN3, LN4 = np.log([2, 3, 4])
 FAR = [1000.0, -1000.0]  # where an exponential overflows

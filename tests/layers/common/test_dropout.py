@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-pytestmark = pytest.mark.both_engines
-
 HALF = 'type: "Dropout" dropout_param { dropout_ratio: 0.5 }'
 
 
@@ -19,13 +17,11 @@ def test_values_are_zero_or_scaled(run):
 
 @pytest.mark.parametrize("ratio", [0.1, 0.3, 0.5, 0.9])
 def test_the_part_that_is_dropped(run, ratio):
-    """The fraction of dropped values agrees within five standard errors for 100,000 values."""
     done = run(f'type: "Dropout" dropout_param {{ dropout_ratio: {ratio} }}', np.ones(100_000))
     assert abs((done.y == 0).mean() - ratio) < 5 * np.sqrt(ratio * (1 - ratio) / 100_000)
 
 
 def test_every_batch_has_another_mask(run):
-    """Every batch draws a new mask from the layer's own random stream."""
     done = run(HALF, np.ones(100))
     first = done.y.copy()
     done.layer.forward(done.bottom, done.top)
@@ -36,7 +32,6 @@ def test_every_batch_has_another_mask(run):
     ("text", "phase"), [(HALF, "TEST"), ('type: "Dropout" dropout_param { dropout_ratio: 0 }', "TRAIN")]
 )
 def test_identity_when_testing_or_with_ratio_0(run, rng, text, phase):
-    """In TEST or with ratio 0, forward and backward are the identity."""
     x = rng.normal(size=(3, 4))
     done = run(text, x, phase=phase)
     assert np.array_equal(done.y, x)
@@ -53,7 +48,6 @@ def test_fast_rcnns_dropout_scales_in_test(run):
 
 
 def test_sampling_in_test(run):
-    """With ``sample_weights_test``, TEST drops and scales like TRAIN."""
     x = np.ones(4000)
     sampled = 'type: "Dropout" dropout_param { dropout_ratio: 0.25 sample_weights_test: true }'
     done = run(sampled, x, phase="TEST")

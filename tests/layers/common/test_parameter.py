@@ -1,9 +1,6 @@
 """Parameter."""
 
 import numpy as np
-import pytest
-
-pytestmark = pytest.mark.both_engines
 
 NET = """
 layer { name: "w" type: "Parameter" top: "w" parameter_param { shape { dim: 2 dim: 3 } } param { lr_mult: 2 } }
@@ -12,7 +9,6 @@ layer { name: "sum" type: "Reduction" bottom: "w" top: "loss" loss_weight: 1 red
 
 
 def test_the_top_is_the_parameter(net_of):
-    """The top holds the parameter, initially 0; the gradient of the top is added to the parameter's."""
     net = net_of(NET)
     assert net.forward()["loss"] == 0
     net.params["w"][0].data[...] = [[1, 2, 3], [4, 5, 6]]
@@ -25,7 +21,6 @@ def test_the_top_is_the_parameter(net_of):
 
 
 def test_in_place_behind_it_leaves_the_parameter_alone(net_of):
-    """The top is a copy, so a layer in place after it does not change the parameter."""
     net = net_of(NET.replace('layer { name: "sum"', 'layer { name: "r" type: "ReLU" bottom: "w" top: "w" }\n'
                                                     'layer { name: "sum"'))
     net.params["w"][0].data[...] = -1
@@ -34,7 +29,6 @@ def test_in_place_behind_it_leaves_the_parameter_alone(net_of):
 
 
 def test_without_a_shape_it_is_one_number(net_of):
-    """Without a shape the parameter is a scalar, as in Caffe."""
     assert net_of('layer { name: "w" type: "Parameter" top: "w" }').params["w"][0].shape == ()
 
 

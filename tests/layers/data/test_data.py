@@ -1,8 +1,6 @@
 """Data: LMDB databases."""
 
-import gc
 import os
-import sys
 
 import cv2
 import lmdb
@@ -12,8 +10,6 @@ import pytest
 import netlib
 from tests.support.bad_input import bad_inputs
 from tests.support.caffe_messages import datum, write_blob
-
-pytestmark = pytest.mark.both_engines
 
 
 def write(folder, entries, subdir=True):
@@ -46,7 +42,6 @@ def labels(net, count=1):
 
 
 def test_entries_come_in_order_and_go_round(database, images, net_of):
-    """Entries are read in the order of their keys; a batch continues from the last entry to the first."""
     net = net_of(text(database))
     for batch in ([0, 1], [2, 3], [4, 0], [1, 2]):
         tops = net.forward()
@@ -55,23 +50,11 @@ def test_entries_come_in_order_and_go_round(database, images, net_of):
 
 
 def test_without_labels(database, images, net_of):
-    """The second top is optional."""
     assert np.array_equal(net_of(text(database, top='top: "x"')).forward()["x"], images[:2])
-
-
-def test_floats_and_pictures(tmp_path, rng, net_of):
-    """An entry may hold floats or an encoded image."""
-    floats = rng.normal(size=(3, 4, 5)).astype(np.float32)
-    picture = rng.integers(0, 256, (4, 5, 3)).astype(np.uint8)
-    entries = [datum(floats, 1), datum(cv2.imencode(".png", picture)[1].tobytes(), 2)]
-    tops = net_of(text(write(tmp_path / "lmdb", entries))).forward()
-    assert np.array_equal(tops["x"], [floats, picture.transpose(2, 0, 1)])
-    assert tops["t"].tolist() == [1, 2]
 
 
 @pytest.mark.parametrize(("force", "channels"), [("force_color", 3), ("force_gray", 1)])
 def test_pictures_in_colour_or_in_grey(tmp_path, rng, net_of, force, channels):
-    """force_color or force_gray allows a batch of colour and gray images."""
     pictures = [rng.integers(0, 256, size).astype(np.uint8) for size in ((4, 5, 3), (4, 5))]
     entries = [datum(cv2.imencode(".png", picture)[1].tobytes(), 0) for picture in pictures]
     path = write(tmp_path / "lmdb", entries)
@@ -85,24 +68,6 @@ def test_transformed(database, images, net_of, tmp_path, rng):
     more = f'transform_param {{ crop_size: 2 scale: 0.5 mean_file: "{tmp_path}/mean.binaryproto" }}'
     x = net_of(text(database, more=more), netlib.TEST).forward()["x"]
     assert np.array_equal(x, ((images[:2] - mean) * np.float32(0.5))[:, :, 1:3, 2:4])
-
-
-def test_a_batch_has_the_size_of_its_first_image(tmp_path, net_of):
-    """With a batch size of 1 the size of the images may vary."""
-    sizes = [(1, 2, 3), (2, 5, 4)]
-    path = write(tmp_path / "lmdb", [datum(np.ones(size, np.uint8), 0) for size in sizes])
-    net = net_of(text(path, "batch_size: 1"))
-    assert [net.forward()["x"].shape for _ in range(3)] == [(1, *sizes[i]) for i in (0, 1, 0)]
-
-
-def test_several_nets_read_one_database(database, net_of):
-    """Each net keeps its own position in the database."""
-    first, second = net_of(text(database)), net_of(text(database), netlib.TEST)
-    assert labels(first, 2) == [10, 11, 12, 13]
-    assert labels(second) == [10, 11]
-    del first
-    gc.collect()
-    assert labels(second) == [12, 13]
 
 
 def test_a_database_that_is_made_anew(database, images, net_of, tmp_path):
@@ -130,7 +95,6 @@ def test_a_resume_goes_on_with_the_next_entry(database, net_of, done):
 
 
 def test_a_resume_with_another_database_starts_over(database, images, tmp_path, net_of):
-    """If the database has changed, a resumed net starts at the first entry."""
     net = net_of(text(database))
     labels(net)
     other = net_of(text(write(tmp_path / "other", [datum(images[0], 7), datum(images[0], 8)])))
@@ -146,7 +110,6 @@ def test_a_database_in_one_file_and_beside_the_prototxt(tmp_path, images, monkey
 
 
 def test_what_is_accepted_and_ignored(database, net_of, caplog):
-    """Options that other data layers read, or that belong in transform_param, are ignored with a warning."""
     layer = text(database, "batch_size: 2 prefetch: 9 cache: true rand_skip: 3 force_encoded_color: true crop_size: 2")
     net = net_of(layer)
     assert labels(net) == [10, 11]
@@ -158,12 +121,6 @@ def test_what_is_accepted_and_ignored(database, net_of, caplog):
     ):
         assert f"layer 'd': Data ignores {advice}" in caplog.text
     assert len(caplog.records) == 3
-
-
-def test_the_package_is_not_needed(database, net_of, monkeypatch):
-    """Reading works without the package lmdb."""
-    monkeypatch.setitem(sys.modules, "lmdb", None)
-    assert labels(net_of(text(database))) == [10, 11]
 
 
 def test_a_database_that_is_cut_under_a_running_net(tmp_path, net_of):

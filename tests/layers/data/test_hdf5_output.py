@@ -8,8 +8,6 @@ import netlib
 from tests.support.bad_input import bad_inputs
 from tests.support.hdf5_files import write_hdf5
 
-pytestmark = pytest.mark.both_engines
-
 
 def text(path, x="dim: 2 dim: 3", t="dim: 2"):
     """Return a net of two inputs that are written to ``path``."""
@@ -36,7 +34,6 @@ def test_the_first_batch_is_written_with_four_axes(tmp_path, net_of, rng, dtype)
 
 
 def test_a_second_batch_is_a_mistake(tmp_path, net_of):
-    """A second batch raises an error, as in Caffe, and the file keeps the first."""
     net = net_of(text(tmp_path / "out.h5"))
     net.forward(x=np.ones((2, 3)))
     with pytest.raises(netlib.LayerError, match=r"layer 'out': .*out.h5 holds the batch of the first forward"):
@@ -46,7 +43,6 @@ def test_a_second_batch_is_a_mistake(tmp_path, net_of):
 
 
 def test_its_bottoms_have_no_gradient(tmp_path, net_of):
-    """The gradient of the bottoms is 0."""
     net = net_of(text(tmp_path / "out.h5"))
     net.forward()
     net.blobs["x"].diff[...] = 3
@@ -55,7 +51,6 @@ def test_its_bottoms_have_no_gradient(tmp_path, net_of):
 
 @pytest.mark.parametrize("name", ["in.h5", "link.h5"])
 def test_a_file_that_is_read_is_not_replaced(tmp_path, net_of, name):
-    """A file that the net reads is not replaced, whether named directly or by a link."""
     write_hdf5(tmp_path / "in.h5", x=np.ones((4, 3)), t=np.ones((4, 1)))
     (tmp_path / "link.h5").symlink_to("in.h5")
     (tmp_path / "list.txt").write_text("in.h5")
@@ -83,7 +78,6 @@ def test_mistakes(tmp_path, net_of, given, rejected):
 
 
 def test_a_file_that_cannot_be_written(tmp_path, net_of):
-    """The error states the reason."""
     (tmp_path / "folder").mkdir()
     net = net_of(text(tmp_path / "folder/o"))
     (tmp_path / "folder").rmdir()

@@ -7,8 +7,6 @@ import pytest
 import netlib
 from tests.support.bad_input import bad_inputs
 
-pytestmark = pytest.mark.both_engines
-
 SIZES = [(4, 6), (4, 6), (4, 6), (5, 8), (3, 3)]
 
 
@@ -48,7 +46,6 @@ def test_pictures_come_in_order_and_go_round(tmp_path, pictures, net_of):
 
 
 def test_grey(tmp_path, pictures, net_of):
-    """With is_color false there is one channel."""
     x = net_of(text(tmp_path, "is_color: false")).forward()["x"]
     assert np.array_equal(x[0, 0], cv2.imread(str(tmp_path / "picture 0.png"), cv2.IMREAD_GRAYSCALE))
 
@@ -74,7 +71,6 @@ def test_a_batch_has_the_size_of_its_first_picture(tmp_path, pictures, net_of):
 
 
 def test_cropped(tmp_path, pictures, net_of):
-    """With crop_size a batch may contain images of different sizes."""
     write_list(tmp_path, range(5))
     net = net_of(text(tmp_path, "batch_size: 5", "transform_param { crop_size: 3 mean_value: 4 }"), netlib.TEST)
     x = net.forward()["x"]
@@ -93,7 +89,6 @@ def test_shuffle(tmp_path, pictures, net_of):
 
 
 def test_rand_skip(tmp_path, pictures, net_of):
-    """Reading starts at a random image below rand_skip and continues in order."""
     starts = set()
     for seed in range(20):
         found = labels(net_of(text(tmp_path, "rand_skip: 2"), seed=seed), 3)
@@ -104,7 +99,6 @@ def test_rand_skip(tmp_path, pictures, net_of):
 
 @pytest.mark.parametrize("done", [0, 1, 2, 5])
 def test_a_resume_goes_on_with_the_next_picture(tmp_path, pictures, net_of, done):
-    """Resuming continues with the same images, crops and mirrors."""
     options = text(
         tmp_path, "batch_size: 2 shuffle: true rand_skip: 3", "transform_param { crop_size: 2 mirror: true }"
     )
@@ -119,7 +113,6 @@ def test_a_resume_goes_on_with_the_next_picture(tmp_path, pictures, net_of, done
 
 
 def test_a_resume_with_another_list_starts_over(tmp_path, pictures, net_of):
-    """If the list has changed, a resumed net starts at its first image."""
     net = net_of(text(tmp_path))
     labels(net, 2)
     states = net.layer_states()
@@ -147,13 +140,11 @@ def test_where_pictures_are_looked_for(tmp_path, pictures, net_of, monkeypatch):
     [("picture 0.png 5\n\npicture 1.png -3\r\n", [5, -3]), ("picture 0.png +7", [7])],
 )
 def test_lines(tmp_path, pictures, net_of, content, found):
-    """Empty lines are skipped."""
     (tmp_path / "list.txt").write_bytes(content.encode())
     assert labels(net_of(text(tmp_path, f"batch_size: {len(found)}"))) == found
 
 
 def test_notes(tmp_path, pictures, net_of, caplog):
-    """The notes state the number of images; ignored options are warnings."""
     net = net_of(text(tmp_path, "mirror: true")[:-1] + "transform_param { force_gray: true } }")
     assert net.layer_dict["d"].notes == [f"3 images in {tmp_path}/list.txt"]
     assert "ImageData ignores mirror in image_data_param, as Caffe does; write it in transform_param" in caplog.text

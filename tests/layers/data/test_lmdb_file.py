@@ -15,8 +15,6 @@ from layers.data.lmdb_file import BRANCH, LEAF, OVERFLOW, Cursor, Database
 from netlib.errors import DataError
 from tests.support.bad_input import bad_inputs
 
-pytestmark = pytest.mark.both_engines
-
 lmdb = pytest.importorskip("lmdb", reason="the package lmdb, which writes the databases, is not installed")
 
 Entries = dict[bytes, bytes]
@@ -51,9 +49,6 @@ def only_file(path: Path) -> Path:
     return path / "data.mdb"
 
 
-# ---------------------------------------------------------------------------------------------- as the package reads
-
-
 @pytest.mark.parametrize(
     ("entries", "depth"),
     [
@@ -77,7 +72,7 @@ def test_entries_in_the_order_of_their_keys(tmp_path: Path, entries: Entries, de
     assert list(walked(path)) == sorted(entries.items())
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_whatever_has_been_written_and_deleted(tmp_path: Path, seed: int) -> None:
     """Databases with reused pages and changed values and trees are read correctly, and so are compact copies."""
     rng = random.Random(seed)
@@ -105,7 +100,6 @@ def test_whatever_has_been_written_and_deleted(tmp_path: Path, seed: int) -> Non
 
 
 def test_going_on_from_a_key(tmp_path: Path) -> None:
-    """From a key the cursor moves to the last entry, stays there, and can return to the first."""
     cursor = Cursor(Database(write(tmp_path / "a", numbered(500))))
     assert cursor.set_key(b"00000497")
     assert [cursor.next() for _ in range(4)] == [True, True, False, False]
@@ -114,15 +108,11 @@ def test_going_on_from_a_key(tmp_path: Path) -> None:
 
 
 def test_several_cursors(tmp_path: Path) -> None:
-    """Several cursors of the same or of separate databases on one file move independently."""
     path = write(tmp_path / "a", numbered(500))
     database = Database(path)
     cursors = [Cursor(database), Cursor(database), Cursor(Database(path))]
     assert all(cursor.set_key(b"%08d" % (100 * i)) for i, cursor in enumerate(cursors))
     assert [cursor.next() and cursor.key for cursor in cursors] == [b"00000001", b"00000101", b"00000201"]
-
-
-# ---------------------------------------------------------------------------------------------- pages made by hand
 
 
 def page(kind: int, number: int, nodes: list[bytes], size: int) -> bytes:
@@ -169,7 +159,6 @@ def database_of(path: Path, *pages: bytes, depth: int, entries: int, size: int =
 
 @pytest.mark.parametrize("size", [512, 1024, 4096, 16384, 32768])
 def test_pages_of_any_size(tmp_path: Path, size: int) -> None:
-    """Every page size that LMDB supports is read, here with a branch, two leaves and a value of three pages."""
     value = bytes(range(251)) * (3 * size // 251)
     path = database_of(
         tmp_path / "a",
@@ -216,7 +205,6 @@ DAMAGED, UNSORTED = "; the database is damaged", "its keys are out of order, or 
     ))
 })
 def test_nothing_is_believed(tmp_path: Path, given: tuple[list[bytes], dict[str, int]], rejected: Any) -> None:
-    """Inconsistent numbers, lengths, depths and circular trees raise an error with the page."""
     path = database_of(tmp_path / "a", *given[0], **{"depth": 1, "entries": 2, **given[1]})
     with rejected:
         list(walked(path))
@@ -243,34 +231,25 @@ ORDER = (
     "byte order": (bytes(16) + b"\xbe\xef\xc0\xde" + bytes(9000), f".../a{ORDER[3:]}"),
 })
 def test_what_is_no_such_database(tmp_path: Path, given: bytes, rejected: Any) -> None:
-    """A file that is not a database, or is from another kind of machine, raises an error."""
     (tmp_path / "a").write_bytes(given)
     with rejected:
         Database(tmp_path / "a")
 
 
 def test_named_databases(tmp_path: Path) -> None:
-    """Named databases, which Caffe does not use, raise an error."""
     with lmdb.open(str(tmp_path / "a"), max_dbs=1) as database:
         database.open_db(b"x")
     with pytest.raises(DataError, match=r"page \d: b'x' is not an entry but a database within this one \(flags 0x2\)"):
         list(walked(tmp_path / "a"))
 
 
-# ---------------------------------------------------------------------------------------------- damage
-
 Damage = Callable[[bytearray, random.Random], int]
 
 
 def flipped_bit(content: bytearray, rng: random.Random) -> int:
-    """Flip any bit; at most one entry may change."""
-    content[rng.randrange(len(content))] ^= 1 << rng.randrange(8)
-    return 1
-
-
-def flipped_in_a_head(content: bytearray, rng: random.Random) -> int:
-    """Flip a bit in the numbers and offsets at the start of a page."""
-    content[4096 * rng.randrange(len(content) // 4096) + rng.randrange(160)] ^= 1 << rng.randrange(8)
+    """Flip any bit, every second time in the numbers at the start of a page; at most one entry may change."""
+    head = 4096 * rng.randrange(len(content) // 4096) + rng.randrange(160)
+    content[rng.choice((head, rng.randrange(len(content))))] ^= 1 << rng.randrange(8)
     return 1
 
 
@@ -281,24 +260,11 @@ def zeros(content: bytearray, rng: random.Random) -> int:
     return 2
 
 
-def another_number(content: bytearray, rng: random.Random) -> int:
-    """Replace any eight bytes by the number of a page."""
-    struct.pack_into("<Q", content, 2 * rng.randrange(len(content) // 2 - 4), rng.randrange(len(content) // 4096 + 2))
-    return 2
-
-
 def swapped_pages(content: bytearray, rng: random.Random) -> int:
     """Swap two pages."""
     a, b = (4096 * rng.randrange(len(content) // 4096) for _ in range(2))
     content[a : a + 4096], content[b : b + 4096] = content[b : b + 4096], content[a : a + 4096]
     return 2  # the later pages of a value are not numbered
-
-
-def repeated_page(content: bytearray, rng: random.Random) -> int:
-    """Replace a page by a copy of another."""
-    a, b = (4096 * rng.randrange(len(content) // 4096) for _ in range(2))
-    content[a : a + 4096] = content[b : b + 4096]
-    return 1
 
 
 def cut(content: bytearray, rng: random.Random) -> int:
@@ -316,9 +282,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, Entries]:
     return only_file(path).read_bytes(), {key: value for key, value in entries.items() if key not in gone}
 
 
-@pytest.mark.parametrize(
-    "damage", [flipped_bit, flipped_in_a_head, zeros, another_number, swapped_pages, repeated_page, cut]
-)
+@pytest.mark.parametrize("damage", [flipped_bit, zeros, swapped_pages, cut])
 def test_damage(tmp_path: Path, good: tuple[bytes, Entries], damage: Damage) -> None:
     """A damaged file raises a one-line error, or gives all entries with changes only at the damaged position."""
     content, entries = good

@@ -12,8 +12,6 @@ from netlib.proto.messages import LayerParameter
 from tests.support.bad_input import bad_inputs
 from tests.support.caffe_messages import write_blob
 
-pytestmark = pytest.mark.both_engines
-
 
 def transformer(options, phase="TRAIN", source="<test>", dtype=np.float64):
     """Return a transformer with these options."""
@@ -47,7 +45,6 @@ def image(rng):
 
 
 def test_without_options_only_the_type_changes(image):
-    """Without options bytes become floats from 0 to 255."""
     assert np.array_equal(transformed(transformer(""), image), image)
 
 
@@ -90,19 +87,9 @@ def test_the_middle_is_rounded_to_the_top_and_left(image, size, top, left):
 
 
 def test_float32_is_computed_in_float32(image):
-    """The computation uses the net's own type, as in Caffe."""
     y = transformed(transformer("scale: 0.1 mean_value: 104.3", dtype=np.float32), image)
     assert y.dtype == np.float32
     assert np.array_equal(y, (image.astype(np.float32) - np.float32(104.3)) * np.float32(0.1))
-
-
-def test_the_same_state_gives_the_same_crops(image):
-    """Crops and mirrors are drawn from the layer's random stream."""
-    made = transformer("crop_size: 2 mirror: true")
-    state = made.layer.state()
-    first = [transformed(made, image) for _ in range(5)]
-    made.layer.restore(state)
-    assert np.array_equal(first, [transformed(made, image) for _ in range(5)])
 
 
 @bad_inputs(netlib.LayerError, {

@@ -8,8 +8,6 @@ import pytest
 
 import netlib
 
-pytestmark = pytest.mark.both_engines
-
 WIDE = [0, 0, 1, 1]  # a prior
 
 
@@ -29,17 +27,11 @@ def rows(run, options, *arrays, **more):
     return y[0, 0]
 
 
-# ---------------------------------------------------------------------------------------------- decoding
-
-
-@pytest.mark.parametrize(
-    ("code", "location", "box"),
-    [
-        ("CORNER", [1, 2, -1, 3], [0.3, 0.8, 0.3, 2.0]),  # corner + variance x location
-        ("CORNER_SIZE", [1, 2, -1, 3], [0.24, 0.56, 0.48, 1.28]),  # corner + variance x location x 0.4
-        ("CENTER_SIZE", [1, 2, math.log(2) / 0.3, math.log(3) / 0.4], [0.04, 0.16, 0.84, 1.36]),  # at (0.44, 0.76)
-    ],
-)
+@pytest.mark.parametrize(("code", "location", "box"), [
+    ("CORNER", [1, 2, -1, 3], [0.3, 0.8, 0.3, 2.0]),  # corner + variance x location
+    ("CORNER_SIZE", [1, 2, -1, 3], [0.24, 0.56, 0.48, 1.28]),  # corner + variance x location x 0.4
+    ("CENTER_SIZE", [1, 2, math.log(2) / 0.3, math.log(3) / 0.4], [0.04, 0.16, 0.84, 1.36]),  # at (0.44, 0.76)
+])
 def test_decoding_by_hand(run, code, location, box):
     """A prior of 0.4 x 0.4 at (0.2, 0.4) with variances 0.1 to 0.4, by hand for each code type."""
     priors = np.array([[0.2, 0.4, 0.6, 0.8], [0.1, 0.2, 0.3, 0.4]]).reshape(1, 2, 4)
@@ -59,81 +51,54 @@ def test_a_location_for_each_class(run):
     assert np.allclose(found, [[0, 1, 0.4, 0.1, 0, 1, 1], [0, 2, 0.6, 0, 0.2, 1, 1]])
 
 
-# ---------------------------------------------------------------------------------------------- selection
-
-
 def strips(*starts):
     """Return boxes of width 4 and height 1; two that are shifted by s overlap by (4 - s) / (4 + s)."""
     return [[x, 0, x + 4, 1] for x in starts]
 
 
-@pytest.mark.parametrize(
-    ("options", "kept"),
-    [
-        ("nms_param { nms_threshold: 0.5 }", [0, 2]),  # overlap 3/5 with the first, then 1/3 and 3/5
-        ("nms_param { nms_threshold: 0.65 }", [0, 1, 2]),
-        ("nms_param { nms_threshold: 0.3 }", [0]),
-        ("", [0]),  # the default is 0.3
-        ("nms_param { nms_threshold: 0 }", [0]),
-    ],
-)
-def test_suppression(run, options, kept):
-    """A box is dropped if it overlaps a kept one by more than the threshold; dropped ones suppress none."""
-    boxes = strips(0, 1, 2)
-    found = rows(run, text(more=options), *bottoms(boxes, [[0, 0.9], [0, 0.8], [0, 0.7]]))
+NMS = "nms_param { nms_threshold: %s }"
+OVERLAPPING = (0, 1, 2), [0.9, 0.8, 0.7]  # overlaps 3/5, 1/3 and 3/5
+PAIRS = (0, 1, 20, 21.6, 40, 41.8), [1 - i / 10 for i in range(6)]  # overlaps 0.6, 0.43 and 0.38
+APART = (0, 10, 20), [0.5, 0.51, -3]
+ALIKE = (0, 10, 20, 30), [0.5, 0.5, 0.7, 0.5]
+
+
+@pytest.mark.parametrize(("options", "boxes", "kept"), [
+    (NMS % 0.5, OVERLAPPING, [0, 2]), (NMS % 0.65, OVERLAPPING, [0, 1, 2]), (NMS % 0.3, OVERLAPPING, [0]),
+    ("", OVERLAPPING, [0]), (NMS % 0, OVERLAPPING, [0]),  # the default is 0.3; dropped boxes suppress none
+    (NMS % 0, ((0, 4), [1, 1]), [0, 4]),  # touching boxes do not overlap
+    # 0.8 is multiplied by 0.5 after the first kept box, but not again, as it is then below 0.5
+    ("nms_param { nms_threshold: 0.8 eta: 0.5 }", PAIRS, [0, 20, 40, 41.8]), (NMS % 0.8, PAIRS, list(PAIRS[0])),
+    # only confidences above the threshold count; without one all do, also negative ones
+    ("confidence_threshold: 0.5", APART, [10]), ("", APART, [10, 0, 20]),
+    # equal confidences keep the sequence of the priors, also where top_k and keep_top_k cut
+    ("", ALIKE, [20, 0, 10, 30]), ("nms_param { top_k: 3 }", ALIKE, [20, 0, 10]), ("keep_top_k: 3", ALIKE, [20, 0, 10]),
+])
+def test_selection(run, options, boxes, kept):
+    found = rows(run, text(more=options), *bottoms(strips(*boxes[0]), [[0, score] for score in boxes[1]]))
     assert found[:, 3].tolist() == kept
 
 
 def test_an_overlap_equal_to_the_threshold_is_kept(run):
-    """Boxes with overlap 1/3 are both kept with the threshold 1/3 of the same rounding, and none touching ones."""
+    """Boxes with overlap 1/3 are both kept with the threshold 1/3 of the same rounding."""
     arrays = bottoms(strips(0, 2), [[0, 0.9], [0, 0.8]])
-    third = float(np.float32(1 / 3))
-    assert len(rows(run, text(more=f"nms_param {{ nms_threshold: {third!r} }}"), *arrays, dtype=np.float32)) == 2
-    assert len(rows(run, text(more="nms_param { nms_threshold: 0 }"), *bottoms(strips(0, 4), [[0, 1], [0, 1]]))) == 2
+    assert len(rows(run, text(more=NMS % repr(float(np.float32(1 / 3)))), *arrays, dtype=np.float32)) == 2
 
 
-def test_eta_lowers_the_threshold(run):
-    """0.8 is multiplied by 0.5 after the first kept box, but not again, as it is then below 0.5."""
-    boxes, scores = strips(0, 1, 20, 21.6, 40, 41.8), [[0, 1 - i / 10] for i in range(6)]
-    found = rows(run, text(more="nms_param { nms_threshold: 0.8 eta: 0.5 }"), *bottoms(boxes, scores))
-    assert found[:, 3].tolist() == [0, 20, 40, 41.8]  # overlaps 0.6, 0.43 and 0.38
-    found = rows(run, text(more="nms_param { nms_threshold: 0.8 }"), *bottoms(boxes, scores))
-    assert len(found) == 6
+FOUR = strips(0, 1, 20, 30), [[0, 0.9, 0.1], [0, 0.8, 0.2], [0, 0.7, 0.3], [0, 0.6, 0.95]]
+ONE = [WIDE], [[0.3, 0.4, 0.5]]
 
 
-def test_the_threshold_of_confidences(run):
-    """Only confidences above the threshold count; without one all do, also negative ones."""
-    arrays = bottoms(strips(0, 10, 20), [[0, 0.5], [0, 0.51], [0, -3]])
-    assert rows(run, text(more="confidence_threshold: 0.5"), *arrays)[:, 3].tolist() == [10]
-    assert rows(run, text(), *arrays)[:, 3].tolist() == [10, 0, 20]
-
-
-def test_top_k_limits_the_candidates(run):
-    """top_k counts candidates before the suppression, per class; keep_top_k detections, per item."""
-    arrays = bottoms(strips(0, 1, 20, 30), [[0, 0.9, 0.1], [0, 0.8, 0.2], [0, 0.7, 0.3], [0, 0.6, 0.95]])
-    found = rows(run, text(3, "nms_param { top_k: 2 }"), *arrays)
-    assert found[:, [1, 3]].tolist() == [[1, 0], [2, 30], [2, 20]]
-    found = rows(run, text(3, "keep_top_k: 3"), *arrays)
-    assert found[:, [1, 3]].tolist() == [[1, 0], [1, 20], [2, 30]]
-    assert len(rows(run, text(3, "keep_top_k: 6"), *arrays)) == 6
-    assert rows(run, text(3, "keep_top_k: 0"), *arrays)[:, 1].tolist() == [-1]
-    assert rows(run, text(3, "nms_param { top_k: 0 }"), *arrays)[:, 1].tolist() == [-1]
-
-
-def test_of_equal_confidences_the_first_comes_first(run):
-    """Equal confidences keep the sequence of the priors, also where top_k and keep_top_k cut."""
-    arrays = bottoms(strips(0, 10, 20, 30), [[0, 0.5], [0, 0.5], [0, 0.7], [0, 0.5]])
-    assert rows(run, text(), *arrays)[:, 3].tolist() == [20, 0, 10, 30]
-    for options in ("nms_param { top_k: 3 }", "keep_top_k: 3"):
-        assert rows(run, text(more=options), *arrays)[:, 3].tolist() == [20, 0, 10]
-
-
-def test_the_background(run):
-    """Class 0 is the background, unless another one or, with -1, none is."""
-    arrays = bottoms([WIDE], [[0.3, 0.4, 0.5]])
-    assert rows(run, text(3), *arrays)[:, 1].tolist() == [1, 2]
-    assert rows(run, text(3, "background_label_id: 1"), *arrays)[:, 1].tolist() == [0, 2]
-    assert rows(run, text(3, "background_label_id: -1"), *arrays)[:, 1].tolist() == [0, 1, 2]
+@pytest.mark.parametrize(("options", "boxes", "found"), [  # label and xmin of each row
+    ("nms_param { top_k: 2 }", FOUR, [[1, 0], [2, 30], [2, 20]]),  # candidates per class before the suppression
+    ("keep_top_k: 3", FOUR, [[1, 0], [1, 20], [2, 30]]),  # detections per item
+    ("keep_top_k: 6", FOUR, [[1, 0], [1, 20], [1, 30], [2, 30], [2, 20], [2, 1]]),
+    ("keep_top_k: 0", FOUR, [[-1, -1]]), ("nms_param { top_k: 0 }", FOUR, [[-1, -1]]),
+    ("", ONE, [[1, 0], [2, 0]]), ("background_label_id: 1", ONE, [[0, 0], [2, 0]]),
+    ("background_label_id: -1", ONE, [[0, 0], [1, 0], [2, 0]]),
+])
+def test_classes(run, options, boxes, found):
+    assert rows(run, text(3, options), *bottoms(*boxes))[:, [1, 3]].tolist() == found
 
 
 def test_nothing_found(run):
@@ -155,9 +120,6 @@ def test_values_that_are_not_finite(run):
     assert found.tolist() == [[0, 1, 0.5, -np.inf, -np.inf, np.inf, np.inf]]
 
 
-# ---------------------------------------------------------------------------------------------- plain loops
-
-
 def test_many_candidates_are_suppressed_in_blocks(run, rng):
     """Boxes that are kept overlap by at most 0.3, and each other one overlaps a kept one of a higher confidence."""
     corner = rng.uniform(0, 0.9, (700, 2))
@@ -173,9 +135,6 @@ def test_many_candidates_are_suppressed_in_blocks(run, rng):
     assert np.array_equal((overlaps & better).any(axis=1), ~is_kept)
     assert (np.diff(found[:, 2]) < 0).all()
     assert 64 < len(found) < 600
-
-
-# ---------------------------------------------------------------------------------------------- in nets, mistakes
 
 
 NET = """

@@ -13,8 +13,6 @@ import netlib
 from netlib.errors import LayerError
 from tests.support.bad_input import bad_inputs
 
-pytestmark = pytest.mark.both_engines
-
 LAYER = """
 layer { name: "in" type: "Input" top: "depth" top: "joint"
         input_param { shape { dim: 40 dim: 1 dim: 128 dim: 128 } shape { dim: 40 dim: 6 } } }
@@ -94,7 +92,6 @@ def test_background_stays_and_depth_is_cut(net_of: NetOf) -> None:
 
 @pytest.mark.parametrize(("options", "phase"), [("", netlib.TRAIN), (ALL, netlib.TEST)])
 def test_identity(net_of: NetOf, options: str, phase: int) -> None:
-    """Without options, and in TEST, nothing changes."""
     depth, joint = dots()
     for tops in (("y", "moved"), ("depth", "joint")):
         y, moved = augmented(net_of(LAYER % (*tops, options), phase), depth, joint)
@@ -103,7 +100,6 @@ def test_identity(net_of: NetOf, options: str, phase: int) -> None:
 
 
 def test_threads_and_places_change_no_bit(net_of: NetOf, keep_threads: None) -> None:
-    """The result is bit-identical for any number of threads, with new tops and in place."""
     results, theirs = [], cv2.getNumThreads()
     for threads, tops in ((1, ("y", "moved")), (4, ("y", "moved")), (2, ("depth", "joint"))):
         netlib.set_threads(threads)
@@ -115,7 +111,6 @@ def test_threads_and_places_change_no_bit(net_of: NetOf, keep_threads: None) -> 
 
 
 def test_every_batch_is_different_and_a_resume_is_exact(net_of: NetOf) -> None:
-    """Every batch draws new random numbers, and restoring the layer's state repeats them."""
     net = net_of(LAYER % ("y", "moved", ALL))
     first, _ = augmented(net, *dots())
     state = net.layers[1].state()

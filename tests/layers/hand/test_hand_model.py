@@ -10,8 +10,6 @@ from layers.hand.skeleton import load
 from tests.support.bad_input import bad_inputs
 from tests.support.nets import inputs
 
-pytestmark = pytest.mark.both_engines
-
 
 @pytest.fixture
 def text(tmp_path, arm_text):
@@ -32,14 +30,6 @@ def test_the_default_is_the_hand(run, rng):
     y = run('type: "HandModel"', x).y
     assert y.shape == (3, 93)
     assert np.allclose(y.reshape(3, 31, 3), kinematics_of(load()).joints(x))
-
-
-def test_gradient_of_the_arm(check, text, rng):
-    """The gradient of every input agrees with differences."""
-    check(text, rng.normal(size=(3, 4)))
-
-
-# ---------------------------------------------------------------------------------------------- sizes
 
 
 @pytest.fixture
@@ -71,13 +61,11 @@ def test_lengths_are_a_body_with_such_bones(run, of_any, rng):
 
 @pytest.mark.parametrize(("N", "size"), [(2, (1,)), (2, (6,)), (2, (1, 1)), (2, (3, 2)), (17, (1,)), (17, (6,))])
 def test_gradient_of_the_size(check, of_any, rng, N, size):
-    """The gradients of a factor and of lengths agree with differences for random bodies and for few and many poses."""
     check(of_any[0], rng.normal(size=(N, 6)), rng.normal(size=(N, *size)))
 
 
 @pytest.mark.parametrize("sizes", [1, 31])
 def test_each_gradient_is_that_of_both(run, rng, sizes):
-    """Each gradient is the same if it is requested alone, and the other diff is unchanged."""
     made = run('type: "HandModel"', rng.normal(size=(4, 47)), rng.uniform(0.5, 1.5, (4, sizes)))
     dy = rng.normal(size=(4, 93))
     both = [diff.copy() for diff in made.backward(dy)]
@@ -90,7 +78,6 @@ def test_each_gradient_is_that_of_both(run, rng, sizes):
 
 
 def test_a_body_of_one_joint_has_a_factor(run, tmp_path):
-    """For a body of one joint a single number is a factor, not a length."""
     (tmp_path / "stick.prototxt").write_text('dof { name: "a" } joint { name: "tip" bone { axis: X length: 3 } }')
     text = f'type: "HandModel" hand_model_param {{ skeleton: "{tmp_path}/stick.prototxt" }}'
     assert run(text, np.zeros((1, 1)), [[2.0]]).y.tolist() == [[6, 0, 0]]
@@ -119,7 +106,6 @@ def test_a_net_with_sizes(net_of, rng, N, sizes, dtype, tolerance):
 
 
 def test_the_skeleton_is_found_beside_the_net(tmp_path, monkeypatch, arm_text):
-    """The skeleton is found next to the net or from the working directory, as in Caffe."""
     (tmp_path / "arm.prototxt").write_text(arm_text)
     (tmp_path / "net.prototxt").write_text(
         inputs(x=(1, 4))

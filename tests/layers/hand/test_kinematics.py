@@ -9,8 +9,6 @@ from layers.hand.bodies import kinematics_of
 from layers.hand.kinematics import Kinematics, rotation
 from layers.hand.skeleton import load
 
-pytestmark = pytest.mark.both_engines
-
 HAND = load()
 
 
@@ -24,9 +22,6 @@ def body(skeleton):
 def hand(engine_in_use):
     """The kinematics of the packaged hand."""
     return kinematics_of(HAND)
-
-
-# ---------------------------------------------------------------------------------------------- the arm
 
 
 @pytest.mark.parametrize("N", [1, 3, 8, 9, 40])
@@ -58,7 +53,6 @@ def test_force_and_torque_on_numbers_worked_by_hand(body, arm_text):
 
 
 def test_a_fixed_dof_ignores_its_input_and_gets_no_gradient(body, arm_text, arm, rng):
-    """A fixed rotation and a fixed translation keep their initial value and get gradient 0."""
     text = arm_text.replace("initial: 0.25", "initial: 0.25 fixed: true")
     text = text.replace("initial: 0.5", "initial: 0.5 fixed: true")
     made, inputs = body(text), rng.normal(size=(20, 4))
@@ -71,7 +65,6 @@ def test_a_fixed_dof_ignores_its_input_and_gets_no_gradient(body, arm_text, arm,
 
 
 def test_a_negative_axis_turns_and_moves_the_other_way(body, arm_text, arm, rng):
-    """DoFs about or along a negative axis act in the opposite direction."""
     inputs = rng.normal(size=(12, 4))
     turned = body(arm_text.replace("axis: Z", "axis: NEG_Z").replace("initial: 0.25", "initial: -0.25"))
     assert np.allclose(turned.joints(inputs * [1, 1, -1, -1]), arm(inputs))
@@ -107,7 +100,6 @@ def test_jacobian_against_differences(body, arm_text, rng, joints, fixed):
 
 
 def test_bones_of_every_row(body, arm_text, arm, rng):
-    """Each pose may have its own bone lengths."""
     inputs, made = rng.normal(size=(4, 4)), body(arm_text)
     doubled = made.joints(inputs, np.tile(2 * made.skeleton.bones, (4, 1)))
     base = doubled[:, 2:]
@@ -155,9 +147,6 @@ def test_the_force_along_a_bone_worked_by_hand(body, arm_text):
     assert np.allclose(made.backward_bones(pose, dX), [[2, 5, 0]])
 
 
-# ---------------------------------------------------------------------------------------------- the hand
-
-
 def test_one_pose_by_hand(hand):
     """With the palm unrotated and all angles 0, the ring finger is a straight line along its metacarpal."""
     [joints] = hand.joints(-HAND.initial[None] * ~HAND.fixed)
@@ -184,7 +173,6 @@ def test_any_pose_keeps_the_bone_lengths(hand, pose):
 
 @given(poses, st.tuples(*[st.floats(-2, 2)] * 3))
 def test_moving_the_root_moves_all_joints_alike(hand, pose, shift):
-    """The first three DoFs translate all joints."""
     moved = pose.copy()
     moved[:3] += shift
     assert np.allclose(hand.joints(moved[None]) - hand.joints(pose[None]), shift)
@@ -197,14 +185,6 @@ def test_turning_the_root_keeps_all_distances(hand, pose, angle):
     before, after = hand.joints(np.stack([pose, turned]))
     distances = [np.linalg.norm(X[:, None] - X[None], axis=2) for X in (before, after)]
     assert np.allclose(*distances)
-
-
-def test_few_poses_and_many_agree(hand, rng):
-    """A few poses at a time, all together, and with the data for backward give the same joints."""
-    inputs = rng.normal(size=(20, 47))
-    together = hand.joints(inputs)
-    assert np.allclose(np.concatenate([hand.joints(inputs[i : i + 3]) for i in range(0, 20, 3)]), together, atol=1e-14)
-    assert np.allclose(hand.forward(inputs).joints, together, atol=1e-14)
 
 
 def test_float32_costs_digits_of_float32_only(hand, rng):
@@ -268,9 +248,6 @@ def test_rotations():
         many = rotation(axis, np.array([[0.3, -2.0]]))
         assert many.shape == (1, 2, 3, 3)
         assert np.allclose(many[0, 1], rotation(axis, -2.0))
-
-
-# ------------------------------------------------------------------------------------------------ a forward_pose
 
 
 @pytest.mark.parametrize("N", [1, 4, 40])

@@ -6,8 +6,6 @@ import pytest
 import netlib
 from tests.support.bad_input import bad_inputs
 
-pytestmark = pytest.mark.both_engines
-
 SKELETON = """
     dof { name: "bent" lower: -1 upper: 2 }
     dof { name: "free" }

@@ -1,20 +1,16 @@
 """Skeleton: reading, writing and changing skeleton files, and invalid files."""
 
 import numpy as np
-import pytest
 
 import netlib
 from layers.hand.skeleton import load, load_for
 from layers.hand.skeleton_file import text_of
 from tests.support.bad_input import bad_inputs
 
-pytestmark = pytest.mark.both_engines
-
 HAND = load()
 
 
 def test_what_a_skeleton_knows(skeleton, arm_text):
-    """A skeleton has names in file order, limits, initial values, parents and bones."""
     body = skeleton(arm_text)
     assert body.name == "arm"
     assert body.dof_names == ["x", "y", "shoulder", "elbow"]
@@ -47,7 +43,6 @@ def test_the_hand_has_26_free_dofs_of_47_and_31_joints():
 
 
 def test_a_written_skeleton_reads_back_the_same(tmp_path):
-    """A written skeleton reads back with the same joints and DoFs, and writes the same text again."""
     path = tmp_path / "again.prototxt"
     path.write_text(text_of(HAND.param, "again", "A comment\nof two lines."))
     back = load(path)
@@ -77,9 +72,6 @@ def test_slides_can_be_freed(skeleton, arm_text):
     assert table.slides.tolist() == [True, True, False, False]
     assert freed.fixed.tolist() == [False, False, True, False]
     assert np.array_equal(freed.initial, table.initial) and np.array_equal(freed.bones, table.bones)
-
-
-# ---------------------------------------------------------------------------------------------- broken files
 
 
 BONE = "expected half-cubes, at most 10 (half the edge of the cube around the body: of 300 mm, 1 is 150 mm)"
@@ -124,7 +116,6 @@ def test_mistakes_in_a_skeleton_file(skeleton, arm_text, given, rejected):
     "no file": (None, netlib.NetlibError, "...gone.prototxt: cannot read the prototxt: No such file or directory"),
 })
 def test_what_is_no_skeleton(skeleton, tmp_path, given, rejected):
-    """A file without joints, and a missing file, raise an error with the file's name."""
     with rejected:
         load(tmp_path / "gone.prototxt") if given is None else skeleton(given)
 

@@ -5,8 +5,6 @@ import pytest
 
 from netlib import gradcheck
 
-pytestmark = pytest.mark.both_engines
-
 FILLERS = 'scale_filler { type: "gaussian" } shift_filler { type: "gaussian" }'
 PSPNET = 'slope_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
 
@@ -65,15 +63,12 @@ def test_pspnet_tests_with_its_averages(run, rng, options, phase):
     assert [param.lr_mult for param in done.layer.spec.param] == [0 if "frozen" in options else 1] * 2 + [0, 0]
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        f"bn_mode: LEARN {FILLERS}",
-        f"bn_mode: INFERENCE {FILLERS}",
-        f"frozen: true {PSPNET}",
-        f"momentum: 1 {PSPNET}",
-    ],
-)
+@pytest.mark.parametrize("options", [
+    f"bn_mode: LEARN {FILLERS}",
+    f"bn_mode: INFERENCE {FILLERS}",
+    f"frozen: true {PSPNET}",
+    f"momentum: 1 {PSPNET}",
+])
 @pytest.mark.parametrize("in_place", [False, True])
 def test_gradient(rng, options, in_place):
     """The gradients of x, scale and bias agree with differences; the averages have none."""

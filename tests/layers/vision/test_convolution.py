@@ -1,4 +1,6 @@
-"""Convolution: shapes, values compared with loops, and errors."""
+"""Convolution, Deconvolution, depthwise convolutions and Im2col: by hand, and compared with loops."""
+
+import logging
 
 import numpy as np
 import pytest
@@ -10,26 +12,35 @@ from netlib.blob import Blob, Blobs
 from tests.support.nets import inputs
 from tests.support.plain_loops import check_transpose, convolve
 
-pytestmark = pytest.mark.both_engines
 
-
-def text(**options):
-    options = {"num_output": 2, **options}
+def text(kind="Convolution", **options):
+    options = options if kind == "ConvolutionDepthwise" else {"num_output": 2, **options}
     fields = " ".join(f"{name}: {value}" for name, value in options.items())
     fillers = 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }'
-    return f'type: "Convolution" convolution_param {{ {fields} {fillers} }}'
+    return f'type: "{kind}" convolution_param {{ {fields} {fillers} }}'
 
 
-def test_by_hand(run):
-    """A 2 x 2 kernel is applied to a 3 x 3 image without flipping."""
-    x = np.arange(9.0).reshape(1, 1, 3, 3)
-    done = run(text(num_output=1, kernel_size=2), x, params=[[[[[1, 2], [0, -1]]]], [10]])
-    # y = 10 + x[h, w] + 2 x[h, w + 1] - x[h + 1, w + 1]
-    assert done.y[0, 0].tolist() == [[10 + 0 + 2 - 4, 10 + 1 + 4 - 5], [10 + 3 + 8 - 7, 10 + 4 + 10 - 8]]
-    [dx] = done.backward([[[[1, 0], [0, 0]]]])
-    assert dx[0, 0].tolist() == [[1, 2, 0], [0, -1, 0], [0, 0, 0]]
-    assert done.layer.blobs[0].diff[0, 0].tolist() == [[0, 1], [3, 4]]
-    assert done.layer.blobs[1].diff.tolist() == [1]
+DEPTHWISE = [[[[1, 1]]], [[[-1, 1]]]], [10, 20]  # sums of two pixels, and differences of them
+
+
+@pytest.mark.parametrize(("layer", "x", "params", "y", "dy", "dx", "dparams"), [
+    # a kernel is not flipped: y = 10 + x[h, w] + 2 x[h, w + 1] - x[h + 1, w + 1]
+    ("Convolution num_output: 1 kernel_size: 2", [[[0, 1, 2], [3, 4, 5], [6, 7, 8]]], [[[[[1, 2], [0, -1]]]], [10]],
+     [[[10 + 0 + 2 - 4, 10 + 1 + 4 - 5], [10 + 3 + 8 - 7, 10 + 4 + 10 - 8]]], [[[1, 0], [0, 0]]],
+     [[[1, 2, 0], [0, -1, 0], [0, 0, 0]]], [[[[[0, 1], [3, 4]]]], [1]]),
+    # two values each add the kernel 1, 2, 3; with stride 2 the kernels overlap in one pixel
+    ("Deconvolution num_output: 1 kernel_h: 1 kernel_w: 3 stride: 2", [[[1, 5]]], [[[[[1, 2, 3]]]], [10]],
+     [[[11, 12, 13 + 5, 20, 25]]], [[[1, 0, 0, 0, 1]]], [[[1, 3]]], [[[[[1, 0, 5]]]], [2]]),
+    *((f"{kind} kernel_h: 1 kernel_w: 2", [[[1.0, 2, 4]], [[5, 5, 9]]], DEPTHWISE, [[[13, 16]], [[20, 24]]],
+       [[[1, 10]], [[1, 10]]], [[[1, 11, 10]], [[-1, -9, 10]]], [[[[[21, 42]]], [[[55, 95]]]], [11, 11]])
+      for kind in ("DepthwiseConvolution num_output: 2 group: 2", "ConvolutionDepthwise")),
+    # row (i, j) holds the pixels multiplied by kernel element (i, j)
+    ("Im2col kernel_size: 2", [[[0, 1, 2], [3, 4, 5]]], [], [[[0, 1]], [[1, 2]], [[3, 4]], [[4, 5]]],
+     np.ones((4, 1, 2)), [[[1, 2, 1], [1, 2, 1]]], []),
+], ids=lambda value: value if isinstance(value, str) else "")
+def test_by_hand(by_hand, layer, x, params, y, dy, dx, dparams):
+    kind, _, options = layer.partition(" ")
+    by_hand(f"{kind} convolution_param {{ {options} }}", [[x]], [[y]], [[dy]], [[dx]], dparams, params=params)
 
 
 PAIRS = st.tuples(st.integers(1, 3), st.integers(1, 3))
@@ -40,7 +51,6 @@ PAIRS = st.tuples(st.integers(1, 3), st.integers(1, 3))
     kernel=PAIRS, stride=PAIRS, pad=st.tuples(*[st.integers(0, 2)] * 2), dilation=PAIRS,
 )
 def test_any_options_give_what_plain_loops_give(N, per, group, size, kernel, stride, pad, dilation):
-    """The values agree with loops, and backward is the transpose of forward, for any options."""
     C = O = per * group
     if any(s + 2 * p < d * (k - 1) + 1 for s, p, d, k in zip(size, pad, dilation, kernel)):
         return
@@ -79,20 +89,11 @@ def test_several_bottoms_share_the_kernel(run, rng):
     assert np.allclose(both.layer.blobs[0].diff, one.layer.blobs[0].diff)
 
 
-def test_the_output_size_is_rounded_down(run):
-    """The output size is rounded down: (10 - 3) / 2 + 1 = 4."""
-    assert run(text(kernel_size=3, stride=2), np.zeros((1, 1, 10, 12))).y.shape == (1, 2, 4, 5)
-
-
 def test_axes_before_the_channels_are_items(run, rng):
-    """With ``axis: 2`` the first two axes count items."""
     x = rng.normal(size=(2, 3, 1, 4, 4))
     five = run(text(kernel_size=2, axis=2), x)
     four = run(text(kernel_size=2), x.reshape(6, 1, 4, 4), params=[p.data for p in five.layer.blobs])
     assert np.allclose(five.y.reshape(four.y.shape), four.y)
-
-
-# ---------------------------------------------------------------------------------------------- any number of axes
 
 
 def direct(x, w, stride=1, pad=0, dilation=1):
@@ -127,11 +128,6 @@ def test_each_axis_has_its_own_numbers(run, rng):
     assert np.allclose(deep.y[:, :, 0], flat.y)
 
 
-def test_without_spatial_axes_it_is_an_inner_product(run, rng):
-    done = run(text(), rng.normal(size=(3, 4)))
-    assert np.allclose(done.y, done.bottom[0].data @ done.layer.blobs[0].data.T + done.layer.blobs[1].data)
-
-
 def test_without_items(net_of, rng):
     """With ``axis: 0`` the bottom is a single image."""
     net = net_of(inputs(x=(2, 5, 4)) + f'layer {{ name: "c" bottom: "x" top: "y" {text(kernel_size=2, axis=0)} }}')
@@ -140,3 +136,89 @@ def test_without_items(net_of, rng):
     assert np.allclose(
         y, direct(x[None], net.params["c"][0].data)[0] + net.params["c"][1].data[:, None, None], atol=1e-5
     )
+
+
+WINDOWS = [
+    {"kernel_size": 3}, {"kernel_size": 1}, {"kernel_size": 4, "stride": 2, "pad": 1},
+    {"kernel_size": 2, "dilation": 2}, {"num_output": 4, "kernel_size": 2, "group": 2},
+    {"kernel_size": "[2, 3]", "stride": "[1, 2]", "pad": "[0, 1]"},
+]
+
+
+@pytest.mark.parametrize("options", WINDOWS, ids=str)
+def test_deconvolution_is_a_convolution_backwards(run, rng, options):
+    x = rng.normal(size=(2, 2, 3, 4))
+    done = run(text("Deconvolution", **options, bias_term="false"), x)
+    back = run(text(**{**options, "num_output": 2}), done.y, params=[done.layer.blobs[0].data])
+    assert np.allclose(back.backward(x)[0], done.y)
+
+
+def test_upsampling_by_deconvolution(run):
+    """One bilinear kernel per channel upsamples a ramp exactly, away from the edge."""
+    options = (
+        'num_output: 2 group: 2 kernel_size: 4 stride: 2 pad: 1 bias_term: false weight_filler { type: "bilinear" }'
+    )
+    ramp = np.broadcast_to(np.arange(4.0), (1, 2, 4, 4))
+    done = run(f'type: "Deconvolution" convolution_param {{ {options} }}', ramp)
+    assert done.y.shape == (1, 2, 8, 8)
+    assert np.allclose(done.y[:, :, 1:-1, 1:-1], np.arange(0.25, 3, 0.5))
+
+
+OPTIONS = [
+    {"kernel_size": 3, "pad": 1}, {"kernel_size": 3, "stride": 2, "pad": 1}, {"kernel_size": 2, "dilation": 2},
+    {"kernel_h": 1, "kernel_w": 3, "stride_h": 1, "stride_w": 2, "pad_h": 0, "pad_w": 1},
+    {"kernel_size": "[3, 2]", "bias_term": "false"},
+]
+
+
+@pytest.mark.parametrize("size", [(5, 6), (40, 33)], ids=str)
+@pytest.mark.parametrize("options", OPTIONS, ids=str)
+def test_depthwise_is_a_convolution_with_a_group_per_channel(run, rng, options, size):
+    x = rng.normal(size=(2, 3, *size))
+    same = run(text("Convolution", num_output=3, group=3, **options), x)
+    dy = rng.normal(size=same.y.shape)
+    want = same.backward(dy)[0]
+    for kind, more in (("DepthwiseConvolution", {"num_output": 3, "group": 3}), ("ConvolutionDepthwise", {})):
+        done = run(text(kind, **more, **options), x, params=[blob.data for blob in same.layer.blobs])
+        assert np.allclose(done.y, same.y, rtol=0, atol=1e-12)
+        assert np.allclose(done.backward(dy)[0], want, rtol=0, atol=1e-12)
+        for ours, theirs in zip(done.layer.blobs, same.layer.blobs):
+            assert np.allclose(ours.diff, theirs.diff, rtol=0, atol=1e-10)
+
+
+def test_several_outputs_per_channel(run, rng):
+    """DepthwiseConvolution may have a multiple of the channels as outputs: first all those of the first channel."""
+    x = rng.normal(size=(1, 2, 4, 4))
+    done = run(text("DepthwiseConvolution", num_output=4, group=2, kernel_size=1, bias_term="false"), x)
+    assert np.allclose(done.y, x[:, [0, 0, 1, 1]] * done.layer.blobs[0].data[:, 0])
+
+
+def test_depthwise_of_several_bottoms(run, rng):
+    x = rng.normal(size=(2, 3, 4, 4))
+    done = run(text("DepthwiseConvolution", num_output=3, group=3, kernel_size=3), x, x[:1], tops=2)
+    assert np.allclose(done.ys[1], done.ys[0][:1])
+
+
+def test_convolution_depthwise_ignores_outputs_and_group_with_a_warning(run, caplog):
+    """Like the forks, ConvolutionDepthwise has as many outputs as channels whatever its options say."""
+    with caplog.at_level(logging.WARNING, "netlib"):
+        done = run(text("ConvolutionDepthwise", num_output=8, group=2, kernel_size=1), np.zeros((1, 4, 3, 3)))
+    assert done.y.shape == (1, 4, 3, 3)
+    assert done.layer.blobs[0].shape == (4, 1, 1, 1)
+    assert [("num_output 8" in r.getMessage(), "group 2" in r.getMessage()) for r in caplog.records] == [
+        (True, False),
+        (False, True),
+    ]
+    caplog.clear()
+    run(text("ConvolutionDepthwise", num_output=4, group=4, kernel_size=1), np.zeros((1, 4, 3, 3)))
+    assert not caplog.records
+
+
+@pytest.mark.parametrize("shape", [(2, 3, 7), (2, 3, 5, 6), (1, 2, 4, 3, 5)], ids=str)
+def test_im2col_times_the_kernel_is_a_convolution(run, rng, shape):
+    """The product with the kernel equals a Convolution for any number of axes; options of the weights are ignored."""
+    windows = "num_output: 4 bias_term: false kernel_size: 2 stride: 2 pad: 1 dilation: 2"
+    x, w = rng.normal(size=shape), rng.normal(size=(4, shape[1], *[2] * (len(shape) - 2)))
+    columns = run(f'type: "Im2col" convolution_param {{ {windows} }}', x).y
+    y = run(f'type: "Convolution" convolution_param {{ {windows} }}', x, params=[w]).y
+    assert np.allclose(np.einsum("ok,nk...->no...", w.reshape(4, -1), columns), y)

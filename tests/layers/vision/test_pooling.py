@@ -1,4 +1,6 @@
-"""Pooling: any window compared with loops, Caffe's rules, and errors."""
+"""Pooling and SPP: any window compared with loops, and Caffe's rules."""
+
+import math
 
 import numpy as np
 import pytest
@@ -10,22 +12,55 @@ from netlib.blob import Blob, Blobs
 from tests.support.nets import inputs
 from tests.support.plain_loops import outputs, pool
 
-pytestmark = pytest.mark.both_engines
-
 
 def text(**options):
     return f'type: "Pooling" pooling_param {{ {" ".join(f"{k}: {v}" for k, v in options.items())} }}'
 
 
-def test_by_hand(run):
-    """With 2 x 2 windows on 3 x 3 pixels the last windows extend over the edge."""
-    x = np.array([[1.0, 2, 0], [4, 3, 5], [6, 0, 7]]).reshape(1, 1, 3, 3)
-    best = run(text(kernel_size=2, stride=2), x)
-    assert best.y[0, 0].tolist() == [[4, 5], [6, 7]]
-    assert best.backward([[[[1, 2], [3, 4]]]])[0][0, 0].tolist() == [[0, 0, 0], [1, 0, 2], [3, 0, 4]]
-    mean = run(text(pool="AVE", kernel_size=2, stride=2), x)
-    assert mean.y[0, 0].tolist() == [[2.5, 2.5], [3, 7]]
-    assert mean.backward([[[[4, 2], [6, 1]]]])[0][0, 0].tolist() == [[1, 1, 1], [1, 1, 1], [3, 3, 1]]
+SQUARE = np.reshape([1.0, 2, 0, 4, 3, 5, 6, 0, 7], (1, 1, 3, 3))
+SMALL = np.reshape([1.0, 5, 7, 2], (1, 1, 2, 2))
+ONES = np.ones((1, 1, 6, 1))
+LOWEST = -float(np.finfo(np.float32).max)  # of an empty window
+
+
+# options, x, the tops with one item and channel, dy, dx
+@pytest.mark.parametrize(("options", "x", "tops", "dy", "dx"), [
+    # with 2 x 2 windows on 3 x 3 pixels the last windows extend over the edge
+    ({"kernel_size": 2, "stride": 2}, SQUARE, [[[4, 5], [6, 7]]], [[1, 2], [3, 4]], [[0, 0, 0], [1, 0, 2], [3, 0, 4]]),
+    ({"pool": "AVE", "kernel_size": 2, "stride": 2}, SQUARE, [[[2.5, 2.5], [3, 7]]], [[4, 2], [6, 1]],
+     [[1, 1, 1], [1, 1, 1], [3, 3, 1]]),
+    # the mask numbers the pixels of a map; the first of equal values counts
+    ({"kernel_size": 2}, np.where(SQUARE == 0, 6, SQUARE), [[[4, 6], [6, 7]], [[3, 2], [6, 8]]], [[1, 2], [3, 4]],
+     [[0, 0, 2], [1, 0, 0], [3, 0, 4]]),
+    ({"kernel_size": 1, "stride": 3}, ONES, [[[1], [1], [LOWEST]], [[0], [3], [-1]]], None, None),
+    ({"pool": "AVE", "kernel_size": 1, "stride": 3}, ONES, [[[1], [1], [np.nan]]], None, None),
+    # a window may be larger than the bottom; AVE divides by the area within the padding
+    ({"kernel_size": 3, "stride": 2}, SMALL, [[[7]]], [[1]], [[0, 0], [1, 0]]),
+    ({"pool": "AVE", "kernel_size": 3, "stride": 2}, SMALL, [[[15 / 4]]], [[4]], [[1, 1], [1, 1]]),
+    ({"pool": "AVE", "kernel_size": 5, "stride": 3, "pad": 1}, SMALL, [[[15 / 16]]], [[16]], [[1, 1], [1, 1]]),
+    ({"kernel_size": 10**9, "stride": 10**9}, SMALL, [[[7]], [[2]]], [[1]], [[0, 0], [1, 0]]),  # without its memory
+    ({"pool": "AVE", "kernel_size": 10**9, "stride": 10**9}, SMALL, [[[15 / 4]]], None, None),
+    # a window as large as its bottom that begins in the padding reads neither the last row nor the last column
+    ({"kernel_size": 3, "stride": 5, "pad": 1}, np.arange(9.0).reshape(1, 1, 3, 3), [[[4]]], [[1]],
+     [[0, 0, 0], [0, 1, 0], [0, 0, 0]]),
+], ids=lambda value: str(value) if isinstance(value, dict) else "")
+def test_by_hand(by_hand, options, x, tops, dy, dx):
+    mask = [np.full((1, 1, *np.shape(dy)), 100)] * (len(tops) - 1)  # the diff of a mask is not read
+    by_hand(text(**options).replace('type: "Pooling"', "Pooling"), [x], [[[top]] for top in tops],
+            [[[dy]], *mask] if dy else [], [[[dx]]] if dy else [])
+
+
+@pytest.mark.parametrize(("options", "size", "top"), [
+    ({"kernel_size": 2, "stride": 2}, (27, 27), (14, 14)),
+    ({"kernel_size": 2, "stride": 2, "round_mode": "FLOOR"}, (27, 27), (13, 13)),
+    ({"kernel_size": 2, "stride": 2, "pad": 1}, (4, 5), (3, 3)),  # a window that starts in the padding is dropped
+    ({"kernel_size": 3}, (5, 5), (3, 3)),
+    ({"kernel_h": 2, "kernel_w": 1, "stride_h": 2, "stride_w": 3}, (6, 6), (3, 3)),
+    # padding on one axis drops an empty last window on the other, as in Caffe: of columns 0, 3 and 6 the last
+    ({"kernel_h": 2, "kernel_w": 1, "stride_h": 2, "stride_w": 3, "pad_h": 1, "pad_w": 0}, (6, 6), (4, 2)),
+], ids=str)
+def test_output_sizes(run, options, size, top):
+    assert run(text(**options), np.zeros((1, 1, *size))).y.shape[2:] == top
 
 
 SIZES = st.tuples(st.integers(1, 9), st.integers(1, 9))
@@ -37,7 +72,6 @@ PAIRS = st.tuples(st.integers(1, 4), st.integers(1, 4))
     mean=st.booleans(), ties=st.booleans(),
 )
 def test_any_window_gives_what_plain_loops_give(size, kernel, stride, pad, ceil, mean, ties):
-    """Values and gradients agree with loops for overlapping, padded and overhanging windows and for ties."""
     stride = tuple(min(s, k) for s, k in zip(stride, kernel))
     assume(all(p < k and outputs(n, k, s, p, ceil) > 0 for n, k, s, p in zip(size, kernel, stride, pad)))
     rng = np.random.default_rng(0)
@@ -62,7 +96,6 @@ def compare(options, x, y, share):
 
 
 def test_global_pooling_follows_the_size(run, rng):
-    """With global_pooling the window has the size of the bottom, even after a change."""
     done = run(text(global_pooling="true"), rng.normal(size=(2, 3, 4, 5)))
     assert np.allclose(done.y[..., 0, 0], done.bottom[0].data.max(axis=(2, 3)))
     done.bottom[0].reshape(2, 3, 7, 2)
@@ -72,76 +105,15 @@ def test_global_pooling_follows_the_size(run, rng):
     assert np.allclose(done.y[..., 0, 0], done.bottom[0].data.max(axis=(2, 3)))
 
 
-def test_output_sizes(run):
-    """Sizes are rounded up: 27 gives 14. With padding, a last window that starts in the padding is dropped."""
-    assert run(text(kernel_size=2, stride=2), np.zeros((1, 1, 27, 27))).y.shape[2:] == (14, 14)
-    assert run(text(kernel_size=2, stride=2, round_mode="FLOOR"), np.zeros((1, 1, 27, 27))).y.shape[2:] == (13, 13)
-    assert run(text(kernel_size=2, stride=2, pad=1), np.zeros((1, 1, 4, 5))).y.shape[2:] == (3, 3)
-    assert run(text(kernel_size=3), np.zeros((1, 1, 5, 5))).y.shape[2:] == (3, 3)
-
-
-def test_a_window_larger_than_its_bottom(run):
-    """A window may be larger than the bottom if rounding up leaves it; AVE divides by the area within the padding."""
-    x = np.array([[1.0, 5], [3, 2]]).reshape(1, 1, 2, 2)
-    assert run(text(kernel_size=3, stride=2), x).y.tolist() == [[[[5]]]]
-    assert run(text(pool="AVE", kernel_size=3, stride=2), x).y.tolist() == [[[[11 / 4]]]]
-    assert run(text(pool="AVE", kernel_size=5, stride=3, pad=1), x).y.tolist() == [[[[11 / 16]]]]
-
-
-def test_a_window_far_larger_than_its_bottom(run):
-    """A huge window takes no memory for its overhang, and the mask is correct."""
-    x = np.array([[1.0, 5], [7, 2]]).reshape(1, 1, 2, 2)
-    best = run(text(kernel_size=10**9, stride=10**9), x, tops=2)
-    assert [y.item() for y in best.ys] == [7, 2]
-    assert best.backward([[[[1]]]])[0].tolist() == [[[[0, 0], [1, 0]]]]
-    assert run(text(pool="AVE", kernel_size=10**9, stride=10**9), x).y.item() == 15 / 4
-
-
-def test_a_window_as_large_as_its_bottom_that_begins_in_the_padding(run):
-    """Such a window reads neither the last row nor the last column."""
-    done = run(text(kernel_size=3, stride=5, pad=1), np.arange(9.0).reshape(1, 1, 3, 3))
-    assert done.y.tolist() == [[[[4]]]]
-    assert done.backward([[[[1]]]])[0][0, 0].tolist() == [[0, 0, 0], [0, 1, 0], [0, 0, 0]]
-
-
-def test_padding_on_one_axis_drops_empty_windows_on_the_other(run):
-    """As in Caffe, padding on one axis drops an empty last window on the other: of columns 0, 3 and 6 the last."""
-    options = {"kernel_h": 2, "kernel_w": 1, "stride_h": 2, "stride_w": 3}
-    assert run(text(**options), np.ones((1, 1, 6, 6))).y.shape == (1, 1, 3, 3)
-    assert run(text(**options, pad_h=1, pad_w=0), np.ones((1, 1, 6, 6))).y.shape == (1, 1, 4, 2)
-
-
-# ---------------------------------------------------------------------------------------------- the mask
-
-
-def test_the_mask_by_hand(run):
-    """The mask is the index of each maximum within its 3 x 3 map, in row order; the first of equal values counts."""
-    x = np.array([[1.0, 2, 0], [4, 3, 5], [6, 6, 7]]).reshape(1, 1, 3, 3)
-    done = run(text(kernel_size=2), x, tops=2)
-    assert done.ys[0][0, 0].tolist() == [[4, 5], [6, 7]]
-    assert done.ys[1][0, 0].tolist() == [[3, 5], [6, 8]]
-    with_mask = done.backward([[[[1, 2], [3, 4]]]], np.full((1, 1, 2, 2), 100))[0]
-    assert with_mask[0, 0].tolist() == [[0, 0, 0], [1, 0, 2], [3, 0, 4]]
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"kernel_size": 2, "stride": 2}, {"kernel_size": 3, "stride": 2, "pad": 1}, {"global_pooling": "true"},
-        {"kernel_h": 2, "kernel_w": 3, "pad_h": 1, "pad_w": 2}, {"kernel_size": 7, "stride": 3},
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize("options", [
+    {"kernel_size": 2, "stride": 2}, {"kernel_size": 3, "stride": 2, "pad": 1}, {"global_pooling": "true"},
+    {"kernel_h": 2, "kernel_w": 3, "pad_h": 1, "pad_w": 2}, {"kernel_size": 7, "stride": 3},
+], ids=str)
 def test_the_mask_says_where_the_maximum_is(run, rng, options):
     x = rng.normal(size=(2, 3, 5, 6))
     y, mask = run(text(**options), x, tops=2).ys
     assert np.array_equal(np.take_along_axis(x.reshape(2, 3, -1), mask.reshape(2, 3, -1).astype(int), axis=2),
                           y.reshape(2, 3, -1))
-
-
-def test_the_mask_of_an_empty_window(run):
-    """The mask of an empty window is -1."""
-    assert run(text(kernel_size=1, stride=3), np.ones((1, 1, 6, 1)), tops=2).ys[1].ravel().tolist() == [0, 3, -1]
 
 
 def test_a_layer_in_place_before_the_pooling_shows_in_the_mask(net_of, rng):
@@ -155,18 +127,6 @@ def test_a_layer_in_place_before_the_pooling_shows_in_the_mask(net_of, rng):
     )
     found = net.forward(x=-rng.uniform(1, 2, (2, 1, 6, 6)))["mask"]
     assert found[0, 0].tolist() == [[0, 2, 4], [12, 14, 16], [24, 26, 28]]
-
-
-# ---------------------------------------------------------------------------------------------- edges and mistakes
-
-
-def test_an_empty_window(run):
-    """A window is empty if stride > kernel; MAX gives -FLT_MAX and AVE gives NaN."""
-    x = np.ones((1, 1, 6, 1))
-    assert run(text(kernel_h=1, kernel_w=1, stride=3, pad=0), x).y[..., 0].tolist() == [
-        [[1, 1, -float(np.finfo(np.float32).max)]]
-    ]
-    assert np.isnan(run(text(pool="AVE", kernel_h=1, kernel_w=1, stride=3), x).y[0, 0, 2, 0])
 
 
 @pytest.mark.parametrize("options", [{"kernel_size": 2, "stride": 2}, {"kernel_size": 3, "stride": 2}], ids=str)
@@ -196,3 +156,51 @@ def test_ceil_mode_is_a_rounding(run, rng, given, size, pool):
     same = run(text(**options, round_mode="CEIL" if given == "true" else "FLOOR"), x)
     assert np.array_equal(done.y, same.y)
     assert np.array_equal(done.backward(done.y)[0], same.backward(same.y)[0])
+
+
+def spp(height, pool="MAX"):
+    return f'type: "SPP" spp_param {{ pyramid_height: {height} pool: {pool} }}'
+
+
+def test_spp_by_hand(run):
+    """The outputs are the whole map, then its quarters, channel by channel within each level."""
+    x = np.array([[1.0, 2, 3, 4], [5, 6, 7, 8]]).reshape(1, 1, 2, 4)
+    x = np.concatenate([x, 10 * x], axis=1)
+    assert run(spp(2), x).y.tolist() == [[8, 80, 2, 4, 6, 8, 20, 40, 60, 80]]
+    done = run(spp(2, "AVE"), x[:, :1])
+    assert done.y.tolist() == [[4.5, 1.5, 3.5, 5.5, 7.5]]
+    assert done.backward([[8, 2, 0, 0, 4]])[0].tolist() == [[[[2, 2, 1, 1], [1, 1, 3, 3]]]]
+
+
+def test_spp_the_first_of_equal_values_wins(run):
+    assert run(spp(2), np.zeros((1, 1, 2, 2))).backward([[1, 2, 3, 4, 5]])[0].tolist() == [[[[3, 3], [4, 5]]]]
+
+
+def test_spp_of_a_single_level_keeps_four_axes(run):
+    """A single level keeps four axes, as in Caffe; several levels are flattened."""
+    assert run(spp(1), np.ones((2, 3, 4, 5))).y.shape == (2, 3, 1, 1)
+    assert run(spp(3), np.ones((2, 3, 4, 4))).y.shape == (2, 3 * (1 + 4 + 16))
+
+
+def pooled(run, x, level, pool):
+    """Compute a level as a Pooling layer with the window and padding of Caffe's SPP layer."""
+    options = f"pool: {pool}"
+    for side, size in zip("hw", x.shape[2:]):
+        k = math.ceil(size / 2**level)
+        pad = (k * 2**level - size + 1) // 2
+        options += f" kernel_{side}: {k} stride_{side}: {k} pad_{side}: {pad}"
+    return run(f'type: "Pooling" pooling_param {{ {options} }}', x)
+
+
+@pytest.mark.parametrize("pool", ["MAX", "AVE"])
+@pytest.mark.parametrize("size", [(4, 8), (7, 11), (13, 6), (10, 10)], ids=str)
+def test_levels_of_spp_are_poolings(run, rng, size, pool):
+    """Values and gradients of each level equal those of Pooling, also with windows that extend over the edges."""
+    x = rng.integers(0, 5, (2, 3, *size)).astype(float)
+    done = run(spp(3, pool), x)
+    levels = [pooled(run, x, level, pool) for level in range(3)]
+    assert np.allclose(done.y, np.concatenate([level.y.reshape(2, -1) for level in levels], axis=1))
+    dy = rng.normal(size=done.y.shape)
+    ends = np.cumsum([level.y[0].size for level in levels])[:-1]
+    parts = [part.reshape(level.y.shape) for part, level in zip(np.split(dy, ends, axis=1), levels)]
+    assert np.allclose(done.backward(dy)[0], sum(level.backward(part)[0] for part, level in zip(parts, levels)))

@@ -6,9 +6,9 @@ import pytest
 
 import netlib
 from netlib.proto import prototxt
+from tests.support.nets import inputs
 
-X = 'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 2 dim: 3 } } }'
-T = 'layer { name: "t" type: "Input" top: "t" input_param { shape { dim: 2 } } }'
+X, T = inputs(x=(2, 3)), inputs(t=(2,))
 
 
 @pytest.mark.parametrize(("kind", "block"), [
@@ -20,7 +20,6 @@ T = 'layer { name: "t" type: "Input" top: "t" input_param { shape { dim: 2 } } }
 def test_a_block_that_the_type_does_not_read_is_a_warning(
     kind: str, block: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """A block of other layer types is ignored, as in Caffe, with a warning that has its place."""
     layer = f'layer {{ name: "k" type: "{kind}" bottom: "x" bottom: "t" top: "k" {block} }}'
     netlib.Net(prototxt.parse(X + T + layer, "net"), netlib.TRAIN)
     [message] = [r.message for r in caplog.records if r.levelname == "WARNING"]

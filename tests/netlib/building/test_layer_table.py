@@ -25,7 +25,6 @@ def test_a_net_imports_the_layers_that_it_has(tmp_path: Path) -> None:
 
 
 def test_a_table_is_a_mapping() -> None:
-    """Keys keep their order; a class is the same object at every look-up; unknown keys are KeyErrors."""
     table = LayerTable({"B": RELU, "A": "data.input.Input"})
     assert (list(table), len(table), "B" in table, "C" in table) == (["B", "A"], 2, True, False)
     assert table["B"] is table["B"] and table["B"].__name__ == "ReLU"
@@ -34,7 +33,6 @@ def test_a_table_is_a_mapping() -> None:
 
 
 def test_a_class_can_be_replaced_and_added() -> None:
-    """An assignment replaces a class, as exercises do, or adds a type; del removes it."""
     table = LayerTable({"A": RELU})
     table["A"] = table["B"] = int
     assert dict(table) == {"A": int, "B": int}

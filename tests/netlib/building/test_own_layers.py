@@ -121,7 +121,6 @@ def test_the_old_name_of_param_str(tmp_path: Path, squares: None) -> None:
 
 
 def test_a_python_layer_may_derive_from_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A Python layer may subclass a built-in layer; its options remain those of a Python layer."""
     (tmp_path / "steeper.py").write_text("""
 from layers.activation.tanh import TanH
 
@@ -177,15 +176,10 @@ BESIDE = "it must lie in the working directory or on PYTHONPATH"
              "f:1:186: error: layer 'own': layers.Absent was looked for in this project's own package "
              "(...__init__.py); expected a module 'layers' with it in the working directory or on PYTHONPATH"),
     "no class": (python("").replace('layer: ""', ""), "f:1:...: error: missing required field 'layer' in python_param"),
-    "misspelt": (python("Square").replace("module", "modul"),
-                 "f:1:...: error: unknown field 'modul' (did you mean 'module'?)"),
-    "no options": ('layer { name: "ip" type: "InnerProduct" bottom: "x" top: "y" }',
-                   "f:1:104: error: missing required field 'num_output' in inner_product_param"),
 })
 def test_a_python_layer_that_is_not_there(
     squares: None, tmp_path: Path, given: str | tuple[str, str], rejected: Any
 ) -> None:
-    """The error names the missing module or class and where it was searched for; the advice depends on the cause."""
     content, text = given if isinstance(given, tuple) else ("", given)
     (tmp_path / "old.py").write_text(content)
     sys.modules.pop("old", None)
@@ -193,8 +187,6 @@ def test_a_python_layer_that_is_not_there(
     with rejected:
         net_with(text)
 
-
-# ---------------------------------------------------------------------------------------------- not allowed
 
 REFUSED = r"^f:1:\d+: error: layer 'own' is of type 'Python', which executes code of the net's author"
 
@@ -239,9 +231,6 @@ def test_a_process_without_python_layers(squares: None) -> None:
     netlib.Net(text_with(python("Square")), netlib.TRAIN)
 
 
-# ---------------------------------------------------------------------------------------------- names and options
-
-
 @pytest.mark.parametrize("name", ["", "/", ".", "a//b", "/a", "a/", "a/0", "\\000"])
 def test_a_name_that_hdf5_cannot_hold(name: str, tmp_path: Path) -> None:
     """Any layer name works in the binary format; HDF5 rejects an invalid name if the layer has parameters."""
@@ -263,8 +252,6 @@ def test_a_layer_with_its_own_init(squares: None) -> None:
     with pytest.raises(netlib.LayerError, match=r"layer 'own': __init__ failed: KeyError: 'own'"):
         net_with(python("Unprepared"))
 
-
-# ------------------------------------------------------------------------------------------ gradients
 
 TYPO = SQUARE.replace("def backward(", "def backwards(")
 ABSENT = SQUARE[: SQUARE.index("    def backward(")]

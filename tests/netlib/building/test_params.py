@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
-import netlib
+from tests.netlib.conftest import MakeNet
 from tests.support.nets import X, ip, loss, shared
 
 pytestmark = pytest.mark.both_engines
-
-MakeNet = Callable[..., netlib.Net]
 
 
 def test_shared_parameters_are_one(net_of: MakeNet) -> None:
@@ -50,7 +46,6 @@ def test_permissive_sharing_wants_only_the_same_count(net_of: MakeNet) -> None:
 
 
 def test_multipliers_of_a_shared_parameter_may_stand_in_either_layer(net_of: MakeNet) -> None:
-    """A multiplier set in one layer applies to all layers that share the parameter."""
     text = (
         X + ip("a", "x", "a", 'param { name: "w" lr_mult: 2 }') + ip("b", "a", "b", 'param { name: "w" decay_mult: 0 }')
     )

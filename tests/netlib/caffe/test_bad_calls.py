@@ -176,7 +176,6 @@ def test_open_files_that_are_refused(given, rejected):
     "two rules": (("rules", "net.raw"), draw.RuleError, "layer 'relu' has both include and exclude specified."),
 })
 def test_drawings_that_are_refused(tmp_path, monkeypatch, given, rejected):
-    """Without pydot or Graphviz the line says what to install; a file needs a suffix, its folder, and clear rules."""
     missing, name = given
     if missing == "pydot":
         monkeypatch.setitem(__import__("sys").modules, "pydot", None)

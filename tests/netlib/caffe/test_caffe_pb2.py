@@ -33,7 +33,6 @@ def layer() -> Any:
 
 @pytest.mark.parametrize("name", list(DATACLASSES))
 def test_fields_are_those_of_the_dataclass(name: str) -> None:
-    """Every field has the number, the kind, the default and the enum values of its declaration."""
     cls = DATACLASSES[name]
     fields = getattr(caffe_pb2, name).DESCRIPTOR.fields_by_name
     declared = {known.name: known for known in wire.fields_of(cls)}
@@ -59,7 +58,6 @@ def test_old_nets_are_read() -> None:
 
 
 def test_what_scripts_use_of_protobuf() -> None:
-    """Base class, errors, descriptors, JSON, copies and pickles are protobuf's own."""
     made = layer()
     assert isinstance(made, message.Message)
     assert json_format.Parse(json_format.MessageToJson(made), caffe_pb2.LayerParameter()) == made

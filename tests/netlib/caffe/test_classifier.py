@@ -1,7 +1,5 @@
 """caffe.Classifier: one prediction for each image."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

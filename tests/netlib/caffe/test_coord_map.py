@@ -1,7 +1,5 @@
 """caffe.coord_map: maps between the coordinates of two tops, on examples worked by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """caffe.draw: a net as a graph. Tests that need pydot or Graphviz are skipped without them."""
 
-from __future__ import annotations
-
 import shutil
 
 import pytest
@@ -66,7 +64,6 @@ def text_of(net, *args, **options):
 
 
 def test_the_graph(net):
-    """Layers are boxes and blobs are octagons; names that Graphviz would misread are quoted."""
     text = text_of(net, "TB")
     assert text.startswith('digraph "small net" {\nrankdir=TB;\n')
     assert '"relu (ReLU)" [shape=record, fillcolor="#90EE90", style=filled];\n' in text  # in place

@@ -1,7 +1,5 @@
 """caffe.io: messages and arrays, the Transformer, images. Expected values of resized images are scikit-image's."""
 
-from __future__ import annotations
-
 import sys
 from io import BytesIO
 from types import ModuleType
@@ -16,8 +14,6 @@ from netlib.errors import NetlibError
 
 SMALL = np.array([[0, 10, 20], [40, 30, 60]], np.float32)
 
-# ---------------------------------------------------------------------------------------------- messages
-
 
 def test_blobproto_and_back():
     """Values and gradients keep their shape and are returned in double precision, as in pycaffe."""
@@ -28,21 +24,13 @@ def test_blobproto_and_back():
     assert diff.tolist() == [[[0.5] * 3] * 2]
 
 
-def test_blobproto_of_four_axes():
-    """Old files have num, channels, height and width instead of a shape."""
-    blob = caffe_pb2.BlobProto(num=1, channels=2, height=1, width=2, data=[1, 2, 3, 4])
-    assert io.blobproto_to_array(blob).tolist() == [[[[1, 2]], [[3, 4]]]]
-
-
-def test_blobproto_in_double_precision():
-    """double_data is read; pycaffe ignores it."""
-    blob = caffe_pb2.BlobProto(double_data=[0.1, 0.2])
-    blob.shape.dim.append(2)
-    assert io.blobproto_to_array(blob).tolist() == [0.1, 0.2]
-
-
-def test_blobproto_without_shape():
-    assert io.blobproto_to_array(caffe_pb2.BlobProto(data=[7])).shape == ()
+@pytest.mark.parametrize(("blob", "array"), [
+    (caffe_pb2.BlobProto(num=1, channels=2, height=1, width=2, data=[1, 2, 3, 4]), [[[[1, 2]], [[3, 4]]]]),  # old
+    (caffe_pb2.BlobProto(double_data=[0.1, 0.2], shape={"dim": [2]}), [0.1, 0.2]),  # which pycaffe ignores
+    (caffe_pb2.BlobProto(data=[7]), 7),
+])
+def test_other_blobprotos(blob, array):
+    assert io.blobproto_to_array(blob).tolist() == array
 
 
 def test_blobprotovector():
@@ -65,9 +53,6 @@ def test_datum_and_back(dtype, back):
 
 def test_datum_without_label():
     assert not io.array_to_datum(np.zeros((1, 1, 1))).HasField("label")
-
-
-# ---------------------------------------------------------------------------------------------- Transformer
 
 
 @pytest.fixture
@@ -150,8 +135,6 @@ def test_a_mean_without_transpose():
         transformer.preprocess("data", np.zeros((2, 4, 3)))
 
 
-# ---------------------------------------------------------------------------------------------- resize_image
-
 RESIZED = {
     (3, 4): [[0, 5.208333, 11.458333, 14.583334], [17.5, 20, 27.5, 35], [29.166668, 28.125, 34.375, 43.75]],
     (4, 6): [
@@ -166,7 +149,6 @@ RESIZED = {
 
 @pytest.mark.parametrize("size", RESIZED)
 def test_resized_as_scikit_image_does(size):
-    """For one channel or three, the values agree with scikit-image."""
     found = io.resize_image(SMALL[..., None], size)
     assert found.dtype == np.float32
     np.testing.assert_allclose(found[..., 0], RESIZED[size], atol=1e-5)
@@ -195,9 +177,6 @@ def test_a_constant_image_stays_constant():
     assert (io.resize_image(np.full((2, 2, 3), 5), (3, 7)) == np.full((3, 7, 3), 5)).all()
 
 
-# ---------------------------------------------------------------------------------------------- oversample
-
-
 def test_ten_crops():
     image = np.arange(20, dtype=np.float32).reshape(4, 5, 1)
     crops = io.oversample([image, image + 100], (2, 2))
@@ -206,8 +185,6 @@ def test_ten_crops():
     assert crops[0, ..., 0].tolist() == [[0, 1], [5, 6]] and crops[5, ..., 0].tolist() == [[1, 0], [6, 5]]
     assert (crops[5:10] == crops[:5, :, ::-1]).all() and (crops[10:] == crops[:10] + 100).all()
 
-
-# ---------------------------------------------------------------------------------------------- load_image
 
 BGR = np.array([[[0, 51, 255], [255, 255, 255]]], np.uint8)  # one orange pixel, one white pixel
 RGB = [[[1, 0.2, 0], [1, 1, 1]]]

@@ -1,7 +1,5 @@
 """caffe.net_spec: nets written in Python."""
 
-from __future__ import annotations
-
 import copy
 from collections import OrderedDict
 

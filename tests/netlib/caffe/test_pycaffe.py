@@ -65,7 +65,6 @@ def test_what_a_net_says_about_itself(net: pycaffe.Net) -> None:
 
 
 def test_numbers_of_blobs(net: pycaffe.Net) -> None:
-    """Bottoms, tops, inputs and outputs have the numbers of their blobs, which are positions in ``net.blobs``."""
     names = list(net.blobs)
     for i, name in enumerate(net._layer_names):
         assert [names[n] for n in net._bottom_ids(i)] == net.bottom_names[name]
@@ -219,19 +218,6 @@ def test_parts_by_number(net: pycaffe.Net) -> None:
     assert net.params["a"][0].diff.any()
 
 
-def test_a_diff_set_by_hand_on_a_loss_counts(net: pycaffe.Net) -> None:
-    """A diff that is set on a loss is used until it is set again, as in Caffe."""
-    net.forward(x=X)
-    net.backward()
-    once = net.params["a"][0].diff.copy()
-    assert net.blobs["l"].diff == 2
-    net.blobs["l"].diff[...] = 6
-    for _ in range(2):
-        net.clear_param_diffs()
-        net.backward()
-        assert np.allclose(net.params["a"][0].diff, 3 * once, rtol=1e-5, atol=1e-6)
-
-
 def test_parameters_of_another_net(net: pycaffe.Net) -> None:
     """An assigned parameter, also by ``layers``, is the one that forward uses and that files contain."""
     other = pycaffe.Net("net.prototxt", netlib.TRAIN)
@@ -297,9 +283,6 @@ def test_images_in_memory() -> None:
     assert net.forward()["t"].ravel().tolist() == [2, 3]
     with pytest.raises(NetlibError, match=r"set_input_arrays .* MemoryData layer"):
         pycaffe.Net("net.prototxt", netlib.TEST).set_input_arrays(X, X)
-
-
-# ---------------------------------------------------------------------------------------------- solvers
 
 
 def test_the_class_of_a_solver() -> None:
@@ -392,9 +375,6 @@ def test_a_solver_lends_its_weights() -> None:
     solver.share_weights(net)
     solver.net.params["a"][0].data[...] = 7
     assert (net.params["a"][0].data == 7).all()
-
-
-# ---------------------------------------------------------------------------------------------- the process
 
 
 def test_what_a_gpu_could_do_is_one_note(caplog: pytest.LogCaptureFixture) -> None:

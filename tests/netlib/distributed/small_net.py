@@ -1,7 +1,5 @@
 """A small net on three files of rows, for training on ranks in tests."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

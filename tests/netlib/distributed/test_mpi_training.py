@@ -14,11 +14,10 @@ import netlib
 from tests.netlib.distributed.small_net import ADAM, NET, SOLVER, write_files
 from tests.support import ranks_started
 from tests.support.hdf5_files import write_hdf5
-from tests.support.ranks_started import PROGRAMS, needs_mpi
+from tests.support.ranks_started import PROGRAMS, ROOT, needs_mpi
 
 pytestmark = needs_mpi
 
-ROOT = Path(__file__).resolve().parents[3]
 PAPER = """
 net: "paper.prototxt" base_lr: 0.003 momentum: 0.9 lr_policy: "fixed" max_iter: 8 average_loss: 2 random_seed: 1
 test_iter: 1 test_interval: 100 test_initialization: false snapshot_after_train: false

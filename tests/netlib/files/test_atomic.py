@@ -14,7 +14,6 @@ from netlib.files import atomic
 
 
 def test_a_file_is_replaced_whole(tmp_path: Path) -> None:
-    """The old file exists while the new one is written, and no temporary file remains."""
     path = tmp_path / "list.txt"
     atomic.replace_text(path, "old")
 

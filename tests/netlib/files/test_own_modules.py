@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.running import run_python
+from tests.support.running import ROOT, run_python
 
-ROOT = Path(__file__).resolve().parents[3]
 NET = f"caffe.Net({str(ROOT / 'prototxt' / 'nyu_deploy.prototxt')!r}, caffe.TEST)"
 
 
@@ -60,14 +59,12 @@ def test_a_scripts_own_modules_win(run, kind: str, how: str) -> None:
 
 
 def test_other_folders_of_a_clone(run) -> None:
-    """A script's own modules with names of other folders of a clone win too, also folders without __init__.py."""
     code = "import caffe, tools.inner, models, export\nprint(tools.inner.mine, models.mine, export.mine)"
     files = dict.fromkeys(["tools/inner.py", "models.py", "export/__init__.py"], "mine = 1")
     assert run(code, files, "-m", "netlib.caffe") == ["1 1 1"]
 
 
 def test_ours_are_found_if_there_are_no_others(run) -> None:
-    """Without modules of its own, a script imports the packages of this project, each once."""
     code = (
         "import netlib; netlib.install_as_caffe()\nfrom layers.vision.pooling import Pooling\nimport layers\n"
         "print(Pooling is layers.LAYER_TYPES['Pooling'], layers.__spec__.name, Pooling.__module__)"

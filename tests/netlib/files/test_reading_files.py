@@ -56,7 +56,6 @@ def test_what_is_refused(tmp_path: Path, given: Callable[[Path], object], reject
 
 
 def test_the_start_of_a_large_file_and_text_with_errors(tmp_path: Path) -> None:
-    """The first bytes of any file are read, and ``errors`` replaces bytes that are no text."""
     with (tmp_path / "hole").open("wb") as file:
         file.truncate(10**10)
     assert files.read_bytes(tmp_path / "hole", "the list", first=2) == b"\0\0"

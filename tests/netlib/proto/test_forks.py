@@ -25,7 +25,6 @@ CLASSES: dict[str, Any] = {
 
 @pytest.mark.parametrize("message", list(forks.OPTIONS))
 def test_no_option_is_declared_twice(message: str) -> None:
-    """The table has only options that the message does not declare, of messages that exist."""
     declared = {schema.written_name(field.name) for field in dataclasses.fields(CLASSES[message])}
     assert not declared & forks.OPTIONS[message].keys()
 
@@ -57,7 +56,6 @@ def test_a_block_of_a_fork_without_effect(net_of: Callable[..., Net]) -> None:
 
 
 def test_weights_of_a_net_with_options_of_forks(net_of: Callable[..., Net], tmp_path: Any) -> None:
-    """A net with ignored options computes the same, and its weights are written without them."""
     nets = [
         net_of(
             inputs(x=(1, 2, 3, 3)) + f'layer {{ name: "c" type: "Convolution" bottom: "x" top: "y" {of_layer} '

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import pytest
 
 import netlib
 from netlib.proto import prototxt
 from netlib.proto.messages import NetState, NetStateRule
 from netlib.proto.net_parameter import meets
+from tests.netlib.conftest import MakeNet
 from tests.support.nets import X
-
-MakeNet = Callable[..., netlib.Net]
 
 
 def names(net: netlib.Net) -> list[str]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import netlib
@@ -62,15 +62,11 @@ def test_the_elements_of_a_list_have_places_of_their_own() -> None:
     assert [str(f.position) for f in tree.fields] == ["f:1:7", "f:2:2"]
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (None, " cannot read the prototxt: No such file or directory"),
-        (b"\xff\xfe\x00", "1:1: error: not a text file (byte 0xff is not UTF-8)"),
-    ],
-)
+@pytest.mark.parametrize(("content", "message"), [
+    (None, " cannot read the prototxt: No such file or directory"),
+    (b"\xff\xfe\x00", "1:1: error: not a text file (byte 0xff is not UTF-8)"),
+])
 def test_files_that_cannot_be_read(tmp_path: Path, content: bytes | None, message: str) -> None:
-    """A missing file and a file that is not text raise an error."""
     path = tmp_path / "n.prototxt"
     if content is not None:
         path.write_bytes(content)
@@ -90,7 +86,6 @@ def test_comments_and_strings_in_any_encoding(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["net.caffemodel", "net.caffemodel.h5"])
 def test_weights_in_place_of_a_net(name: str) -> None:
-    """Weights where a prototxt is expected, as with exchanged arguments, are named."""
     with pytest.raises(netlib.NetlibError, match=f"^{name}: found weights, expected a .prototxt; a net stands before"):
         netlib.Net(name, "net.prototxt", netlib.TEST)
 
@@ -116,6 +111,7 @@ TREES = st.recursive(messages(st.nothing()), messages, max_leaves=8)
 
 
 @given(TREES)
+@settings(max_examples=20)
 def test_parse_print_parse_is_stable(tree: Message) -> None:
     assert prototxt.parse(str(tree)) == tree
 

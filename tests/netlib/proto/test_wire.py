@@ -71,13 +71,6 @@ def test_bytes_are_a_text_where_one_looks() -> None:
     assert wire.encode(tree, messages.Datum) == b"\x22\x80\x02" + content
 
 
-def test_unknown_fields_are_skipped() -> None:
-    """Unknown fields of every wire type, and known fields of a wrong type, are skipped."""
-    unknown = b"\x98\x4e\x05" + b"\x99\x4e" + b"8 bytes." + b"\x9a\x4e\x03abc" + b"\x9d\x4e4 by"
-    assert tree_of(b"\x0a\x01a" + unknown + b"\x12\x01b") == 'name: "a"\ntype: "b"\n'
-    assert tree_of(b"\x08\x07") == ""  # field 1 as a number instead of a string
-
-
 def test_later_values_count_and_parts_of_messages_are_merged() -> None:
     assert tree_of(b"\x0a\x01a\x12\x01t\x0a\x01b") == 'name: "b"\ntype: "t"\n'
     data = b"\xda\x07\x05\x0d" + struct.pack("<f", 0.5) + b"\xda\x07\x02\x10\x01"

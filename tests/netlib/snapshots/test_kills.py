@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 import pytest
 
-from tests.support.running import ROOT, run_python
+from tests.netlib.conftest import furnish
+from tests.support.running import run_python
 
 KILLS = """
 import os, sys
@@ -20,7 +20,7 @@ FORMAT, SUFFIX, overwrites = sys.argv[1], sys.argv[2], sys.argv[3] == "overwrite
 
 def trained(folder, seed, resume=None):
     os.makedirs(folder, exist_ok=True)
-    solver = netlib.get_solver("solver.prototxt", seed=seed, engine="plain", snapshot=4, max_iter=12,
+    solver = netlib.get_solver("solver.prototxt", seed=seed, engine="plain", snapshot=4, max_iter=8,
                                snapshot_prefix=f"{folder}/run", snapshot_format=FORMAT)
     assert solver.solve(resume)
     return np.concatenate([p.blob.data.ravel() for p in solver.net.learnable])
@@ -45,12 +45,12 @@ def killed(folder, seed, count):
 
 wanted = {seed: trained(f"whole_{seed}", seed) for seed in (1, 2)}
 refused = resumed = 0
-for count in range(7):
+for count in range(5):
     folder = f"killed_{count}"
     if overwrites:
         trained(folder, 2)
-    assert killed(folder, 1, count) == (9 if count < 6 else 0)
-    names = [f"{folder}/run_iter_{i}" for i in (4, 8, 12) if Path(f"{folder}/run_iter_{i}.caffemodel{SUFFIX}").exists()]
+    assert killed(folder, 1, count) == (9 if count < 4 else 0)
+    names = [f"{folder}/run_iter_{i}" for i in (4, 8) if Path(f"{folder}/run_iter_{i}.caffemodel{SUFFIX}").exists()]
     for name in names:
         state = f"{name}.solverstate{SUFFIX}"
         try:
@@ -65,7 +65,7 @@ for count in range(7):
             advice = f"; the newest complete snapshot is {others[-1]}.solverstate{SUFFIX}" if others else ""
             assert str(error).endswith(advice)
     trained(folder, 1)
-    assert sorted(os.listdir(folder)) == sorted(f"run_iter_{i}.{kind}{SUFFIX}" for i in (4, 8, 12)
+    assert sorted(os.listdir(folder)) == sorted(f"run_iter_{i}.{kind}{SUFFIX}" for i in (4, 8)
                                                 for kind in ("caffemodel", "solverstate"))
 print(resumed, refused)
 """
@@ -73,10 +73,8 @@ print(resumed, refused)
 
 @pytest.mark.parametrize(
     ("format_", "suffix", "folder", "counts"),
-    [("HDF5", ".h5", "is empty", "9 3"), ("BINARYPROTO", "", "overwrites", "18 3")],
+    [("HDF5", ".h5", "is empty", "4 2"), ("BINARYPROTO", "", "overwrites", "8 2")],
 )
 def test_a_kill_before_each_rename(tmp_path: Path, format_: str, suffix: str, folder: str, counts: str) -> None:
-    shutil.copytree(ROOT / "tests/netlib/older", tmp_path, dirs_exist_ok=True)
-    recordings = ROOT / "tests/caffe/solvers"
-    (tmp_path / "list.txt").write_text(f"{recordings}/train0.h5\n{recordings}/train1.h5\n")
+    furnish(tmp_path)
     assert run_python("-c", KILLS, format_, suffix, folder, cwd=tmp_path).out == f"{counts}\n"

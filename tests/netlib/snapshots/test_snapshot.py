@@ -56,9 +56,6 @@ def everything_in(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-# ---------------------------------------------------------------------------------------------- layout
-
-
 def test_weights_name_their_net(net_of: Callable[..., netlib.Net], names: tuple[Path, Path]) -> None:
     """Both formats store the name of the net; it is empty for a net and for a file without one."""
     for name in ("a net ü", ""):
@@ -92,9 +89,6 @@ def test_a_slash_in_a_layer_name(net_of: Callable[..., netlib.Net], names: tuple
         assert np.array_equal(two.params[name][0].data, one.params[name][0].data)
 
 
-# ---------------------------------------------------------------------------------------------- all or nothing
-
-
 def full_disk(*args: Any) -> None:
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
@@ -103,7 +97,6 @@ def full_disk(*args: Any) -> None:
 def test_a_failure_leaves_the_old_pair(
     net: netlib.Net, names: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
 ) -> None:
-    """If the disk is full at any step, the old files stay unchanged and no temporary file remains."""
     write_pair(net, state_of(net, 5), *names)
     before = everything_in(tmp_path)
     net.params["a"][0].data[...] = 9
@@ -137,7 +130,6 @@ def test_a_checksum_does_not_admit_links_into_other_files(tmp_path: Path) -> Non
 
 
 def test_two_trainings_into_one_prefix(tmp_path: Path) -> None:
-    """A second training run with the same prefix raises an error; it may start after the first has ended."""
     with snapshot.prefix_in_use(tmp_path / "w"):
         with pytest.raises(netlib.WeightsError, match=rf"/w: another training .* \(process {os.getpid()}\); wait"):
             snapshot.prefix_in_use(tmp_path / "w").__enter__()
@@ -158,24 +150,10 @@ def test_the_probe_leaves_nothing_and_names_the_directory(tmp_path: Path, monkey
     assert everything_in(tmp_path / "new") == {}
 
 
-# ---------------------------------------------------------------------------------------------- wrong files
-
-
 @pytest.fixture
 def pair(net: netlib.Net, names: tuple[Path, Path]) -> tuple[Path, Path]:
     write_pair(net, state_of(net), *names)
     return names
-
-
-@pytest.mark.parametrize("which", [0, 1])
-@pytest.mark.parametrize("keep", [0, 4, 8, 100, 0.3, 0.5, 0.9, 0.99])
-def test_a_truncated_file_is_one_line(pair: tuple[Path, Path], which: int, keep: float) -> None:
-    content = pair[which].read_bytes()
-    pair[which].write_bytes(content[: int(keep * len(content)) if 0 < keep < 1 else int(keep)])
-    with pytest.raises(netlib.WeightsError) as error:
-        (snapshot.read_weights, snapshot.read_state)[which](pair[which])
-    assert str(error.value).startswith(str(pair[which]))
-    assert "\n" not in str(error.value)
 
 
 STATE = "this is a solver state, not weights; expected its pair, dir/w_iter_5.caffemodel.h5 (... --snapshot)"

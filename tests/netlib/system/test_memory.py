@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 import netlib
 from netlib.system import memory
 from netlib.system.memory import OutOfMemoryError, blocks, format_bytes
+from tests.netlib.conftest import MakeNet
 from tests.support.nets import inputs
 
 pytestmark = pytest.mark.both_engines
 
-MakeNet = Callable[..., netlib.Net]
 
 INPUT = inputs(x=(10, 100))
 INNER = """layer { name: "FC1" type: "InnerProduct" bottom: "x" top: "y"

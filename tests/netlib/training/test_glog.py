@@ -44,7 +44,6 @@ def written(log: io.StringIO) -> str:
 
 @given(ANY_TEXT)
 def test_a_name_stays_in_its_line(log: io.StringIO, name: str) -> None:
-    """A name as an argument, a path or part of the text stays on one line."""
     for text, *args in (
         ("Creating Layer %s", name),
         ("%s: %r", PurePosixPath(name), name),

@@ -18,26 +18,18 @@ import netlib
 from netlib import engine
 from netlib.snapshots import hdf5_format, snapshot
 from netlib.snapshots.solver_state import SolverState
+from tests.netlib.conftest import RECORDINGS, furnish
 
 pytestmark = pytest.mark.both_engines
 
-OLDER = Path(__file__).parents[1] / "older"
-RECORDINGS = Path(__file__).resolve().parents[2] / "caffe" / "solvers"
 WEIGHTS_BITS, HISTORY_BITS = 1909220512, 2251532900  # CRC-32 of the arrays in checked_iter_5.*, in both formats
 
 
 @pytest.fixture
 def older(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Make a folder with a small net, shuffled data, dropout and a state of version 0.1.0 the working directory."""
     furnish(tmp_path)
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-def furnish(folder: Path) -> None:
-    """Copy the net and the state of version 0.1.0 to a folder, and list the recorded data."""
-    shutil.copytree(OLDER, folder, dirs_exist_ok=True)
-    (folder / "list.txt").write_text(f"{RECORDINGS}/train0.h5\n{RECORDINGS}/train1.h5\n")
 
 
 @pytest.fixture(scope="module")
@@ -103,9 +95,6 @@ def test_a_state_of_the_other_engine_goes_on(older: Path, names: tuple[str, str]
     second = netlib.get_solver("solver.prototxt", engine=reader, seed=99)
     assert second.solve("older_iter_5.solverstate.h5")
     assert 0 <= distance(weights(second), weights(first)) <= 1e-6
-
-
-# ---------------------------------------------------------------------------------------------- whole or refused
 
 
 def everything(solver: netlib.Solver) -> str:
@@ -194,8 +183,6 @@ def test_nothing_left_to_train_is_told(older: Path, caplog: pytest.LogCaptureFix
     assert netlib.get_solver("solver.prototxt", max_iter=5).solve("older_iter_5.solverstate.h5")
     assert "Nothing is left to train: max_iter is 5" in caplog.text
 
-
-# ---------------------------------------------------------------------------------------------- stops on the way
 
 WITH_TESTS: dict[str, Any] = {
     "test_iter": (3,),
