@@ -40,9 +40,9 @@ ROOMS = {
 }
 LINES = {  # of files that are not Python, by their patterns
     ("prototxt/*.prototxt", "models/*.prototxt"): 4074,
-    ("*.js", "*.css", "*.html"): 2842,
+    ("*.js", "*.css", "*.html"): 2840,
 }
-WORDS = 69032  # of all documents
+WORDS = 66977  # of all documents
 
 
 def tracked(*patterns: str) -> list[Path]:
