@@ -40,7 +40,7 @@ ROOMS = {
 }
 LINES = {  # of files that are not Python, by their patterns
     ("prototxt/*.prototxt", "models/*.prototxt"): 4074,
-    ("*.js", "*.css", "*.html"): 2840,
+    ("*.js", "*.css", "*.html"): 2841,
 }
 WORDS = 66977  # of all documents
 

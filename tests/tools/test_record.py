@@ -41,20 +41,15 @@ def test_convert_and_replay(frames: Path) -> None:
 
 
 def test_a_part(frames: Path) -> None:
-    """--frames or --seconds limits the recording."""
-    run_tool("record", "frames", *CAMERA, "--rate", "10", "--out", "a", "--frames", "3")
     run_tool("record", "frames", *CAMERA, "--rate", "10", "--out", "b", "--seconds", "0.2")
-    assert (open_recording("a").count, open_recording("b").count) == (3, 2)
+    assert open_recording("b").count == 2
 
 
-def test_sources_in_metres_keep_their_fractions(frames: Path) -> None:
-    """Depth in metres is converted to millimetres or to a finer unit."""
+def test_sources_in_metres_are_converted_to_millimetres(frames: Path) -> None:
     np.save("take.npy", np.full((2, 48, 64), 0.50025) + [[[0]], [[0.25]]])
-    for unit, expected in (("1", 500), ("0.25", 500.25)):
-        run_tool("record", "take.npy", *CAMERA, "--unit", "1000", "--out", f"{unit}.npz", "--out-unit", unit)
-        assert next(iter(open_recording(f"{unit}.npz"))).depth[0, 0] == expected
     run_tool("record", "take.npy", *CAMERA, "--unit", "1000", "--out", "own.npz")
-    assert open_recording("own.npz").unit_mm == 1
+    recording = open_recording("own.npz")
+    assert recording.unit_mm == 1 and next(iter(recording)).depth[0, 0] == 500
 
 
 def test_what_was_found_on_the_way(frames: Path) -> None:
@@ -104,12 +99,6 @@ def test_what_cannot_be_done(frames: Path, argv: list[str], what: str) -> None:
     before = sorted(Path().rglob("*"))
     assert run_tool("record", *argv, status=1).err.startswith(what)
     assert sorted(Path().rglob("*")) == before
-
-
-def test_a_unit_that_would_round_all_depth_to_nothing(frames: Path) -> None:
-    """An output unit that would round all depth to 0 is a usage error."""
-    done = run_tool("record", "frames", *CAMERA, "--out", "a", "--out-unit", "1e5", status=2)
-    assert "--out-unit: expected a number greater than 0 and at most 10" in done.err
 
 
 @pytest.mark.parametrize("name", ["a/b/c", "a/b/c.npz"])

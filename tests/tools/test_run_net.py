@@ -315,7 +315,6 @@ def test_confusion() -> None:
 @pytest.mark.parametrize(
     ("argv", "message"),
     [
-        (["0.png", "--mean", "1", "--mean-file", "m.npy"], "expected either --mean or --mean-file"),
         (["0.png", "--mean", "1,x"], "expected numbers separated by commas, found '1,x'"),
         (["0.png", "--size", "8"], "expected WIDTHxHEIGHT in px, such as 224x224, found '8'"),
         (["0.png", "--size", "0x8"], "expected an integer of at least 1, found '0'"),
