@@ -64,9 +64,8 @@ class LogFile(logging.FileHandler):
             if path.is_file():  # terminals and the null device are not locked
                 if locks.take(self.stream.fileno()) is False:
                     self.close()
-                    raise NetlibError(
-                        f"{self._path}: another process is writing this log; wait for it, or choose another name"
-                    )
+                    raise NetlibError(f"{self._path}: another process is writing this log; wait for it, or choose "
+                                      "another name")
                 if not self._append:  # only after the lock is taken
                     self.stream.truncate(0)
                 self._size = os.fstat(self.stream.fileno()).st_size

@@ -1,4 +1,4 @@
-"""Training from a solver file like Caffe's command: its log, signals as requests, and the remaining time.
+"""Training from a solver file like Caffe's command: its log, signals as requests, and a progress bar.
 
 tools/train.py is the command line for this; experiments use it to train many nets.
 """
@@ -81,13 +81,8 @@ def set_up_engine(name: str | None, ranks: Ranks, threads: int | None = None) ->
 
 
 def new_solver(
-    solver_file: str | Path,
-    snapshot: str | Path | None = None,
-    weights: Sequence[str | Path] = (),
-    seed: int | None = None,
-    engine: str | None = None,
-    ranks: Ranks = ALONE,
-    **changes: Any,
+    solver_file: str | Path, snapshot: str | Path | None = None, weights: Sequence[str | Path] = (),
+    seed: int | None = None, engine: str | None = None, ranks: Ranks = ALONE, **changes: Any,
 ) -> Solver:
     """Create the solver for ``train`` and log it; ``changes`` replace fields of its file. Raises NetlibError."""
     if snapshot or weights:
@@ -103,14 +98,11 @@ def new_solver(
 
 
 def solve(
-    solver: Solver,
-    console: BarHandler,
-    snapshot: str | Path | None = None,
-    on_sigint: Effect = "stop",
+    solver: Solver, console: BarHandler, snapshot: str | Path | None = None, on_sigint: Effect = "stop",
     on_sighup: Effect = "snapshot",
 ) -> int:
     """Train to the end, or until a signal; returns the exit status: 0, or 128 + signal. Raises NetlibError."""
-    with requests_by_signal(solver, on_sigint, on_sighup) as stopped, _time_left(solver, console):
+    with requests_by_signal(solver, on_sigint, on_sighup) as stopped, _progress(solver, console):
         finished = solver.solve(snapshot)
     if stopped or solver.ranks.count == 1:
         return DONE if finished or not stopped else 128 + stopped[0]
@@ -124,9 +116,8 @@ def _describe(solver: Solver) -> None:
         log.info("Creating Layer %s", at.layer.name)
         for name, blob in zip(at.layer.spec.top, at.top):
             where = " (in-place)" if name in at.layer.spec.bottom else ""
-            log.info(
-                "%s -> %s%s, top shape: %s (%d)", at.layer.name, name, where, " ".join(map(str, blob.shape)), blob.count
-            )
+            log.info("%s -> %s%s, top shape: %s (%d)", at.layer.name, name, where, " ".join(map(str, blob.shape)),
+                     blob.count)
     for name in net.outputs:
         log.info("This network produces output %s", name)
     if (ranks := solver.ranks.count) > 1:
@@ -178,7 +169,7 @@ def requests_by_signal(
 
 
 @contextlib.contextmanager
-def _time_left(solver: Solver, console: BarHandler) -> Iterator[None]:
+def _progress(solver: Solver, console: BarHandler) -> Iterator[None]:
     """Context manager: on a terminal, a progress bar below the log of rank 0."""
     if solver.ranks.rank:
         yield
