@@ -37,7 +37,7 @@ from handpose.scoring.published_predictions import BENCHMARKS, FORMATS, THRESHOL
 from layers.hand import skeleton as skeletons
 from netlib.errors import DataError
 from tools.common import outputs
-from tools.common.arguments import expected, parser_of
+from tools.common.arguments import expected, name_in, parser_of
 from tools.common.console import DONE, aligned, guarded, say
 from tools.common.progress import ProgressBar
 
@@ -58,15 +58,14 @@ def main(argv: list[str] | None = None) -> int:
                         type=_named_file, help="predicted joints of each method")
     parser.add_argument("--format", choices=FORMATS, default="uvd", help="of predictions (default: %(default)s)")
     parser.add_argument("--groundtruth-format", choices=FORMATS, default="uvd", help="default: %(default)s")
-    parser.add_argument("--plot", metavar="FILE", help=f"draw curves and bars to this file ({', '.join(PICTURES)})")
+    parser.add_argument("--plot", metavar="FILE", type=name_in(*PICTURES),
+                        help=f"draw curves and bars to this file ({', '.join(PICTURES)})")
     parser.add_argument("--angles", action="store_true", help="also compare joint angles of the fitted hand (NYU)")
     args = parser.parse_args(argv)
     names = [name for name, _ in args.predictions]
     for name in names:
         if names.count(name) > 1:
             parser.error(f"--predictions: the name {name!r} is given {names.count(name)} times")
-    if args.plot is not None and not args.plot.lower().endswith(PICTURES):
-        parser.error(f"--plot must end in {', '.join(PICTURES)}, found {args.plot}")
     if args.angles and args.dataset != "nyu":
         parser.error("--angles applies only to nyu, whose hand has the limits of the model")
     return guarded(run, args)

@@ -25,7 +25,7 @@ import tools
 tools.begin(__name__)
 
 from tools.common import training
-from tools.common.arguments import add_engine, count, natural, parser_of, workers
+from tools.common.arguments import add_engine, count, natural, parser_of
 from tools.common.console import guarded
 from tools.common.ranks import only_first_prints, world
 
@@ -42,8 +42,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--max-iter", type=count, metavar="N", help="override the solver's max_iter")
     parser.add_argument("--seed", type=natural, metavar="N",
                         help="override the solver's random_seed; snapshots of netlib keep their random numbers")
-    parser.add_argument("--threads", type=workers, metavar="N", help="number of threads (default: one per processor)")
-    add_engine(parser)
+    add_engine(parser, threads=True)
     parser.add_argument("--log", metavar="FILE", help="log file, in addition to stderr; a resumed training appends")
     parser.add_argument("--ranks-divide-batch", action="store_true",
                         help="split the net's batch among the processes instead of running it on each")

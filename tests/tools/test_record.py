@@ -53,7 +53,6 @@ def test_sources_in_metres_are_converted_to_millimetres(frames: Path) -> None:
 
 
 def test_what_was_found_on_the_way(frames: Path) -> None:
-    """Damaged frames and an implausible unit are reported."""
     Path("frames/2.png").write_bytes(b"")
     reported = run_tool("record", "frames", *CAMERA, "--unit", "20", "--out", "a")
     assert "10 m away" in reported.err and "with --unit 1 it would be 0.50 m away" in reported.err
@@ -61,7 +60,6 @@ def test_what_was_found_on_the_way(frames: Path) -> None:
 
 
 def test_a_failure_keeps_what_was_done(frames: Path) -> None:
-    """A failure keeps the frames written before it and reports their number."""
     cv2.imwrite("frames/11.png", np.zeros((5, 6), np.uint16))
     for i in range(4, 11):
         Path(f"frames/{i}.png").write_bytes(Path("frames/3.png").read_bytes())
@@ -72,7 +70,6 @@ def test_a_failure_keeps_what_was_done(frames: Path) -> None:
 
 
 def test_ctrl_c_keeps_what_was_done(frames: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ctrl-C keeps the frames written before it and gives status 130."""
     checks = iter([0, 0, 2])
     monkeypatch.setattr(record.Stopper, "signum", property(lambda self: next(checks, 2)))
     assert "stopped; a has 2 frames" in run_tool("record", "frames", *CAMERA, "--out", "a", status=130).err
@@ -103,6 +100,5 @@ def test_what_cannot_be_done(frames: Path, argv: list[str], what: str) -> None:
 
 @pytest.mark.parametrize("name", ["a/b/c", "a/b/c.npz"])
 def test_folders_on_the_way_are_made(frames: Path, name: str) -> None:
-    """Missing folders are created for every format."""
     run_tool("record", "frames", *CAMERA, "--out", name)
     assert Path(name).exists()

@@ -29,7 +29,6 @@ def frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def contents() -> dict[str, bytes | None]:
-    """Return the content of all files."""
     return {str(path): path.read_bytes() if path.is_file() else None for path in Path().rglob("*")}
 
 
@@ -64,7 +63,6 @@ def test_what_cannot_be_written(argv: list[str], said: str) -> None:
 
 
 def test_the_default_names_do_not_replace_frames(frames: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Run from the folder of the frames, the default names do not replace a frame."""
     monkeypatch.chdir(frames)
     before = contents()
     for source in (".", "*.png", "1.png"):

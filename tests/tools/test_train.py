@@ -14,7 +14,6 @@ import netlib
 from netlib.files import locks
 from netlib.snapshots import snapshot
 from tests.support.running import run_tool
-from tests.tools.conftest import ROOT
 from tools.common import training
 
 STAMP = r"I\d{4} \d\d:\d\d:\d\d\.\d{6} \d+ \w+\.py:\d+\] "
@@ -128,16 +127,6 @@ def kept_signals():
     assert [signal.getsignal(n) for n in numbers] == before
 
 
-def test_missing_data_says_how_to_make_it(tmp_path, monkeypatch):
-    """Without data/nyu, one line names the two commands that create it."""
-    shutil.copytree(ROOT / "prototxt", tmp_path / "prototxt")
-    monkeypatch.chdir(tmp_path)
-    (line,) = [line for line in run_tool("train", "prototxt/nyu_solver.prototxt", status=1).err.splitlines()
-               if line.startswith("data/nyu/train.txt: ")]
-    assert line.startswith("data/nyu/train.txt: cannot read the list of HDF5 files: No such file or directory")
-    assert "tools/make_synthetic.py" in line and "tools/prepare_nyu.py NYU_ROOT" in line
-
-
 def test_mistakes(work):
     train("--max-iter", "3")
     state, model = "snapshots/net_iter_3.solverstate", "snapshots/net_iter_3.caffemodel"
@@ -154,7 +143,6 @@ def test_mistakes(work):
 
 
 def test_a_full_disk_ends_the_log_not_the_training(work):
-    """If the disk of the log is full, one line reports it and training continues."""
     errors = train("--max-iter", "1", "--log", "/dev/full").err
     assert errors.count("/dev/full: cannot continue the log: No space left on device") == 1
     assert (work / "snapshots/net_iter_1.solverstate").exists()

@@ -68,6 +68,7 @@ def test_a_camera_by_its_numbers() -> None:
         *((hand_arguments.camera, text, CAMERA_FORM) for text in ("1,2,3,nan", "0,2,3,4", "588,588,1e300,240")),
         *((arguments.address(), text, "HOST:PORT, a port from 1 to 65535")
           for text in ("a:0", "a:65536", ":1", "a", "a: 1", "a:" + "9" * 5000)),
+        (arguments.numbers(), "1,x", "numbers separated by commas"),
         (arguments.pixels, "224", "WIDTHxHEIGHT in px, such as 224x224"),
         (arguments.name_in(".png", ".jpg"), "folder/.png", "a file name with suffix .png, .jpg"),
         (hand_arguments.center, "1,2,3,4", "U,V or U,V,D (px, px, mm)"),

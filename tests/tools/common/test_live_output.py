@@ -50,7 +50,6 @@ def source(live: bool) -> Any:
 
 
 def ends() -> None:
-    """Raise the error of a stop signal."""
     raise StoppedError
 
 
@@ -179,7 +178,6 @@ def running(recorded: Path, tmp_path: Path) -> Iterator[Callable[..., subprocess
 
 
 def address_of(process: subprocess.Popen[str]) -> str:
-    """Return the WebSocket address that the tracker prints when it starts."""
     assert process.stdout is not None
     for line in process.stdout:
         if line.startswith("for programs: "):
