@@ -10,8 +10,6 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
 
 import tools
@@ -129,48 +127,6 @@ def test_importing_a_command_changes_neither_signals_nor_streams() -> None:
     with tools.interruptible():
         assert (sys.stderr, signal.getsignal(signal.SIGINT)) == before
     assert (sys.stderr, signal.getsignal(signal.SIGINT)) == before
-
-
-# ---------------------------------------------------------------------------------------------- real commands
-
-
-@pytest.fixture
-def damaged(tmp_path: Path) -> list[str]:
-    """Write truncated and damaged images, for which libpng, libjpeg and OpenCV print messages."""
-    image = np.random.default_rng(0).integers(0, 255, (40, 40, 3), np.uint8)
-    names = []
-    for kind in ("png", "jpg"):
-        raw = cv2.imencode(f".{kind}", image)[1].tobytes()
-        turned = raw[:20] + bytes([raw[20] ^ 255]) + raw[21:]
-        for what, content in (("cut", raw[: len(raw) // 2]), ("turned", turned)):
-            (tmp_path / f"{what}.{kind}").write_bytes(content)
-            names.append(f"{what}.{kind}")
-    return names
-
-
-def test_a_damaged_picture_is_one_line(run: Run, damaged: list[str], tmp_path: Path) -> None:
-    for name in damaged:
-        (tmp_path / "list.txt").write_text(f"{name} 0\n")
-        lines = run("tools/compute_image_mean.py", "list.txt", status=1).err.splitlines()
-        assert lines[-1].startswith(f"{name}: ")  # libpng and libjpeg may print further lines
-
-
-def test_a_training_that_diverges_is_one_line(run: Run, tmp_path: Path) -> None:
-    """A diverging training run prints the log and one error line; overflows in threads print nothing."""
-    (tmp_path / "net.prototxt").write_text("""
-layer { name: "data" type: "DummyData" top: "x" top: "t" dummy_data_param {
-        shape { dim: 64 dim: 8 } shape { dim: 64 dim: 4 } data_filler { type: "gaussian" std: 1e3 } } }
-layer { name: "ip" type: "InnerProduct" bottom: "x" top: "y"
-        inner_product_param { num_output: 4 weight_filler { type: "gaussian" std: 1e10 } } }
-layer { name: "loss" type: "EuclideanLoss" bottom: "y" bottom: "t" top: "loss" }
-""")
-    (tmp_path / "solver.prototxt").write_text(
-        'net: "net.prototxt" base_lr: 1e30 lr_policy: "fixed" max_iter: 9 random_seed: 1'
-    )
-    done = run("tools/train.py", "solver.prototxt", "--log", "train.log", status=1)
-    log, _, error = done.err[:-1].rpartition("\n")
-    assert log + "\n" == (tmp_path / "train.log").read_text()
-    assert error.startswith("iteration 1: the loss is nan; ")
 
 
 # ---------------------------------------------------------------------------------------------- before the guard
