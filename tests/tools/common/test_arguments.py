@@ -19,7 +19,7 @@ CAMERA_FORM = f"a file, {', '.join((*CAMERAS, *VIEWS))}, or FX,FY,U0,V0 in px, t
         (arguments.positive, "12", 12),
         (arguments.natural, "0", 0),
         (arguments.whole(0, 100), "100", 100),
-        (hand_arguments.cube, "2400", 2400.0),
+        (hand_arguments.cube, "10000", 10000.0),
         (arguments.weight, "0", 0.0),
         (arguments.weight, "1e-3", 1e-3),
         (arguments.address(), "localhost:1", ("localhost", 1)),
