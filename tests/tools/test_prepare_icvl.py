@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 import cv2
@@ -79,14 +78,3 @@ def test_net_learns_from_them(root):
     solver.step(10)
     assert float(solver.net.blobs["joint_loss"].data) < 0.9 * first
     assert solver.test_nets[0].forward()["joint_loss"].shape == ()
-
-
-def test_check(root):
-    """--check reports an incomplete data set; if all frames are missing, the run reports the same and does nothing."""
-    done = run_tool("prepare_icvl", root, "--check", status=1)
-    train, test = done.err.splitlines()
-    assert "20 labelled frames, the whole training set" in train and "12 labelled frames, the whole test set" in test
-    assert "complete" not in done.out
-    shutil.rmtree(root / "Testing" / "Depth")
-    assert "12 of 12 depth frames are missing" in prepare(root, "--splits", "test", status=1).err
-    assert not (root.parent / "out").exists()
