@@ -19,6 +19,7 @@ them.
 from __future__ import annotations
 
 import argparse
+import itertools
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -43,8 +44,6 @@ from tools.common.progress import ProgressBar
 
 PICTURES = (".png", ".svg", ".pdf")
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")  # Okabe-Ito, without yellow
-LINES = ("-", "--", ":", "-.")  # for repeated colours
-HATCHES = ("", "///", "...", "xxx")
 WITHIN_MM = (20, 40, 60, 80)  # columns of the table; the curves have a value per mm
 IMPLAUSIBLE_MM = 50.0  # a mean error caused by wrong axes (y down: 62 mm on ICVL) or frames
 
@@ -153,10 +152,8 @@ def plot(scores: Mapping[str, Score], benchmark: Benchmark, frames: int, out: st
 
 
 def _draw_curves(axis: Any, curves: list[list[float]], what: str) -> None:
-    for i, rates in enumerate(curves):
-        turn, colour = divmod(i, len(COLOURS))
-        line = LINES[turn % len(LINES)]
-        axis.plot(THRESHOLDS_MM, [100 * rate for rate in rates], line, color=COLOURS[colour], linewidth=1.8)
+    for rates, colour in zip(curves, itertools.cycle(COLOURS)):
+        axis.plot(THRESHOLDS_MM, [100 * rate for rate in rates], color=colour, linewidth=1.8)
     axis.set(xlabel="threshold, mm", ylabel=f"frames with {what} within the threshold, %")
     axis.set(xlim=(0, THRESHOLDS_MM[-1]), ylim=(0, 101))
     axis.grid(True, alpha=0.3)
@@ -165,11 +162,10 @@ def _draw_curves(axis: Any, curves: list[list[float]], what: str) -> None:
 def _draw_bars(axis: Any, scores: list[Score], joints: Sequence[str]) -> None:
     width = 0.8 / len(scores)
     places = [*range(len(joints)), len(joints) + 0.5]  # a gap before the mean
-    for i, s in enumerate(scores):
-        turn, colour = divmod(i, len(COLOURS))
+    for i, (s, colour) in enumerate(zip(scores, itertools.cycle(COLOURS))):
         left = [place - 0.4 + i * width for place in places]
-        axis.bar(left, [*s.joints_mm.values(), s.mean_mm], width, align="edge", color=COLOURS[colour],
-                 hatch=HATCHES[turn % len(HATCHES)], edgecolor="white", linewidth=0.4)
+        axis.bar(left, [*s.joints_mm.values(), s.mean_mm], width, align="edge", color=colour, edgecolor="white",
+                 linewidth=0.4)
     axis.set_xticks(places, [*(joint.replace("_", "\n", 1).replace("_", " ") for joint in joints), "mean"])
     axis.tick_params(axis="x", length=0)
     axis.set(ylabel="mean error, mm", xlim=(-0.6, places[-1] + 0.6))
