@@ -49,8 +49,9 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("command", choices=NEEDED, nargs="?", help="device_query: report that this runs on the CPU")
     parser.add_argument("--solver", metavar="FILE", help="train: the solver's prototxt")
     parser.add_argument("--model", metavar="FILE", help="test, time: the net's prototxt")
-    parser.add_argument("--snapshot", metavar="STATE", help="train: resume from this solver state")
-    parser.add_argument("--weights", metavar="FILE", help="test: weights; train: initial weights, comma-separated")
+    start = parser.add_mutually_exclusive_group()
+    start.add_argument("--snapshot", metavar="STATE", help="train: resume from this solver state and its weights")
+    start.add_argument("--weights", metavar="FILE", help="test: weights; train: initial weights, comma-separated")
     parser.add_argument("--iterations", type=count, default=50, metavar="N", help="default: %(default)s")
     parser.add_argument("--phase", choices=("TRAIN", "TEST"), default="TRAIN", help="time (default: %(default)s)")
     parser.add_argument("--level", type=whole(-MAX_COUNT, MAX_COUNT), default=0, metavar="N",
@@ -67,8 +68,6 @@ def main(argv: list[str] | None = None) -> int:
         for flag in NEEDED[args.command]:
             if not getattr(args, flag):
                 parser.error(f"{args.command} needs -{flag}")
-        if args.snapshot and args.weights:
-            parser.error("-snapshot includes weights; expected either it or -weights")
     return guarded(run, args)
 
 

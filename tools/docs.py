@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Print the documentation: a page as text, the list of pages, or the lines that contain some words.
+"""Print the documentation: a page as text, the list of pages, or the lines that contain a word.
 
     python tools/docs.py
     python tools/docs.py camera
-    python tools/docs.py --find confidence
+    python tools/docs.py confidence
 
 A page is named as its file in docs/ without .md; hands.schema.json is the JSON Schema of tracks and predictions.
 """
@@ -32,11 +32,7 @@ def main(argv: list[str] | None = None) -> int:
     parser = parser_of(__doc__)
     parser.add_argument("page", metavar="PAGE", nargs="?",
                         help="such as camera; of another word the lines that contain it (default: the list of pages)")
-    parser.add_argument("--find", metavar="WORDS", help="list the lines that contain these words")
-    args = parser.parse_args(argv)
-    if args.page and args.find:
-        parser.error("expected either a page or --find")
-    return guarded(run, args)
+    return guarded(run, parser.parse_args(argv))
 
 
 def run(args: argparse.Namespace) -> int:
@@ -44,33 +40,23 @@ def run(args: argparse.Namespace) -> int:
     folder = own("docs")
     pages = {path.stem if path.suffix == ".md" else path.name: path.read_text(encoding="utf-8")
              for ending in ("*.md", "*.schema.json") for path in sorted(folder.glob(ending))}
-    if args.page:
-        name = args.page.removeprefix("docs/").removesuffix(".md")
-        if name in pages:
-            print(pages[name], end="")
-            return DONE
-        found = _lines_with(name, pages)
-        if not found:
-            raise NetlibError(f"{name}: no such page{did_you_mean(name, pages)}, and no page contains it; "
-                              f"'{command('docs')}' lists the pages")
-        say(f"no page is called {name!r}{did_you_mean(name, pages)}; these lines contain it:", *found, sep="\n")
-    elif args.find:
-        found = _lines_with(args.find, pages)
-        if not found:
-            raise NetlibError(f"no page contains {args.find!r}")
-        say(*found, sep="\n")
-    else:
+    if not args.page:
         width = max(map(len, pages))
         for name, text in pages.items():
             title = re.search(r'^# (.+)|^\s*"title": "(.+)"', text, re.MULTILINE)
             say(f"{name:{width}}  {title[1] or title[2] if title else ''}")
+        return DONE
+    word = args.page.removeprefix("docs/").removesuffix(".md")
+    if word in pages:
+        print(pages[word], end="")
+        return DONE
+    found = [f"{name}: {line.strip()}" for name, text in pages.items()
+             for line in text.splitlines() if word.lower() in line.lower()]
+    if not found:
+        raise NetlibError(f"{word}: no such page{did_you_mean(word, pages)}, and no page contains it; "
+                          f"'{command('docs')}' lists the pages")
+    say(f"no page is called {word!r}{did_you_mean(word, pages)}; these lines contain it:", *found, sep="\n")
     return DONE
-
-
-def _lines_with(words: str, pages: dict[str, str]) -> list[str]:
-    """The lines that contain the words, in capitals or not, after the names of their pages."""
-    return [f"{name}: {line.strip()}" for name, text in pages.items()
-            for line in text.splitlines() if words.lower() in line.lower()]
 
 
 if __name__ == "__main__":

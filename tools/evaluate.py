@@ -19,9 +19,9 @@ them.
 from __future__ import annotations
 
 import argparse
-import dataclasses
-import json
+import itertools
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -34,15 +34,16 @@ tools.begin(__name__)
 from handpose.body import nyu
 from handpose.scoring import published_predictions as published
 from handpose.scoring.metrics import joint_errors
-from handpose.scoring.published_predictions import BENCHMARKS, FORMATS, Benchmark, FittedAngles, Score, compare_angles
+from handpose.scoring.published_predictions import BENCHMARKS, FORMATS, THRESHOLDS_MM, Benchmark, FittedAngles, Score
 from layers.hand import skeleton as skeletons
 from netlib.errors import DataError
-from tools.common import outputs, plots
-from tools.common.arguments import expected, parser_of
+from tools.common import outputs
+from tools.common.arguments import expected, name_in, parser_of
 from tools.common.console import DONE, aligned, guarded, say
 from tools.common.progress import ProgressBar
 
 PICTURES = (".png", ".svg", ".pdf")
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")  # Okabe-Ito, without yellow
 WITHIN_MM = (20, 40, 60, 80)  # columns of the table; the curves have a value per mm
 IMPLAUSIBLE_MM = 50.0  # a mean error caused by wrong axes (y down: 62 mm on ICVL) or frames
 
@@ -56,16 +57,14 @@ def main(argv: list[str] | None = None) -> int:
                         type=_named_file, help="predicted joints of each method")
     parser.add_argument("--format", choices=FORMATS, default="uvd", help="of predictions (default: %(default)s)")
     parser.add_argument("--groundtruth-format", choices=FORMATS, default="uvd", help="default: %(default)s")
-    parser.add_argument("--plot", metavar="FILE", help=f"draw curves and bars to this file ({', '.join(PICTURES)})")
+    parser.add_argument("--plot", metavar="FILE", type=name_in(*PICTURES),
+                        help=f"draw curves and bars to this file ({', '.join(PICTURES)})")
     parser.add_argument("--angles", action="store_true", help="also compare joint angles of the fitted hand (NYU)")
-    parser.add_argument("--json", action="store_true", help="print JSON, including curves, instead of tables")
     args = parser.parse_args(argv)
     names = [name for name, _ in args.predictions]
     for name in names:
         if names.count(name) > 1:
             parser.error(f"--predictions: the name {name!r} is given {names.count(name)} times")
-    if args.plot is not None and not args.plot.lower().endswith(PICTURES):
-        parser.error(f"--plot must end in {', '.join(PICTURES)}, found {args.plot}")
     if args.angles and args.dataset != "nyu":
         parser.error("--angles applies only to nyu, whose hand has the limits of the model")
     return guarded(run, args)
@@ -89,19 +88,14 @@ def run(args: argparse.Namespace) -> int:
                 f"{args.format}, y up if xyz, and that the frames are those of {benchmark.name}",
                 file=sys.stderr)
     if args.plot:
-        plots.plot_joint_errors(scores, benchmark, len(truth), args.plot)
+        plot(scores, benchmark, len(truth), args.plot)
         say(f"wrote {args.plot}", file=sys.stderr)
-    fitted: dict[str, FittedAngles] = {}
+    print(_tables(scores, benchmark, len(truth)))
     if args.angles:
         if warning := nyu.one_size_for_all(len(truth)):
             say(warning, file=sys.stderr)
-        fitted = compare_angles(skeletons.load(), truth, predictions, ProgressBar)
-    if args.json:
-        print(_json(scores, fitted, benchmark, len(truth), args))
-    else:
-        print(_tables(scores, benchmark, len(truth)))
-        if fitted:
-            print(f"\nangles of the fitted hand\n\n{_angle_table(fitted)}")
+        fitted = published.compare_angles(skeletons.load(), truth, predictions, ProgressBar)
+        print(f"\nangles of the fitted hand\n\n{_angle_table(fitted)}")
     return DONE
 
 
@@ -111,26 +105,6 @@ def _named_file(text: str) -> tuple[str, str]:
     if not name.strip() or not path:
         raise expected("NAME=FILE", text)
     return name.strip(), path
-
-
-def _json(
-    scores: dict[str, Score], fitted: dict[str, FittedAngles], benchmark: Benchmark, frames: int, args: Any
-) -> str:
-    files = dict(args.predictions)
-    facts = {
-        "dataset": benchmark.name,
-        "groundtruth": args.groundtruth,
-        "frames": frames,
-        "joints": len(benchmark.joints),
-        "positions": "absolute, camera axes",
-        "thresholds_mm": list(published.THRESHOLDS_MM),
-        "methods": [
-            {"name": name, "file": files[name], **dataclasses.asdict(s)}
-            | ({"angles": dataclasses.asdict(fitted[name])} if fitted else {})
-            for name, s in scores.items()
-        ],
-    }
-    return json.dumps(facts, indent=2, allow_nan=False)
 
 
 def _tables(scores: dict[str, Score], benchmark: Benchmark, frames: int) -> str:
@@ -158,6 +132,44 @@ def _angle_table(fitted: dict[str, FittedAngles]) -> str:
         broken = "not of this model" if f.out_of_limits is None else f"{f.out_of_limits:.2%}"
         rows.append([name, f"{f.error_deg:.2f} deg", f"{f.residual_mm:.3f} mm", f"{f.free_residual_mm:.4f} mm", broken])
     return aligned(rows)
+
+
+def plot(scores: Mapping[str, Score], benchmark: Benchmark, frames: int, out: str | Path) -> None:
+    """Plot success rates by maximum and by mean error, and mean errors per joint. Raises NetlibError."""
+    figure = outputs.new_figure(12, 8.5)
+    axes = figure.subplot_mosaic([["max", "mean"], ["joints", "joints"]])
+    _draw_curves(axes["max"], [s.success_max for s in scores.values()], "all joints")
+    _draw_curves(axes["mean"], [s.success_mean for s in scores.values()], "mean error")
+    _draw_bars(axes["joints"], list(scores.values()), benchmark.joints)
+    for axis in axes.values():
+        axis.set_axisbelow(True)
+        axis.spines[["top", "right"]].set_visible(False)
+    labels = [f"{s.mean_mm:.2f} mm  {outputs.label(name)}" for name, s in scores.items()]
+    figure.legend(axes["max"].lines, labels, loc="outside upper center", ncols=min(len(labels), 4), frameon=False,
+                  title=f"{benchmark.name}: mean error over {frames} frames and {len(benchmark.joints)} joints",
+                  title_fontsize="large")
+    outputs.write_figure(out, figure, dpi=130)
+
+
+def _draw_curves(axis: Any, curves: list[list[float]], what: str) -> None:
+    for rates, colour in zip(curves, itertools.cycle(COLOURS)):
+        axis.plot(THRESHOLDS_MM, [100 * rate for rate in rates], color=colour, linewidth=1.8)
+    axis.set(xlabel="threshold, mm", ylabel=f"frames with {what} within the threshold, %")
+    axis.set(xlim=(0, THRESHOLDS_MM[-1]), ylim=(0, 101))
+    axis.grid(True, alpha=0.3)
+
+
+def _draw_bars(axis: Any, scores: list[Score], joints: Sequence[str]) -> None:
+    width = 0.8 / len(scores)
+    places = [*range(len(joints)), len(joints) + 0.5]  # a gap before the mean
+    for i, (s, colour) in enumerate(zip(scores, itertools.cycle(COLOURS))):
+        left = [place - 0.4 + i * width for place in places]
+        axis.bar(left, [*s.joints_mm.values(), s.mean_mm], width, align="edge", color=colour, edgecolor="white",
+                 linewidth=0.4)
+    axis.set_xticks(places, [*(joint.replace("_", "\n", 1).replace("_", " ") for joint in joints), "mean"])
+    axis.tick_params(axis="x", length=0)
+    axis.set(ylabel="mean error, mm", xlim=(-0.6, places[-1] + 0.6))
+    axis.grid(True, axis="y", alpha=0.3)
 
 
 if __name__ == "__main__":

@@ -88,8 +88,6 @@ def main(argv: list[str] | None = None) -> int:
                         help="of the held-out part, the new weights and the order (default: %(default)s)")
     add_engine(parser)
     args = parser.parse_args(argv)
-    if args.mean and args.mean_file:
-        parser.error("expected either --mean or --mean-file")
     if not (args.mean or args.mean_file) or args.scale is None:
         parser.error("give --mean or --mean-file, and --scale, with which the net was trained: --mean 104,117,123 "
                      "--scale 1 is usual, MobileNet has --scale 0.017 (docs/caffe_nets.md); --mean 0 if there is none")

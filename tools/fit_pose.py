@@ -58,18 +58,14 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--no-limits", action="store_true", help="allow angles outside their limits")
     parser.add_argument("--ridge", type=real(0), default=0.0, metavar="W",
                         help="weight of squared angles, which favours the initial pose (default: 0)")
-    parser.add_argument("--starts", type=count, default=8, metavar="N", help="starts per frame (default: 8)")
     parser.add_argument("--swarm", action="store_true", help="particle swarm, as in the paper")
     parser.add_argument("--particles", type=count, default=128, metavar="N", help="default: %(default)s")
     parser.add_argument("--generations", type=count, default=200, metavar="N", help="default: %(default)s")
-    parser.add_argument("--frames", type=count, metavar="N",
-                        help="fit only N evenly spaced frames (text files)")
+    parser.add_argument("--frames", type=count, metavar="N", help="fit only N evenly spaced frames (text files)")
     args = parser.parse_args(argv)
     if args.swarm and (args.no_limits or args.ridge):
         parser.error("--swarm does not support --no-limits and --ridge")
-    if args.swarm:
-        reject_given(parser, args, ["starts"], "does not apply with --swarm")
-    else:
+    if not args.swarm:
         reject_given(parser, args, ["particles", "generations"], "applies only with --swarm")
     return guarded(run, args)
 
@@ -105,7 +101,7 @@ def _fit_text(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
             how: dict[str, Any] = {"fit": fit_joints_by_swarm, "particles": args.particles,
                                    "generations": args.generations}
         else:
-            how = {"fit": fit_joints, "limits": not args.no_limits, "ridge": args.ridge, "starts": args.starts}
+            how = {"fit": fit_joints, "limits": not args.no_limits, "ridge": args.ridge}
         found = fit_absolute(skeleton, xyz[rows], nyu.half_cubes(len(xyz))[rows], chosen, progress=progress, **how)
     if args.out:
         try:
@@ -132,7 +128,7 @@ def _fit_list(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
         say(f"{number} of {len(files)}: {target}, {np.nanmean(residuals):.3f} mm", file=sys.stderr)
 
     return fit_list(files, Path(args.out), name, skeleton, on_done=on_file_done,
-                    limits=not args.no_limits, ridge=args.ridge, starts=args.starts)
+                    limits=not args.no_limits, ridge=args.ridge)
 
 
 if __name__ == "__main__":

@@ -28,13 +28,12 @@ from handpose import Recording, RecordingWriter
 from handpose.frames.inspection import Inspection, inspect
 from netlib.errors import NetlibError
 from tools.common import outputs
-from tools.common.arguments import count, parser_of, real, seconds
+from tools.common.arguments import parser_of, seconds
 from tools.common.console import DONE, guarded, say
 from tools.common.progress import ProgressBar, StoppedError, Stopper
-from tools.common.sources import add_source_options, opened, print_inspection, print_new_remarks, total_of
+from tools.common.sources import add_source_options, opened, print_inspection, print_new_remarks
 
-COARSEST_MM = 1.0  # largest default depth unit: sources in metres have fractions
-MAX_UNIT_MM = 10.0  # of --out-unit: with a larger one, hands are lost in the rounding
+COARSEST_MM = 1.0  # largest depth unit of the output: sources in metres have fractions
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -43,12 +42,8 @@ def main(argv: list[str] | None = None) -> int:
     add_source_options(parser)
     parser.add_argument("--out", required=True, metavar="FOLDER|FILE.npz", type=Path, help="output")
     parser.add_argument("--seconds", type=seconds, metavar="S", help="maximum duration")
-    parser.add_argument("--frames", type=count, metavar="N", help="maximum number of frames")
-    parser.add_argument("--out-unit", type=real(0, MAX_UNIT_MM, above=True), metavar="MM",
-                        help=f"depth unit of the output (default: the source's, at most {COARSEST_MM:g})")
     parser.add_argument("--force", action="store_true", help="replace an existing output")
-    args = parser.parse_args(argv)
-    return guarded(run, args)
+    return guarded(run, parser.parse_args(argv))
 
 
 def run(args: argparse.Namespace) -> int:
@@ -56,13 +51,13 @@ def run(args: argparse.Namespace) -> int:
     source = Path(args.source).absolute()
     outputs.refuse_inputs(args.out, [source, source.parent], "contains the source")
     with opened(args) as recording:
-        unit = args.out_unit or min(recording.unit_mm, COARSEST_MM)
+        unit = min(recording.unit_mm, COARSEST_MM)
         writer = RecordingWriter(args.out, recording.camera, unit, recording.rate, replace=args.force)
         seen = inspect(recording)
         print_inspection(seen)
         try:
             with Stopper() as stopper:
-                seconds = _write(recording, seen, writer, stopper, args.seconds, args.frames)
+                seconds = _write(recording, seen, writer, stopper, args.seconds)
         except StoppedError:
             say(f"stopped; {args.out} has {writer.count} frames", file=sys.stderr)
             return 128 + stopper.signum
@@ -77,12 +72,11 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _write(
-    recording: Recording, seen: Inspection, writer: RecordingWriter, stopper: Stopper, seconds: float | None,
-    frames: int | None,
+    recording: Recording, seen: Inspection, writer: RecordingWriter, stopper: Stopper, seconds: float | None
 ) -> float:
-    """Write frames up to the limits; returns the time in s from the first to the last. Raises StoppedError."""
+    """Write frames up to the limit; returns the time in s from the first to the last. Raises StoppedError."""
     first = last = None
-    with writer, ProgressBar(total_of(recording, frames), what="recording") as progress:
+    with writer, ProgressBar(recording.count or 0, what="recording") as progress:
         for frame in seen.all_frames(recording):
             stopper.check()
             first = frame.time if first is None else first
@@ -91,8 +85,6 @@ def _write(
             writer.write(frame)
             last = frame.time
             progress(1)
-            if writer.count == frames:
-                break
     return 0.0 if first is None or last is None else last - first
 
 

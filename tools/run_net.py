@@ -73,10 +73,7 @@ def main(argv: list[str] | None = None) -> int:
                         ".npz, or .npy for a single one; the first axis is the image")
     parser.add_argument("--batch", type=count, metavar="N", help="images per pass (default: that of the prototxt)")
     add_engine(parser)
-    args = parser.parse_args(argv)
-    if args.mean and args.mean_file:
-        parser.error("expected either --mean or --mean-file")
-    return guarded(run, args)
+    return guarded(run, parser.parse_args(argv))
 
 
 def run(args: argparse.Namespace) -> int:

@@ -31,9 +31,10 @@ from layers.hand import skeleton as skeletons
 from netlib import files
 from netlib.errors import DataError
 from tools.common import outputs
-from tools.common.arguments import count, name_in, parser_of, positive
+from tools.common.arguments import count, name_in, parser_of
 from tools.common.console import DONE, guarded, say
 
+COLUMNS = 8
 MAX_PX = 65000  # per side, close to the limit of JPEG
 MAX_PIXELS = 1 << 28  # about 1 GB of memory
 
@@ -42,12 +43,9 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
     parser.add_argument("sets", metavar="DATA", nargs="+", help="a list, an HDF5 file, or a folder of crops")
-    parser.add_argument(
-        "--out", metavar="FILE", type=name_in(".png", ".jpg"), required=True, help="figure, .png or .jpg"
-    )
+    parser.add_argument("--out", metavar="FILE", type=name_in(".png", ".jpg"), required=True,
+                        help="figure, .png or .jpg")
     parser.add_argument("--frames", type=count, default=16, metavar="N", help="frames per set (default: 16)")
-    parser.add_argument("--columns", type=count, default=8, metavar="N", help="frames per row (default: 8)")
-    parser.add_argument("--zoom", type=positive, default=1, metavar="N", help="enlarge N times (default: %(default)s)")
     parser.add_argument("--skeleton", metavar="FILE", help="skeleton file of the bodies (default: NYU's hand)")
     parser.add_argument("--plain", action="store_true", help="do not draw annotations")
     return guarded(run, parser.parse_args(argv))
@@ -60,21 +58,20 @@ def run(args: argparse.Namespace) -> int:
         sets = [examples_of(Path(name), args.frames) for name in args.sets]
     contents = [path for name in args.sets for path in Path(name).glob("*")]
     outputs.refuse_inputs(args.out, [args.skeleton, *read, *contents])
-    columns = min(args.columns, max(map(len, sets)))
-    _check_size(sets, columns, args.zoom)
+    columns = min(COLUMNS, max(map(len, sets)))
+    _check_size(sets, columns)
     images, titles = [], []
     for name, examples in zip(args.sets, sets):
         for number, (crop, joints, where) in enumerate(examples):
             found = 0 if joints is None else joints.size // 3
             if args.skeleton and found not in (0, len(skeleton.parents)):
-                raise DataError(f"{name}: frames have {found} joints, "
-                                f"{args.skeleton} has {len(skeleton.parents)}")
+                raise DataError(f"{name}: frames have {found} joints, {args.skeleton} has {len(skeleton.parents)}")
             if args.plain or joints is None or found != len(skeleton.parents):
-                images.append(hands.picture(crop, args.zoom))
+                images.append(hands.picture(crop, 1))
             elif not np.isfinite(joints).all():
                 raise DataError(f"{where}: its joints are not finite; use --plain to omit hands")
             else:
-                images.append(hands.overlay(crop, joints, skeleton, zoom=args.zoom))
+                images.append(hands.overlay(crop, joints, skeleton, zoom=1))
             titles.append(Path(name).name if number == 0 else "")
         while len(images) % columns:  # each set starts a row
             images.append(np.full_like(images[-1], 255))
@@ -84,13 +81,13 @@ def run(args: argparse.Namespace) -> int:
     return DONE
 
 
-def _check_size(sets: Sequence[Sequence[Example]], columns: int, zoom: int) -> None:
+def _check_size(sets: Sequence[Sequence[Example]], columns: int) -> None:
     """Raise DataError if the figure would be too large."""
-    size = zoom * max(len(crop) for examples in sets for crop, *_ in examples)
+    size = max(len(crop) for examples in sets for crop, *_ in examples)
     width, height = columns * size, sum(-(-len(examples) // columns) for examples in sets) * size
     if max(width, height) > MAX_PX or width * height > MAX_PIXELS:
         raise DataError(f"{width} x {height} pixels; expected at most {MAX_PX} per side and {MAX_PIXELS / 1e6:.0f} "
-                        "million in total, so reduce --zoom or --frames")
+                        "million in total, so reduce --frames")
 
 
 if __name__ == "__main__":

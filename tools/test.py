@@ -37,17 +37,8 @@ from handpose.datasets.examples import spread
 from handpose.estimate.nets import hand_layer
 from handpose.fit.search import PLANS
 from handpose.output.drawing import sheets
-from handpose.scoring.held_out import (
-    Predictions,
-    centers_of,
-    crops_of,
-    data_layer,
-    deploy_of,
-    errors_by_joint,
-    figures_of,
-    fit_all,
-    predict_all,
-)
+from handpose.scoring import held_out
+from handpose.scoring.held_out import data_layer, errors_by_joint, figures_of
 from handpose.scoring.metrics import joint_errors
 from layers.hand import skeleton as skeletons
 from netlib.errors import WeightsError
@@ -104,15 +95,15 @@ def run(args: argparse.Namespace) -> int:
         except WeightsError as error:
             raise WeightsError(f"{error}; the net is {args.model}: give that of these weights with --model") from error
         with ProgressBar(data_layer(net).rows, what=Path(snapshot).name) as progress:
-            predictions = predict_all(net, progress=progress.reach)
+            predictions = held_out.predict_all(net, progress=progress.reach)
         if len(predictions.joints) > 1 and np.ptp(predictions.joints, axis=0).max() < SAME:
             say(f"warning: {snapshot}: all {len(predictions.joints)} predictions are equal, whatever the frame shows: "
                 "are units of a layer dead? A lower base_lr may help", file=sys.stderr)
         rows.append({"snapshot": snapshot, **predictions.outputs, **figures_of(predictions, skeleton)})
         if args.fit:
-            deploy = deploy_of(net, args.deploy, snapshot, args.engine)
+            deploy = held_out.deploy_of(net, args.deploy, snapshot, args.engine)
             with ProgressBar(data_layer(net).rows, what=f"{Path(snapshot).name} {args.fit}") as progress:
-                joints = fit_all(net, deploy, snapshot, PLANS[args.fit], progress.reach)
+                joints = held_out.fit_all(net, deploy, snapshot, PLANS[args.fit], progress.reach)
             predictions = replace(predictions, joints=joints, skeleton=joints, dof=None)
             rows[-1] |= {f"fit_{name}": value for name, value in figures_of(predictions, skeleton).items()}
     if args.picture:
@@ -131,20 +122,16 @@ def run(args: argparse.Namespace) -> int:
     return DONE
 
 
-def _draw(path: Path, net: Net, found: Predictions) -> None:
+def _draw(path: Path, net: Net, found: held_out.Predictions) -> None:
     """Draw evenly spaced test frames, on the crop and in 3-D: predictions in colour, annotations as thin lines."""
     hand = hand_layer(net)
     chosen = spread(len(found.joints), DRAWN)
     errors = joint_errors(found.joints[chosen], found.truth[chosen]).mean(axis=1) * found.half_cube[chosen]
     sheet = sheets.two_views(
-        crops_of(net, chosen),
-        (found.joints if found.skeleton is None else found.skeleton)[chosen],
-        found.truth[chosen],
-        hand.skeleton if hand else skeletons.load(),
+        held_out.crops_of(net, chosen), (found.joints if found.skeleton is None else found.skeleton)[chosen],
+        found.truth[chosen], hand.skeleton if hand else skeletons.load(),
         [(f"frame {i}", f"{error:.0f} mm") for i, error in zip(chosen, errors)],
-        6,
-        *centers_of(net, chosen),
-        (2 * found.half_cube[chosen]).tolist(),
+        6, *held_out.centers_of(net, chosen), (2 * found.half_cube[chosen]).tolist(),
     )
     path.parent.mkdir(parents=True, exist_ok=True)
     outputs.write_image(path, sheet)

@@ -28,7 +28,7 @@ import netlib
 from netlib import engine
 from netlib.layer import PHASES
 from netlib.net import Net
-from tools.common.arguments import add_engine, count, parser_of, workers
+from tools.common.arguments import add_engine, count, parser_of
 from tools.common.console import DONE, guarded, say
 from tools.common.costs import memory_of, report_time
 
@@ -39,8 +39,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("model", metavar="MODEL", help="prototxt of the net")
     parser.add_argument("--iterations", type=count, default=20, metavar="N", help="default: %(default)s")
     parser.add_argument("--phase", choices=tuple(PHASES), help="default: TRAIN, of deploy nets TEST")
-    parser.add_argument("--threads", type=workers, metavar="N", help="number of threads (default: one per processor)")
-    add_engine(parser)
+    add_engine(parser, threads=True)
     parser.add_argument("--memory", action="store_true", help="report memory use instead")
     args = parser.parse_args(argv)
     return guarded(run, args)

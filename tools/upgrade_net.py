@@ -97,11 +97,9 @@ def current_solver(tree: Message) -> Message:
     solver = schema.read(tree, SolverParameter, "solver")
     if solver.solver_type is None:
         return tree
-    if tree.values("type"):
-        raise PrototxtError(
-            schema.position_of(solver, "solver_type"), "found both solver_type and type; expected one of them"
-        )
     place = schema.position_of(solver, "solver_type")
+    if tree.values("type"):
+        raise PrototxtError(place, "found both solver_type and type; expected one of them")
     new = Field("type", Scalar("string", OLD_TYPES[solver.solver_type], place), place)
     return Message([new if field.name == "solver_type" else field for field in tree.fields], tree.position)
 

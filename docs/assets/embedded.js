@@ -1,4 +1,5 @@
-/* Each embedded page says how high it is (reportHeight in handpose/output/hand_page/elements.js): so it does not scroll inside the document. */
+/* Set the height of each embedded page to the height that it reports (reportHeight in
+   handpose/output/hand_page/elements.js), so that it has no scroll bar of its own. */
 
 addEventListener("message", ({ source, data }) => {
   if (!Number.isFinite(data?.height)) return;

@@ -1,5 +1,5 @@
-/* A page opened from the disk may not start a Worker, and the search is one. Here the script of a worker runs in a hidden
-   frame instead, with the same two ways to talk: postMessage, and the event "message". On a server nothing changes. */
+/* The search of the site is a Worker, which browsers do not start from file:. There, this replacement runs the worker's
+   script in a hidden frame, with the same interface: postMessage, and the event "message". */
 if (location.protocol === "file:") {
   window.Worker = class extends EventTarget {
     constructor(address) {

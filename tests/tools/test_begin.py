@@ -10,8 +10,6 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
 
 import tools
@@ -66,15 +64,12 @@ def test_every_program_begins_before_it_imports_what_takes_long() -> None:
         assert names <= {*sys.stdlib_module_names, "tools"}, program
 
 
-@pytest.mark.parametrize("program", ["tools/train.py", "tools/demo.py"])
-def test_ctrl_c_during_the_imports(run: Run, tmp_path: Path, program: str) -> None:
-    """Ctrl-C during the imports ends the process by the signal without output."""
+def test_ctrl_c_during_the_imports(run: Run, tmp_path: Path) -> None:
     interrupt_at(tmp_path, "import", "numpy")
-    assert run(program, status=-signal.SIGINT)[1:] == ("", "")
+    assert run("tools/train.py", status=-signal.SIGINT)[1:] == ("", "")
 
 
 def test_ctrl_c_later(run: Run, tmp_path: Path) -> None:
-    """Ctrl-C after the imports prints one word and gives status 130."""
     (tmp_path / "net.prototxt").touch()
     interrupt_at(tmp_path, "open", "net.prototxt")
     done = run("tools/upgrade_net.py", "net.prototxt", "new.prototxt", status=130)
@@ -106,39 +101,17 @@ subprocess.run(["sh", "-c", "echo a program >&2"])
 
 
 def test_warnings_that_are_asked_for_are_shown(run: Run) -> None:
-    """``python -W default`` shows warnings."""
     assert "overflow" in run("-W", "default", *begun("import numpy; numpy.float32(1e38) * numpy.float32(10)")).err
 
 
 def test_what_cannot_be_encoded_is_escaped(run: Run) -> None:
-    """Characters that the encoding lacks are escaped on both streams."""
     code = 'for stream in (sys.stdout, sys.stderr): print("Größe \\udcff", file=stream)'
     done = run(*begun(code), PYTHONIOENCODING="ascii", PYTHONUTF8="0")
     assert done.out == done.err == "Gr\\xf6\\xdfe \\udcff\n"
 
 
 def test_an_uncaught_exception_is_still_seen(run: Run) -> None:
-    """An uncaught exception is reported with its traceback."""
     assert run(*begun("1 / 0"), status=1).err.endswith("ZeroDivisionError: division by zero\n")
-
-
-def test_faulthandler_goes_on(run: Run) -> None:
-    """faulthandler still reports a crash."""
-    code = (
-        "import resource, signal; resource.setrlimit(resource.RLIMIT_CORE, (0, 0)); signal.raise_signal(signal.SIGABRT)"
-    )
-    assert run("-X", "faulthandler", *begun(code), status=-signal.SIGABRT).err.startswith("Fatal Python error: Aborted")
-
-
-@pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs terminals")
-def test_a_terminal_stays_one(tmp_path: Path) -> None:
-    """stderr stays a terminal, which the progress bar requires."""
-    ours, theirs = os.openpty()
-    code = "import shutil; print(sys.stderr.isatty(), os.get_terminal_size(sys.stderr.fileno()).columns > -1)"
-    done = subprocess.run([sys.executable, *begun(code)], cwd=ROOT, stdout=subprocess.PIPE, stderr=theirs, check=True)
-    os.close(ours)
-    os.close(theirs)
-    assert done.stdout == b"True True\n"
 
 
 def test_a_closed_stderr(tmp_path: Path) -> None:
@@ -148,56 +121,12 @@ def test_a_closed_stderr(tmp_path: Path) -> None:
     assert subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, check=True).stdout == b"True\n"
 
 
-def test_who_imports_a_command_keeps_what_he_has() -> None:
-    """Importing a command changes neither signals nor streams of the program."""
+def test_importing_a_command_changes_neither_signals_nor_streams() -> None:
     before = sys.stderr, signal.getsignal(signal.SIGINT)
     tools.begin("tools.train")
     with tools.interruptible():
         assert (sys.stderr, signal.getsignal(signal.SIGINT)) == before
     assert (sys.stderr, signal.getsignal(signal.SIGINT)) == before
-
-
-# ---------------------------------------------------------------------------------------------- real commands
-
-
-@pytest.fixture
-def damaged(tmp_path: Path) -> list[str]:
-    """Write truncated and damaged images, for which libpng, libjpeg and OpenCV print messages."""
-    image = np.random.default_rng(0).integers(0, 255, (40, 40, 3), np.uint8)
-    names = []
-    for kind in ("png", "jpg"):
-        raw = cv2.imencode(f".{kind}", image)[1].tobytes()
-        turned = raw[:20] + bytes([raw[20] ^ 255]) + raw[21:]
-        for what, content in (("cut", raw[: len(raw) // 2]), ("turned", turned)):
-            (tmp_path / f"{what}.{kind}").write_bytes(content)
-            names.append(f"{what}.{kind}")
-    return names
-
-
-def test_a_damaged_picture_is_one_line(run: Run, damaged: list[str], tmp_path: Path) -> None:
-    """Each damaged image is reported on one line of the tool."""
-    for name in damaged:
-        (tmp_path / "list.txt").write_text(f"{name} 0\n")
-        lines = run("tools/compute_image_mean.py", "list.txt", status=1).err.splitlines()
-        assert lines[-1].startswith(f"{name}: ")  # libpng and libjpeg may print further lines
-
-
-def test_a_training_that_diverges_is_one_line(run: Run, tmp_path: Path) -> None:
-    """A diverging training run prints the log and one error line; overflows in threads print nothing."""
-    (tmp_path / "net.prototxt").write_text("""
-layer { name: "data" type: "DummyData" top: "x" top: "t" dummy_data_param {
-        shape { dim: 64 dim: 8 } shape { dim: 64 dim: 4 } data_filler { type: "gaussian" std: 1e3 } } }
-layer { name: "ip" type: "InnerProduct" bottom: "x" top: "y"
-        inner_product_param { num_output: 4 weight_filler { type: "gaussian" std: 1e10 } } }
-layer { name: "loss" type: "EuclideanLoss" bottom: "y" bottom: "t" top: "loss" }
-""")
-    (tmp_path / "solver.prototxt").write_text(
-        'net: "net.prototxt" base_lr: 1e30 lr_policy: "fixed" max_iter: 9 random_seed: 1'
-    )
-    done = run("tools/train.py", "solver.prototxt", "--log", "train.log", status=1)
-    log, _, error = done.err[:-1].rpartition("\n")
-    assert log + "\n" == (tmp_path / "train.log").read_text()
-    assert error.startswith("iteration 1: the loss is nan; ")
 
 
 # ---------------------------------------------------------------------------------------------- before the guard
@@ -210,10 +139,6 @@ layer { name: "loss" type: "EuclideanLoss" bottom: "y" bottom: "t" top: "loss" }
 ])
 def test_a_failing_import_is_one_line(run: Run, raised: str, line: str) -> None:
     assert run(*begun(f"raise {raised}"), status=1).err == f"{line}\n"
-
-
-def test_any_other_error_before_the_guard_has_its_traceback(run: Run) -> None:
-    assert "Traceback" in run(*begun("1 / 0"), status=1).err
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs rmdir of the working directory")

@@ -200,17 +200,10 @@ def test_without_a_command():
     assert "{train,test,time,device_query}" in out and "--sighup_effect {stop,snapshot,none}" in out
 
 
-@pytest.mark.parametrize(
-    ("argv", "message"),
-    [
-        (["train", "-solver", "nothing"], "nothing: cannot read the prototxt: No such file or directory"),
-        (["test", "-model", "net.prototxt", "-weights", "no"], "no: cannot read weights: No such file or directory"),
-        (["time", "-model", "solver_adam.prototxt"], "solver_adam.prototxt:1:1: error: this is a solver"),
-    ],
-)
-def test_mistakes(argv, message):
+def test_a_mistake():
     """Errors for which Caffe prints a stack trace are one line with status 1."""
-    assert log_of(*argv, status=1)[-1].startswith(message)
+    lines = log_of("test", "-model", "net.prototxt", "-weights", "no", status=1)
+    assert lines[-1] == "no: cannot read weights: No such file or directory"
 
 
 # ---------------------------------------------------------------------------------------------- BVLC's scripts

@@ -14,7 +14,6 @@ input: "x" input_dim: 1 input_dim: 2 input_dim: 1 input_dim: 1
 
 
 def test_a_picture(tmp_path):
-    """The layers of one phase are drawn in the requested direction."""
     pytest.importorskip("pydot")
     out = tmp_path / "net.raw"
     assert run_tool("draw_net", NET, out, "--phase", "TEST", "--rankdir", "TB", "--display_lrm").out == f"wrote {out}\n"
@@ -39,6 +38,4 @@ def test_mistakes(tmp_path):
     (tmp_path / "bad.prototxt").write_text('layer { nam: "x" }')
     error = run_tool("draw_net", tmp_path / "bad.prototxt", tmp_path / "net.raw", status=1).err
     assert "bad.prototxt:1:9: error: unknown field 'nam' (did you mean 'name'?)" in error and error.count("\n") == 1
-    done = run_tool("draw_net", tmp_path / "none.prototxt", tmp_path / "net.raw", status=1)
-    assert "none.prototxt: cannot read the prototxt" in done.err
     assert [path.name for path in tmp_path.iterdir()] == ["bad.prototxt"]

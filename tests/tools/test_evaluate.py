@@ -1,6 +1,5 @@
 """tools/evaluate.py: tables, JSON and plots of published predictions."""
 
-import json
 import re
 import sys
 
@@ -33,7 +32,7 @@ def run(*arguments, dataset="icvl", status=0):
 
 def test_tables(files):
     """The table states the data, then has one line per method and one line per joint."""
-    out = run("Near=near.txt", "Far hand=far.txt").out.splitlines()
+    out = run("Near=near.txt", "--predictions", "Far hand=far.txt").out.splitlines()
     assert out[0] == (
         "ICVL, 20 frames of the test set's 1596, 16 joints: errors in mm between absolute positions in camera axes;"
     )
@@ -44,22 +43,10 @@ def test_tables(files):
     assert [line.split() for line in out[10:]][::16] == [["palm", "3.00", "30.00"], ["mean", "3.00", "30.00"]]
 
 
-def test_json(files):
-    """JSON has all figures and both curves from 0 to 80 mm; --predictions may be repeated."""
-    report = json.loads(run("Near=near.txt", "--predictions", "Far=far.txt", "--json").out)
-    assert (report["dataset"], report["frames"], report["joints"]) == ("ICVL", FRAMES, 16)
-    assert report["thresholds_mm"] == list(range(81))
-    near, far = report["methods"]
-    assert (near["name"], near["file"]) == ("Near", "near.txt")
-    assert far["mean_mm"] == pytest.approx(30, abs=1e-4) and far["joints_mm"]["palm"] == pytest.approx(30, abs=1e-4)
-    for curve in ("success_max", "success_mean"):
-        assert far[curve] == [0.0] * 30 + far[curve][30:31] + [1.0] * 50
-
-
 def test_formats(files):
     assert run("Far=far.txt").out == run("Far=far_xyz.txt", "--format", "xyz").out
-    done = run("A=far.txt", "--groundtruth", "far_xyz.txt", "--groundtruth-format", "xyz", "--json")
-    assert json.loads(done.out)["methods"][0]["mean_mm"] == pytest.approx(0, abs=1e-4)
+    done = run("A=far.txt", "--groundtruth", "far_xyz.txt", "--groundtruth-format", "xyz")
+    assert done.out.splitlines()[4].split()[:2] == ["A", "0.00"]
 
 
 def test_wrong_format_is_noticed(files):
@@ -71,19 +58,17 @@ def test_wrong_format_is_noticed(files):
 def test_pictures(files):
     """Plots are written in each format, with more methods than colours, and names are not typeset by matplotlib."""
     pytest.importorskip("matplotlib")
-    captured = run(*(f"_$n_{i}$=near.txt" for i in range(9)), "--plot", "a.png", "--json")
-    assert captured.err == "wrote a.png\n" and json.loads(captured.out)
+    captured = run(*(f"_$n_{i}$=near.txt" for i in range(9)), "--plot", "a.png")
+    assert captured.err == "wrote a.png\n"
     assert cv2.imread("a.png").std() > 10
-    run("Far=far.txt", "--plot", ".SVG")
-    assert (files / ".SVG").read_bytes().startswith(b"<?xml")
+    run("Far=far.txt", "--plot", "b.SVG")
+    assert (files / "b.SVG").read_bytes().startswith(b"<?xml")
     assert not list(files.glob(".*.tmp"))
 
 
 @pytest.mark.parametrize(
     ("argv", "message"),
     [
-        ("A=no.txt", "no.txt: cannot read the joints: No such file or directory"),
-        ("A=near.txt B=.", ".: cannot read the joints: Is a directory; expected a file"),
         ("A=short.txt", "short.txt: 19 frames, the ground truth truth.txt has 20"),
         ("A=near.txt --plot no/a.png", "no/a.png: cannot write the image: No such file or directory"),
         ("A=near.png --plot near.png", "near.png: is read in this run; expected another output"),
@@ -100,30 +85,19 @@ def test_mistakes(files, argv, message):
     assert (files / "near.png").read_text() == near and not list(files.glob(".*.tmp"))
 
 
-def test_joints_of_another_data_set(files):
-    """ICVL's 16 joints are rejected for NYU, which has 14."""
-    done = run("A=near.txt", dataset="nyu", status=1)
-    assert done.err == "truth.txt:1: found 48 numbers, expected 42 = 14 joints x 3\n"
-
-
 def test_without_matplotlib(files, monkeypatch):
-    """Without matplotlib a plot raises a one-line error, and tables still work."""
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     assert run("A=near.txt", "--plot", "a.png", status=1).err == "matplotlib is missing: pip install matplotlib\n"
     run("A=near.txt")
 
 
 def test_angles(tmp_path, monkeypatch):
-    """--angles adds the angles of each method to JSON, and a table of them; predictions may not be of the model."""
+    """--angles adds a table of the angles of each method; predictions may not be of the model."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(evaluate, "compare_angles", lambda skeleton, truth, predictions, watch: {
+    monkeypatch.setattr(evaluate.published, "compare_angles", lambda skeleton, truth, predictions, watch: {
         "Bent": FittedAngles(9.126, 0.5, 0.001, 0.5), "Noise": FittedAngles(20, 6.25, 4, None)})
     np.savetxt("truth.txt", np.tile([320.0, 240, 700], (2, 14)))
     methods = ["Bent=truth.txt", "Noise=truth.txt", "--angles"]
-    report = json.loads(run(*methods, "--json", dataset="nyu").out)["methods"]
-    assert report[0]["angles"] == {"error_deg": 9.126, "residual_mm": 0.5, "free_residual_mm": 0.001,
-                                   "out_of_limits": 0.5}
-    assert report[1]["angles"]["out_of_limits"] is None
     heads, *rows = [re.split(r"\s{2,}", line) for line in run(*methods, dataset="nyu").out.splitlines()[-3:]]
     assert heads == ["method", "angle error", "residual within limits", "without limits", "frames out of limits"]
     assert rows == [["Bent", "9.13 deg", "0.500 mm", "0.0010 mm", "50.00%"],

@@ -1,6 +1,5 @@
 """tools/plot_log.py: plots of this project's logs and of Caffe's."""
 
-import errno
 import re
 from pathlib import Path
 
@@ -69,23 +68,6 @@ def test_as_many_outputs_as_panels(tmp_path, figures, monkeypatch):
     (tmp_path / "a.log").write_text("\n".join(["Iteration 0, loss = 1", *lines]))
     assert run_tool("plot_log", tmp_path / "a.log", "--out", tmp_path / "log.png").err == ""
     assert len(figures[0].axes) == 1 + plot_log.MAX_PANELS
-
-
-def test_a_picture_that_cannot_be_written(tmp_path, monkeypatch):
-    """A failed write keeps the old image and leaves no other file."""
-
-    def half(figure, file, **how):
-        Path(file).write_bytes(b"half")
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    (tmp_path / "a.log").write_text(LOG)
-    (tmp_path / "log.png").write_bytes(b"the old picture")
-    monkeypatch.setattr("matplotlib.figure.Figure.savefig", half)
-    done = run_tool("plot_log", tmp_path / "a.log", "--out", tmp_path / "log.png", status=1)
-    expected = f"{tmp_path}/log.png: cannot write the image: No space left on device\n"
-    assert done[1:] == ("", expected)
-    assert (tmp_path / "log.png").read_bytes() == b"the old picture"
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.log", "log.png"]
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 import cv2
@@ -79,28 +78,3 @@ def test_net_learns_from_them(root):
     solver.step(10)
     assert float(solver.net.blobs["joint_loss"].data) < 0.9 * first
     assert solver.test_nets[0].forward()["joint_loss"].shape == ()
-
-
-def test_bad_frames(root):
-    """Missing, truncated, 8-bit and wrong-sized frames, and frames without a hand, are left out."""
-    depth = root / "Training" / "Depth" / "labels"
-    (depth / "image_0001.png").unlink()
-    (depth / "image_0002.png").write_bytes((depth / "image_0002.png").read_bytes()[:-20])
-    cv2.imwrite(str(depth / "image_0003.png"), np.full((240, 320), 200, np.uint8))
-    cv2.imwrite(str(depth / "image_0004.png"), np.full((480, 640), 300, np.uint16))
-    cv2.imwrite(str(depth / "image_0005.png"), np.full((240, 320), 32001, np.uint16))
-    _, out, err = prepare(root, "--splits", "train")
-    kinds = "1 no depth around the hand, 1 no such file, 1 truncated, damaged or no PNG, 2 wrong size or type of image"
-    assert f"train: 15 frames (ICVL), 5 bad frames left out: {kinds}" in out
-    assert all(f"train frame {i}: {depth}/image_000{i}.png: " in err for i in range(1, 6))
-
-
-def test_check(root):
-    """--check reports an incomplete data set; if all frames are missing, the run reports the same and does nothing."""
-    done = run_tool("prepare_icvl", root, "--check", status=1)
-    train, test = done.err.splitlines()
-    assert "20 labelled frames, the whole training set" in train and "12 labelled frames, the whole test set" in test
-    assert "complete" not in done.out
-    shutil.rmtree(root / "Testing" / "Depth")
-    assert "12 of 12 depth frames are missing" in prepare(root, "--splits", "test", status=1).err
-    assert not (root.parent / "out").exists()

@@ -87,22 +87,6 @@ def test_other_centres(root):
 # ------------------------------------------------------------------------------------------------ the run
 
 
-def modification_times(out: Path) -> dict[str, int]:
-    return {path.name: path.stat().st_mtime_ns for path in out.glob("*.h5")}
-
-
-def test_resume(root, small):
-    """A second run keeps all files; after a change of one frame only its file is written again."""
-    prepare(root)
-    out = root.parent / "out"
-    times = modification_times(out)
-    assert len(times) == 5 and (out / "train.txt").read_text().count("\n") == 3
-    assert "all files kept" in prepare(root).out and modification_times(out) == times
-    write_frame(root / "train" / frame_name(13), np.full((480, 640), 800))
-    assert "made 12 frames" in prepare(root).out
-    assert {name for name, time in modification_times(out).items() if time != times[name]} == {"train_001.h5"}
-
-
 def break_frames(root: Path) -> None:
     """Damage frames 2 to 7 of the training set, each in another way."""
     at = [root / "train" / frame_name(i) for i in range(30)]

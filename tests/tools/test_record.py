@@ -41,24 +41,18 @@ def test_convert_and_replay(frames: Path) -> None:
 
 
 def test_a_part(frames: Path) -> None:
-    """--frames or --seconds limits the recording."""
-    run_tool("record", "frames", *CAMERA, "--rate", "10", "--out", "a", "--frames", "3")
     run_tool("record", "frames", *CAMERA, "--rate", "10", "--out", "b", "--seconds", "0.2")
-    assert (open_recording("a").count, open_recording("b").count) == (3, 2)
+    assert open_recording("b").count == 2
 
 
-def test_sources_in_metres_keep_their_fractions(frames: Path) -> None:
-    """Depth in metres is converted to millimetres or to a finer unit."""
+def test_sources_in_metres_are_converted_to_millimetres(frames: Path) -> None:
     np.save("take.npy", np.full((2, 48, 64), 0.50025) + [[[0]], [[0.25]]])
-    for unit, expected in (("1", 500), ("0.25", 500.25)):
-        run_tool("record", "take.npy", *CAMERA, "--unit", "1000", "--out", f"{unit}.npz", "--out-unit", unit)
-        assert next(iter(open_recording(f"{unit}.npz"))).depth[0, 0] == expected
     run_tool("record", "take.npy", *CAMERA, "--unit", "1000", "--out", "own.npz")
-    assert open_recording("own.npz").unit_mm == 1
+    recording = open_recording("own.npz")
+    assert recording.unit_mm == 1 and next(iter(recording)).depth[0, 0] == 500
 
 
 def test_what_was_found_on_the_way(frames: Path) -> None:
-    """Damaged frames and an implausible unit are reported."""
     Path("frames/2.png").write_bytes(b"")
     reported = run_tool("record", "frames", *CAMERA, "--unit", "20", "--out", "a")
     assert "10 m away" in reported.err and "with --unit 1 it would be 0.50 m away" in reported.err
@@ -66,7 +60,6 @@ def test_what_was_found_on_the_way(frames: Path) -> None:
 
 
 def test_a_failure_keeps_what_was_done(frames: Path) -> None:
-    """A failure keeps the frames written before it and reports their number."""
     cv2.imwrite("frames/11.png", np.zeros((5, 6), np.uint16))
     for i in range(4, 11):
         Path(f"frames/{i}.png").write_bytes(Path("frames/3.png").read_bytes())
@@ -77,7 +70,6 @@ def test_a_failure_keeps_what_was_done(frames: Path) -> None:
 
 
 def test_ctrl_c_keeps_what_was_done(frames: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ctrl-C keeps the frames written before it and gives status 130."""
     checks = iter([0, 0, 2])
     monkeypatch.setattr(record.Stopper, "signum", property(lambda self: next(checks, 2)))
     assert "stopped; a has 2 frames" in run_tool("record", "frames", *CAMERA, "--out", "a", status=130).err
@@ -106,14 +98,7 @@ def test_what_cannot_be_done(frames: Path, argv: list[str], what: str) -> None:
     assert sorted(Path().rglob("*")) == before
 
 
-def test_a_unit_that_would_round_all_depth_to_nothing(frames: Path) -> None:
-    """An output unit that would round all depth to 0 is a usage error."""
-    done = run_tool("record", "frames", *CAMERA, "--out", "a", "--out-unit", "1e5", status=2)
-    assert "--out-unit: expected a number greater than 0 and at most 10" in done.err
-
-
 @pytest.mark.parametrize("name", ["a/b/c", "a/b/c.npz"])
 def test_folders_on_the_way_are_made(frames: Path, name: str) -> None:
-    """Missing folders are created for every format."""
     run_tool("record", "frames", *CAMERA, "--out", name)
     assert Path(name).exists()

@@ -1,19 +1,17 @@
-"""Commands in unusual environments: installed, in the C locale, without a home, with names that are not UTF-8."""
+"""Commands in unusual environments: in the C locale, without a home, with names that are not UTF-8."""
 
 from __future__ import annotations
 
 import os
-import shutil
 import sys
 from pathlib import Path
 
 import pytest
 
-from tests.support.running import Done, run_python, run_tool
+from tests.support.running import run_python, run_tool
 from tests.tools.conftest import ROOT
 
 LOG = "Iteration 0, loss = 2\nIteration 5, loss = 1\n"
-PACKAGES = ["netlib", "layers", "fast", "handpose", "exercises", "export", "tools", "prototxt", "models"]
 C_LOCALE = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 ODD = os.fsdecode(b"odd\xe9")  # not valid in UTF-8
 
@@ -57,34 +55,3 @@ def test_the_c_locale_without_a_home(tmp_path: Path) -> None:
     changes = {name: str(tmp_path / "home") for name in ("HOME", "USERPROFILE", "MPLCONFIGDIR", "XDG_CACHE_HOME")}
     done = run_python(ROOT / "tools" / "plot_log.py", "ö.log", "--out", "ü.png", cwd=tmp_path, **C_LOCALE, **changes)
     assert done == (0, "wrote \\udcc3\\udcbc.png\n", "") and (tmp_path / "ü.png").exists()
-
-
-@pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The files that the package installs (setup.py), without the rest of the clone."""
-    site = tmp_path_factory.mktemp("site")
-    for name in PACKAGES:
-        place = site if name in ("netlib", "layers", "handpose") else site / "netlib" / "share"
-        shutil.copytree(ROOT / name, place / name)  # including compiled files, which saves seconds
-    return site
-
-
-class TestInstalled:
-    def run(self, site: Path, folder: Path, *words: str | Path, status: int = 0) -> Done:
-        return run_python("-m", "handpose", *words, status=status, cwd=folder, PYTHONPATH=str(site))
-
-    def test_training(self, site: Path, tmp_path: Path) -> None:
-        """A packaged solver and its net are found from any folder, and the advice names an existing command."""
-        done = self.run(site, tmp_path, "train", "prototxt/nyu_solver.prototxt", "--max-iter", "1", status=1)
-        assert "data/nyu/train.txt: cannot read the list of HDF5 files" in done.err
-        assert "generate synthetic hands with 'handpose make-synthetic'" in done.err
-
-    def test_advice(self, site: Path, tmp_path: Path) -> None:
-        done = self.run(site, tmp_path, "exercise")
-        assert done.out.splitlines()[-1] == "Start one: handpose exercise relu --start"
-
-    def test_the_engine(self, site: Path, tmp_path: Path) -> None:
-        """netlib finds fast/ in netlib/share."""
-        code = "import netlib.engine, sys; netlib.engine.get('fast'); print(*sys.modules['fast'].__path__)"
-        done = run_python("-c", code, cwd=tmp_path, PYTHONPATH=str(site))
-        assert done.out == f"{site / 'netlib' / 'share' / 'fast'}\n"

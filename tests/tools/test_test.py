@@ -65,7 +65,6 @@ def test_engine(work, snapshot, monkeypatch):
 
 
 def test_mistakes(work, snapshot):
-    """Weights of another net, a missing file and a net without test data give a one-line error."""
     done = run_tool("test", "--model", "net.prototxt", "nothing.h5", status=1)
     assert done.err == "nothing.h5: cannot read weights: No such file or directory\n"
     write_hdf5("other.h5", **{"data/other/0": np.zeros(3)})
@@ -86,12 +85,6 @@ def test_predictions_that_are_all_equal(work, snapshot):
     net.save("dead.caffemodel")
     done = run_tool("test", "--model", "net.prototxt", "dead.caffemodel")
     assert "warning: dead.caffemodel: all 24 predictions are equal, whatever the frame shows: are units of" in done.err
-
-
-def test_more_mistakes(work, snapshot):
-    """A net without test data."""
-    (work / "deploy.prototxt").write_text('layer { name: "i" type: "Input" top: "x" input_param { shape { dim: 1 } } }')
-    assert "no HDF5Data layer in phase TEST" in run_tool("test", "--model", "deploy.prototxt", snapshot, status=1).err
 
 
 def test_fit(work, small_data):
@@ -117,7 +110,6 @@ def test_fit(work, small_data):
     ],
 )
 def test_usage(options, message):
-    """--deploy without --fit, and a picture without a name, are usage errors."""
     assert message in run_tool("test", "net.caffemodel.h5", *options, status=2).err
 
 

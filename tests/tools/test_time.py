@@ -47,7 +47,6 @@ def test_memory(work, monkeypatch, name):
 
 
 def test_engine(work):
-    """--engine selects the engine, regardless of NETLIB_ENGINE."""
     done = run_tool("time", "net.prototxt", "--iterations", "1", "--engine", "plain")
     assert done.out.startswith("Engine plain; BLAS: ")
 
@@ -57,9 +56,3 @@ def test_threads_are_those_of_the_engine(work, other_engine):
     done = run_tool("time", "net.prototxt", "--iterations", "1", "--engine", "fast", "--threads", "3")
     assert other_engine.threads() == 3
     assert re.match(r"Engine fast; .*, 3 threads\n", done.out)
-
-
-def test_mistakes():
-    """A missing net gives a one-line error."""
-    done = run_tool("time", "nothing.prototxt", status=1)
-    assert done.err == "nothing.prototxt: cannot read the prototxt: No such file or directory\n"

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import errno
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from handpose.output.drawing.sheets import ContactSheet
-from handpose.output.tracks.json_file import JsonWriter
-from netlib.errors import NetlibError
 from tests.support.running import run_tool
 
 CAMERA = '{"fx": 60, "fy": 60, "u0": 31.5, "v0": 23.5, "unit_mm": 1}'
@@ -29,7 +25,6 @@ def frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def contents() -> dict[str, bytes | None]:
-    """Return the content of all files."""
     return {str(path): path.read_bytes() if path.is_file() else None for path in Path().rglob("*")}
 
 
@@ -64,7 +59,6 @@ def test_what_cannot_be_written(argv: list[str], said: str) -> None:
 
 
 def test_the_default_names_do_not_replace_frames(frames: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Run from the folder of the frames, the default names do not replace a frame."""
     monkeypatch.chdir(frames)
     before = contents()
     for source in (".", "*.png", "1.png"):
@@ -97,22 +91,3 @@ def test_a_hand_in_another_unit() -> None:
     assert "the unit, 1 mm, may be wrong" in line and "--unit 0.2 0.45 m away" in line
     (*_, last) = run_tool("track", *options, "--look", "a.png", status=1).err.splitlines()
     assert "no hand in the first 2 frames; a.png shows the first one; the unit, 1 mm, may be wrong" in last
-
-
-def test_of_two_failures_the_first_is_told(frames: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first error is reported, even if a full disk also prevents the contact sheet."""
-
-    def full(self: JsonWriter, frame: object) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device", str(self.files[0]))
-
-    def refused(*anything: object) -> None:
-        raise NetlibError("a.png: cannot write the picture")
-
-    monkeypatch.setattr("tools.common.outputs.write_image", refused)
-    done = run_tool("track", "frames", "--json", "a.json", "--sheet", "a.png", status=1)
-    assert done.err.endswith("a.png: cannot write the picture\n")
-    monkeypatch.setattr(ContactSheet, "page", lambda self: None)
-    monkeypatch.setattr(ContactSheet, "times", lambda self: [0.0])
-    monkeypatch.setattr(JsonWriter, "write", full)
-    done = run_tool("track", "frames", "--json", "a.json", "--sheet", "a.png", status=1)
-    assert done.err.endswith("a.json: No space left on device\n")

@@ -14,7 +14,6 @@ import netlib
 from netlib.files import locks
 from netlib.snapshots import snapshot
 from tests.support.running import run_tool
-from tests.tools.conftest import ROOT
 from tools.common import training
 
 STAMP = r"I\d{4} \d\d:\d\d:\d\d\.\d{6} \d+ \w+\.py:\d+\] "
@@ -128,16 +127,6 @@ def kept_signals():
     assert [signal.getsignal(n) for n in numbers] == before
 
 
-def test_missing_data_says_how_to_make_it(tmp_path, monkeypatch):
-    """Without data/nyu, one line names the two commands that create it."""
-    shutil.copytree(ROOT / "prototxt", tmp_path / "prototxt")
-    monkeypatch.chdir(tmp_path)
-    (line,) = [line for line in run_tool("train", "prototxt/nyu_solver.prototxt", status=1).err.splitlines()
-               if line.startswith("data/nyu/train.txt: ")]
-    assert line.startswith("data/nyu/train.txt: cannot read the list of HDF5 files: No such file or directory")
-    assert "tools/make_synthetic.py" in line and "tools/prepare_nyu.py NYU_ROOT" in line
-
-
 def test_mistakes(work):
     train("--max-iter", "3")
     state, model = "snapshots/net_iter_3.solverstate", "snapshots/net_iter_3.caffemodel"
@@ -154,7 +143,6 @@ def test_mistakes(work):
 
 
 def test_a_full_disk_ends_the_log_not_the_training(work):
-    """If the disk of the log is full, one line reports it and training continues."""
     errors = train("--max-iter", "1", "--log", "/dev/full").err
     assert errors.count("/dev/full: cannot continue the log: No space left on device") == 1
     assert (work / "snapshots/net_iter_1.solverstate").exists()
@@ -168,7 +156,6 @@ READ = "is read in this run; expected another output"
     [
         *((log, f"{log}: {READ}") for log in ("solver.prototxt", "net.prototxt", "data/train.txt", "data/train_000.h5",
                                               "mine.caffemodel", "link.log")),
-        ("pipe.log", "pipe.log: cannot write the log: "),  # a pipe without a reader is an error, not a wait
         ("locked.log", "locked.log: another process is writing this log"),
         ("net.prototxt/a.log", "net.prototxt/a.log: cannot write the log: "),
         (".", ".: cannot write the log: Is a directory"),
@@ -182,7 +169,6 @@ def test_a_log_that_cannot_be_written(work, small_data, log, message):
     Path("net.prototxt").write_text(net)
     netlib.Net("net.prototxt", netlib.TRAIN).save("mine.caffemodel")
     Path("link.log").symlink_to("solver.prototxt")
-    os.mkfifo("pipe.log")
     before = {path: path.read_bytes() for path in work.rglob("*") if path.is_file()}
     with open("locked.log", "w") as other:
         assert locks.take(other.fileno())

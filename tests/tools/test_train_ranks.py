@@ -59,7 +59,7 @@ def test_wrong_usage_is_said_once(small):
         done = ranks_started.run(2, TRAIN, "--max-iter", "x", "solver", by=by)
         assert done.returncode == 2
         assert ours(done.stderr) == [
-            "usage: train.py [-h] [--no-python-layers] [--snapshot STATE] [--weights FILE]",
+            "usage: train.py [-h] [--no-python-layers] [--snapshot STATE | --weights FILE]",
             "train.py: error: argument --max-iter: expected an integer of at least 1, found 'x'",
         ]
 

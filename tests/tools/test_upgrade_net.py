@@ -100,7 +100,6 @@ def test_a_solver(here, old, new):
     ("content", "flags", "message"),
     [
         (b"layers { type: CONVOLUTION\n num: 3 }", [], "old:2:2: error: unknown field 'num'"),
-        (b"layer { } layers { }", [], "old:1:11: error: this net has both 'layer' and 'layers'"),
         (b'name: "n"', [], "old:1:1: error: this file has no layers; expected a net"),
         (b"net: 'a' base_lr: 1", [], "old:1:1: error: this is a solver; add --solver"),
         (b"\x12\xff", [], "old: byte 1: truncated"),

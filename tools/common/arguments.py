@@ -42,8 +42,11 @@ def parser_of(doc: str | None, nets: bool = False) -> argparse.ArgumentParser:
     return parser
 
 
-def add_engine(parser: argparse.ArgumentParser) -> None:
-    """Add the option --engine, for tools that run one net."""
+def add_engine(parser: argparse.ArgumentParser, threads: bool = False) -> None:
+    """Add the option --engine, for tools that run one net, and with ``threads`` the option --threads."""
+    if threads:
+        parser.add_argument("--threads", type=workers, metavar="N",
+                            help="number of threads (default: one per processor)")
     parser.add_argument("--engine", choices=engine.NAMES, help="engine that computes the net (default: NETLIB_ENGINE "
                         "if set, else fast if the folder fast/ exists)")
 

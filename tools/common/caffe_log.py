@@ -8,7 +8,6 @@ import os
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
 from netlib.errors import NetlibError, reason_of
 from netlib.files import locks
@@ -57,16 +56,12 @@ class LogFile(logging.FileHandler):
         outputs.refuse_inputs(self._path, inputs)
         try:
             Path(self._path).parent.mkdir(parents=True, exist_ok=True)
-            path = Path(self._path)
-            if path.is_symlink() and (path.is_file() or not path.exists()):
-                raise NetlibError(f"{self._path}: is a symbolic link; name the log file itself")
             self.stream = self._open()
-            if path.is_file():  # terminals and the null device are not locked
+            if Path(self._path).is_file():  # terminals and the null device are not locked
                 if locks.take(self.stream.fileno()) is False:
                     self.close()
-                    raise NetlibError(
-                        f"{self._path}: another process is writing this log; wait for it, or choose another name"
-                    )
+                    raise NetlibError(f"{self._path}: another process is writing this log; wait for it, or choose "
+                                      "another name")
                 if not self._append:  # only after the lock is taken
                     self.stream.truncate(0)
                 self._size = os.fstat(self.stream.fileno()).st_size
@@ -74,13 +69,6 @@ class LogFile(logging.FileHandler):
             raise NetlibError(f"{self._path}: cannot write the log: {reason_of(error)}") from error
         while self._early:
             self.emit(self._early.pop(0))
-
-    def _open(self) -> Any:
-        """Open the file; a pipe without a reader is an error, not a wait."""
-        stream = open(self.baseFilename, self.mode, encoding=self.encoding, opener=_at_once)  # noqa: SIM115
-        if hasattr(os, "O_NONBLOCK"):
-            os.set_blocking(stream.fileno(), True)
-        return stream
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write or buffer one record."""
@@ -109,10 +97,6 @@ class LogFile(logging.FileHandler):
         """Close the file; buffered data that cannot be written is lost."""
         with contextlib.suppress(OSError):
             super().close()
-
-
-def _at_once(path: str, flags: int) -> int:
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0), 0o666)
 
 
 @contextlib.contextmanager

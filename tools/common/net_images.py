@@ -77,10 +77,11 @@ class Preprocessing:
 
 def add_value_options(group: argparse._ArgumentGroup, scale: float | None) -> None:
     """Add the options about an image's values; ``scale`` is the default of that option."""
-    group.add_argument("--mean", type=numbers(), metavar="M[,M,M]", default=(),
-                       help="to subtract: one number, or one per channel of the input"
-                            f"{'' if scale is None else ' (default: 0)'}")
-    group.add_argument("--mean-file", metavar="FILE", help="mean image to subtract, .binaryproto or .npy")
+    mean = group.add_mutually_exclusive_group()
+    mean.add_argument("--mean", type=numbers(), metavar="M[,M,M]", default=(),
+                      help="to subtract: one number, or one per channel of the input"
+                           f"{'' if scale is None else ' (default: 0)'}")
+    mean.add_argument("--mean-file", metavar="FILE", help="mean image to subtract, .binaryproto or .npy")
     group.add_argument("--scale", type=positive_number, metavar="S", default=scale,
                        help=f"factor, after the mean{'' if scale is None else f' (default: {scale:g})'}")
     group.add_argument("--rgb", action="store_true", help="the net's first channel is red (Caffe's is blue)")

@@ -25,9 +25,7 @@ from netlib.files.paths import exists
 from tools.common import arguments, hand_arguments
 from tools.common.console import say
 
-# A fit with this confidence confirms the depth unit, because a wrong unit changes the size of the hand. On six frames
-# of an earlier hand the confidence was above 0.99 with the right unit, and at most 0.82 with units 10 times off.
-CONFIRMS_UNIT = 0.95
+CONFIRMS_UNIT = 0.95  # confidence of a fit that confirms the depth unit: a wrong unit changes the size of the hand
 FILES = (".json", ".yaml", ".yml", ".xml", ".txt", ".npy", ".npz")  # with a camera
 ABOUT_FRAMES = ("unit", "distortion")  # options of add_camera_options that need a camera
 # argument types of values that a camera.json may also give
@@ -89,9 +87,7 @@ def opened(args: argparse.Namespace) -> Recording:
 def print_inspection(found: Inspection, file: TextIO | None = None) -> None:
     """Print a report on a recording and its first frames; warnings go to stderr."""
     camera = found.camera
-    length = (
-        f"{found.count} frames" if found.count is not None else "live" if found.live else "unknown number of frames"
-    )
+    length = "live" if found.live else "unknown number of frames" if found.count is None else f"{found.count} frames"
     rate = f", {found.rate:g} frames/s" if found.rate else ""
     say(f"{found.name}: {length}, {camera.width} x {camera.height} pixels{rate}", file=file)
     say(f"  camera {camera.name}: fx {camera.fx:g}, fy {camera.fy:g}, u0 {camera.u0:g}, v0 {camera.v0:g}; "

@@ -216,7 +216,6 @@ class LiveOutput:
         self._stack = contextlib.ExitStack()
         self._check: Callable[[], None] = lambda: None
         self._begun: float | None = None  # start by time.perf_counter; None for a live camera
-        self._before = 0.0  # time of the frame before
 
     def __enter__(self) -> LiveOutput:
         with contextlib.ExitStack() as stack:
@@ -259,15 +258,9 @@ class LiveOutput:
         self._stack.__exit__(kind, error, where)
 
     def _wait_until(self, seconds: float) -> None:
-        if self._begun is None:
-            return
-        # At most as long as from the frame before, whatever the clock says: it may stand still, or have been set back.
-        early, self._before = min(self._begun + seconds - time.perf_counter(), seconds - self._before), seconds
-        while early > 0:
-            pause = min(early, _CHECK_S)
-            time.sleep(pause)
+        while self._begun is not None and (early := self._begun + seconds - time.perf_counter()) > 0:
+            time.sleep(min(early, _CHECK_S))
             self._check()
-            early = min(early - pause, self._begun + seconds - time.perf_counter())
 
 
 @contextlib.contextmanager

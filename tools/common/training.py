@@ -1,4 +1,4 @@
-"""Training from a solver file like Caffe's command: its log, signals as requests, and the remaining time.
+"""Training from a solver file like Caffe's command: its log, signals as requests, and a progress bar.
 
 tools/train.py is the command line for this; experiments use it to train many nets.
 """
@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import logging
 import signal
-import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import FrameType
@@ -22,7 +21,7 @@ from netlib.proto import prototxt
 from netlib.solver import Solver
 from netlib.training import solver_parameter
 from tools.common.caffe_log import BarHandler, log_to
-from tools.common.console import DONE, duration
+from tools.common.console import DONE
 from tools.common.progress import ProgressBar
 from tools.common.ranks import ended_together, threads_of
 
@@ -82,13 +81,8 @@ def set_up_engine(name: str | None, ranks: Ranks, threads: int | None = None) ->
 
 
 def new_solver(
-    solver_file: str | Path,
-    snapshot: str | Path | None = None,
-    weights: Sequence[str | Path] = (),
-    seed: int | None = None,
-    engine: str | None = None,
-    ranks: Ranks = ALONE,
-    **changes: Any,
+    solver_file: str | Path, snapshot: str | Path | None = None, weights: Sequence[str | Path] = (),
+    seed: int | None = None, engine: str | None = None, ranks: Ranks = ALONE, **changes: Any,
 ) -> Solver:
     """Create the solver for ``train`` and log it; ``changes`` replace fields of its file. Raises NetlibError."""
     if snapshot or weights:
@@ -104,14 +98,11 @@ def new_solver(
 
 
 def solve(
-    solver: Solver,
-    console: BarHandler,
-    snapshot: str | Path | None = None,
-    on_sigint: Effect = "stop",
+    solver: Solver, console: BarHandler, snapshot: str | Path | None = None, on_sigint: Effect = "stop",
     on_sighup: Effect = "snapshot",
 ) -> int:
     """Train to the end, or until a signal; returns the exit status: 0, or 128 + signal. Raises NetlibError."""
-    with requests_by_signal(solver, on_sigint, on_sighup) as stopped, _time_left(solver, console):
+    with requests_by_signal(solver, on_sigint, on_sighup) as stopped, _progress(solver, console):
         finished = solver.solve(snapshot)
     if stopped or solver.ranks.count == 1:
         return DONE if finished or not stopped else 128 + stopped[0]
@@ -125,9 +116,8 @@ def _describe(solver: Solver) -> None:
         log.info("Creating Layer %s", at.layer.name)
         for name, blob in zip(at.layer.spec.top, at.top):
             where = " (in-place)" if name in at.layer.spec.bottom else ""
-            log.info(
-                "%s -> %s%s, top shape: %s (%d)", at.layer.name, name, where, " ".join(map(str, blob.shape)), blob.count
-            )
+            log.info("%s -> %s%s, top shape: %s (%d)", at.layer.name, name, where, " ".join(map(str, blob.shape)),
+                     blob.count)
     for name in net.outputs:
         log.info("This network produces output %s", name)
     if (ranks := solver.ranks.count) > 1:
@@ -179,43 +169,26 @@ def requests_by_signal(
 
 
 @contextlib.contextmanager
-def _time_left(solver: Solver, console: BarHandler) -> Iterator[None]:
-    """Context manager that reports the remaining time."""
+def _progress(solver: Solver, console: BarHandler) -> Iterator[None]:
+    """Context manager: on a terminal, a progress bar below the log of rank 0."""
     if solver.ranks.rank:
         yield
         return
     with contextlib.ExitStack() as bars:
-        shown = _TimeLeft(solver, console, bars)
-        solver.on_update.append(shown.update)
+
+        begun: list[ProgressBar] = []
+
+        def update() -> None:
+            if not begun:  # the first iteration is known only now
+                begun.append(bars.enter_context(ProgressBar(solver.param.max_iter, "iter", done=solver.iter - 1)))
+                console.bar = begun[0] if begun[0].is_shown else None
+            if console.bar:
+                console.bar.note(f"loss {solver.loss:.4g}")
+                console.bar.reach(solver.iter)
+
+        solver.on_update.append(update)
         try:
             yield
         finally:
-            solver.on_update.remove(shown.update)
+            solver.on_update.remove(update)
             console.bar = None
-
-
-class _TimeLeft:
-    """A progress bar on a terminal, below the log; elsewhere a log line per minute."""
-
-    LINE_EVERY = 60.0  # seconds
-
-    def __init__(self, solver: Solver, console: BarHandler, bars: contextlib.ExitStack) -> None:
-        self.solver, self.console, self.bars = solver, console, bars
-        self.bar: ProgressBar | None = None
-
-    def update(self) -> None:
-        """Show the progress."""
-        solver, now = self.solver, time.perf_counter()
-        if self.bar is None:  # the first iteration is known only now
-            self.begun, self.last_line = (solver.iter, now), now
-            bar = ProgressBar(solver.param.max_iter, "iter", done=solver.iter - 1)
-            self.bar = self.bars.enter_context(bar)
-            self.console.bar = bar if bar.is_shown else None
-        if self.bar.is_shown:
-            self.bar.note(f"loss {solver.loss:.4g}")
-            self.bar.reach(solver.iter)
-        elif now - self.last_line > self.LINE_EVERY and solver.iter > self.begun[0]:
-            self.last_line = now
-            rate = (solver.iter - self.begun[0]) / (now - self.begun[1])
-            log.info("%d of %d iterations done, %s left", solver.iter, solver.param.max_iter,
-                     duration((solver.param.max_iter - solver.iter) / rate))

@@ -1,5 +1,5 @@
-/* The state of the page: a body in a pose in front of a camera, with forces on its joints. Every part of the page that
-   shows some of it adds a function to `listeners`. */
+/* The state of the page: a body in a pose in front of a camera, with forces on its joints. Each part of the page adds a
+   function to `listeners`, which is called after a change. */
 
 import { backward, forward, Skeleton, Surface } from "./skeleton.js";
 import { unproject } from "./render.js";
@@ -65,7 +65,7 @@ export class Body {
     this.notify("force");
   }
 
-  /* Tell every listener what has changed: "skeleton", "place", "pose" or "force". */
+  /* Call every listener with what has changed: "skeleton", "place", "pose" or "force". */
   notify(what) {
     this.cachedPose = this.cachedJoints = null;
     for (const listener of this.listeners) listener(what);
@@ -147,8 +147,8 @@ export class Body {
     return bones.filter(([start]) => start);
   }
 
-  /* The centre and the radius in mm of a sphere that holds the joints of the present pose and of poses that are spread
-     over the limits. Inputs that move the whole body keep their present values. */
+  /* The centre and the radius in mm of a sphere that contains the joints of the present pose and of random poses
+     within the limits. Inputs that move the whole body keep their present values. */
   get bounds() {
     const { skeleton, whole, size } = this, ends = skeleton.joints.map((_, j) => this.boneStart(j)).filter(Boolean);
     ends.push(...this.joints.slice(0, skeleton.joints.length));
@@ -165,7 +165,7 @@ export class Body {
     return boundingSphere(ends, 1);
   }
 
-  /* Whether a DoF belongs to a root that can be anywhere, so that it moves the body as a whole. */
+  /* Whether a DoF moves the whole body: one of a root that can be translated without limits. */
   movesWholeBody(d) {
     const { whole } = this;
     const isFree = ({ turns, dof }) => !turns && !whole.fixed[dof] && whole.upper[dof] === Infinity;
@@ -175,7 +175,7 @@ export class Body {
   }
 }
 
-/* Pseudo-random points of the unit cube, which are the same for every call. */
+/* Pseudo-random points of the unit cube, equal in every call. */
 function unitCubePoints(count, dimensions) {
   let state = 1;
   const next = () => (state = (state * 16807) % 2147483647) / 2147483647;

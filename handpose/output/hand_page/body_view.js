@@ -47,8 +47,8 @@ export class BodyView {
     this.redraw();
   }
 
-  /* Draw with the next picture of the screen, in a resolution that takes DRAW_MS. When nothing has moved for STILL_MS,
-     draw in high resolution. */
+  /* Draw in the next animation frame, in a resolution that takes DRAW_MS, and after STILL_MS without movement in high
+     resolution. */
   redraw() {
     clearTimeout(this.stillTimer);
     this.stillTimer = setTimeout(() => this.draw(HIGH_RESOLUTION), STILL_MS);

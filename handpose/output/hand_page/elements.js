@@ -21,8 +21,8 @@ export function formatNumber(number, decimals) {
   return Number(text) === 0 ? (0).toFixed(decimals) : text;
 }
 
-/* Send the height of the page to the document in which it is embedded, if there is one, whenever it changes. The
-   document cannot measure a page that was opened from a disk. */
+/* If the page is embedded in a document, send it the height of the page after every change, because a document cannot
+   measure a page opened from file:. */
 export function reportHeight() {
   if (window.parent === window) return;
   const root = document.documentElement; // its height includes the margins

@@ -116,7 +116,7 @@ function int16Array(text) {
   return new Int16Array(bytes.buffer);
 }
 
-/* Show the chosen hand, or the chosen body if the page has no hands, as when the page was opened. */
+/* Show the chosen hand or, on a page without predicted hands, the chosen body, in its initial state. */
 function showChosen() {
   if (data.hands.length) showHand(data.hands[hands.value]);
   else showBody(bodies.value);

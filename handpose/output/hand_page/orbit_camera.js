@@ -48,7 +48,7 @@ export class OrbitCamera {
     return [this.width / 2 + (this.focal * x) / z, this.height / 2 - (this.focal * y) / z, z];
   }
 
-  /* The vector in mm that moves a point at this depth by so many px to the right and down. */
+  /* The vector in mm that moves a point at this depth by `right` and `down` px in the picture. */
   unprojectVector(right, down, depth) {
     return apply(transposed(this.orientation), times([right, -down, 0], depth / this.focal));
   }

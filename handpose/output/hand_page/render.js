@@ -60,7 +60,7 @@ function extent({ a, b, ra, rb }, axis) {
   return [Math.min(bounds[0][0], bounds[1][0]), Math.max(bounds[0][1], bounds[1][1])];
 }
 
-/* The number of ascending numbers that are less than `bound`, or, with `including`, not greater. */
+/* How many ascending numbers are less than `bound` or, with `including`, less than or equal to it. */
 function count(ascending, bound, including) {
   let low = 0, high = ascending.length;
   while (low < high) {

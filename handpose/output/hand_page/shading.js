@@ -76,10 +76,8 @@ export function paintDepth(picture, values) {
 /* A colour between a and b. */
 const mixed = (a, b) => a.map((value, i) => value + TINT * (b[i] - value));
 
-/* Draws the bones and joints of a body as lines and discs. */
-
-/* Draw a body, which has joints, skeleton.joints, boneStart() and tips, the farthest joint first. Joints in the set
-   body.guesses are hollow: white, with a rim in their colour.
+/* Draw the bones and joints of a body as lines and discs, the farthest joint first. The body has joints,
+   skeleton.joints, boneStart() and tips. Joints in the set body.guesses are hollow: white, with a rim in their colour.
    project(point) converts a point in mm to [px to the right, px down, mm away]. */
 export function drawBones(pen, body, project) {
   const pixels = body.joints.map(project), { skeleton } = body, tips = new Set(body.tips);

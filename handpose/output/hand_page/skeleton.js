@@ -98,8 +98,8 @@ export function forward(skeleton, inputs, size = 1) {
   return pose;
 }
 
-/* The gradient at the inputs for a gradient at the joints. In other words: for forces on the joints, the torque about
-   the axis of each DoF, or the force along it for a translation. It is 0 for a fixed DoF. */
+/* The gradient at the inputs for a gradient `forces` at the joints: the torque about the axis of each DoF, or the force
+   along it for a translation; 0 for a fixed DoF. */
 export function backward(skeleton, pose, forces) {
   const force = forces.map((f) => [...f]), torque = forces.map(() => [0, 0, 0]);
   const gradient = skeleton.dofs.map(() => 0), X = pose.joints;

@@ -19,7 +19,7 @@ CAMERA_FORM = f"a file, {', '.join((*CAMERAS, *VIEWS))}, or FX,FY,U0,V0 in px, t
         (arguments.positive, "12", 12),
         (arguments.natural, "0", 0),
         (arguments.whole(0, 100), "100", 100),
-        (hand_arguments.cube, "2400", 2400.0),
+        (hand_arguments.cube, "10000", 10000.0),
         (arguments.weight, "0", 0.0),
         (arguments.weight, "1e-3", 1e-3),
         (arguments.address(), "localhost:1", ("localhost", 1)),
@@ -68,6 +68,7 @@ def test_a_camera_by_its_numbers() -> None:
         *((hand_arguments.camera, text, CAMERA_FORM) for text in ("1,2,3,nan", "0,2,3,4", "588,588,1e300,240")),
         *((arguments.address(), text, "HOST:PORT, a port from 1 to 65535")
           for text in ("a:0", "a:65536", ":1", "a", "a: 1", "a:" + "9" * 5000)),
+        (arguments.numbers(), "1,x", "numbers separated by commas"),
         (arguments.pixels, "224", "WIDTHxHEIGHT in px, such as 224x224"),
         (arguments.name_in(".png", ".jpg"), "folder/.png", "a file name with suffix .png, .jpg"),
         (hand_arguments.center, "1,2,3,4", "U,V or U,V,D (px, px, mm)"),

@@ -7,19 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from netlib.errors import NetlibError
 from tools.common.caffe_log import log_to
-
-
-def test_a_log_through_a_link(tmp_path: Path) -> None:
-    """A symbolic link to a file is rejected, and its target is unchanged."""
-    (tmp_path / "target.txt").write_text("old")
-    (tmp_path / "a.log").symlink_to(tmp_path / "target.txt")
-    said = r"a\.log: is a symbolic link; name the log file itself"
-    with log_to(tmp_path / "a.log") as console, pytest.raises(NetlibError, match=said):
-        assert console.file is not None
-        console.file.begin(())
-    assert (tmp_path / "target.txt").read_text() == "old"
 
 
 def test_a_line_that_was_not_written_whole(

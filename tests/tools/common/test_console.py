@@ -66,7 +66,6 @@ def test_a_name_stays_in_its_line(name: str) -> None:
 
 
 def test_a_table() -> None:
-    """The first column is left-aligned, the others are right-aligned."""
     assert aligned([["name", "mm"], ["a", "12.5"]]) == "name    mm\na     12.5"
 
 

@@ -41,7 +41,6 @@ def test_boxes_in_the_image(changes: dict[str, object], shape: tuple[int, ...], 
 
 
 def test_sizes_must_agree() -> None:
-    """An image is at least as large as the input, and as large as the mean."""
     with pytest.raises(NetlibError, match="images of 3 x 4 px are smaller than the net's input, 4 x 2"):
         preprocessing(resize=(3, 4))
     with pytest.raises(NetlibError, match="the mean image has 5 x 4 px, images are resized to 8 x 4"):

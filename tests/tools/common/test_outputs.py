@@ -21,7 +21,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("out", ["a.txt", "./a.txt", "inner/../a.txt", "link.txt"])
 def test_an_input_by_whatever_name(out: str) -> None:
-    """An output that is also an input is rejected under any of its names."""
     for check in (outputs.refuse_inputs, outputs.check_place):
         with pytest.raises(NetlibError, match=r"txt: is read in this run; expected another output"):
             check(Path(out), [None, "b.txt", "a.txt"])

@@ -80,7 +80,6 @@ def test_the_first_signal_is_noted_the_second_hits() -> None:
 
 
 def test_a_folder_is_filled(tmp_path: Path) -> None:
-    """The folder is created first."""
     assert fill_folder(tmp_path / "a" / "b", "all is", 1, lambda advance: (tmp_path / "a" / "b" / "file").touch()) == 0
     assert (tmp_path / "a" / "b" / "file").exists()
 

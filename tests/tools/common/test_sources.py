@@ -84,11 +84,8 @@ def test_distortion(frames: Path) -> None:
         (("--camera", "sr306"), "expected a file, nyu, icvl, msra15, kinect2, sr305, d405, "),
         (("--unit", "1e-320"), "expected a number greater than 1e-06 and at most 10000, found '1e-320'"),
         (("--rate", "inf"), "expected a number greater than 1e-06 and at most 10000, found 'inf'"),
-        (("--unit", "1e300"), "at most 10000, found '1e300'"),
-        (("--camera", "1e-320,588,320,240"), "or FX,FY,U0,V0 in px"),
         (("--fov", "0"), "expected degrees between 1 and 179"),
         (("--fov", "60", "--camera", "sr305"), "not allowed with argument --fov"),
-        (("--distortion", "1,2,3"), "expected 4, 5 or 8 numbers K1,K2,P1,P2"),
         (("--distortion", "a,b,c,d"), "expected 4, 5 or 8 numbers K1,K2,P1,P2"),
     ],
 )

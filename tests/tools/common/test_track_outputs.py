@@ -25,12 +25,10 @@ ALL = ["--json", "a.json", "--csv", "a.csv", "--sheet", "a.png"]
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Make an empty folder the working directory."""
     monkeypatch.chdir(tmp_path)
 
 
 def parsed(*argv: str) -> argparse.Namespace:
-    """Parse the output options alone."""
     parser = argparse.ArgumentParser()
     add_output_options(parser)
     return parser.parse_args(argv)
@@ -79,21 +77,7 @@ def test_nothing_is_asked() -> None:
      (["--video", "a.mp4"], True)],
 )
 def test_what_shows_surface(argv: list[str], drawn: bool) -> None:
-    """Only pictures and videos need the surface of the hand."""
     assert is_drawn(parsed(*argv)) == drawn
-
-
-@pytest.mark.parametrize(
-    ("option", "name", "expected"),
-    [("--json", "a.txt", ".json, .jsonl, -"), ("--csv", "a.json", ".csv"),
-     ("--video", "a.avi", ".mp4"), ("--sheet", "-", ".png, .jpg"), ("--csv", "-", ".csv")],
-)
-def test_other_endings(option: str, name: str, expected: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """An unsupported suffix is a usage error."""
-    with pytest.raises(SystemExit) as stopped:
-        parsed(option, name)
-    assert stopped.value.code == 2
-    assert f"expected a file name with suffix {expected}, found '{name}'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("error", [NetlibError, KeyboardInterrupt])

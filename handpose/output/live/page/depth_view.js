@@ -7,7 +7,7 @@ const LABEL_HEIGHT = 20; // px
 const DARKEST = 0.65; // grey value of the farthest depth; 1 is black
 
 export class DepthView {
-  /* onHover is called with a text on the pixel under the pointer. */
+  /* onHover is called with a text about the pixel under the pointer. */
   constructor(canvas, { camera, colours }, onHover) {
     Object.assign(this, { canvas, camera, colours, onHover, frame: null });
     canvas.style.aspectRatio = `${camera.width} / ${camera.height}`;

@@ -78,7 +78,7 @@ function showState(record) {
   }
 }
 
-/* Draw the frame with the next picture of the screen. */
+/* Draw the frame in the next animation frame. */
 function requestDraw(frame) {
   live.frame = frame;
   frameRequest ??= requestAnimationFrame(() => ((frameRequest = null), draw()));

@@ -1,4 +1,4 @@
-/* All hands of a frame as one body, in the form that body_view.js and bones.js draw. */
+/* All hands of a frame as one body, in the form that body_view.js draws. */
 
 import { unproject } from "./render.js";
 import { boundingSphere } from "./vectors.js";

@@ -1,5 +1,5 @@
-/* The query of the page's address, which contains the token of the server. The page removes it from the address bar,
-   where others could read it, and keeps it in the storage of the tab for a reload. */
+/* The query of the page's address contains the token of the server. It is removed from the address bar, where others
+   could read it, and kept in the storage of the tab for a reload. */
 
 const KEY = "query";
 
