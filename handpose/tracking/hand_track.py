@@ -24,11 +24,7 @@ from netlib.blob import Array
 
 ENOUGH = 0.3  # confidence of a pose, below which it is none
 SURE = 0.9  # confidence below which a full fit is run
-PAUSE, MAX_PAUSE = 0.25, 1.0  # s between full fits; doubled after each without improvement
-SOON = 0.06  # s between full fits after an alarm
-TROUBLE, ALARM = 1.4, 2.0  # selection cost relative to its average: run the network; run a full fit
-HABIT = 0.1  # weight of the last frame in the average selection cost
-BETTER = 0.9  # ratio of selection costs that counts as an improvement
+PAUSE = 0.25  # s between full fits of an uncertain hand
 ASK = 0.2  # s between runs of the network, whose pose competes with the tracked one
 # A second with poses earns two of credit, one without costs one; a hand without credit is lost.
 FIRST_CREDIT, MOST_CREDIT = 0.4, 1.0
@@ -145,7 +141,6 @@ class HandTrack:
     decided     the side that was decided last, or None
     since       s, when it was reported last
     reason      why it was lost
-    usual_cost  the average selection cost of its poses
     presence    by the finder, mean of its last looks
     """
 
@@ -165,8 +160,6 @@ class HandTrack:
         self.sides = {side: SideState(estimate, time) for side, estimate in best.items()}
         self.presence = presence
         self._seen = self._asked = self._looked = time
-        self._pause = PAUSE
-        self.usual_cost = min(estimate.selection_cost for estimate in estimates)
         self._evidence, self._compared, self._begun = side_prior, 0, time
         self._compare(best, time)
         self._keep_side()
@@ -224,8 +217,7 @@ class HandTrack:
 
     def regions(self, time: float, frame: FrameHands) -> list[SearchRegion]:
         """The search regions in a frame; with and without the network, whose last use is recorded."""
-        troubled = self.time < self._seen or self.best.estimate.selection_cost > TROUBLE * self.usual_cost
-        asked = troubled or not self.is_decided or time - self._asked >= ASK
+        asked = self.time < self._seen or not self.is_decided or time - self._asked >= ASK
         self._asked = time if asked else self._asked
         regions = []
         for side, seen in self.sides.items():
@@ -240,10 +232,8 @@ class HandTrack:
         palm predicted by the network.
         """
         sure = max((estimate.chance for estimate in estimates), default=0.0)
-        cost = min((estimate.selection_cost for estimate in estimates), default=np.inf)
-        alarmed = cost > ALARM * self.usual_cost
-        pause = COMPARE if not self.is_decided else SOON if alarmed else self._pause
-        if (self.is_decided and sure >= SURE and not alarmed) or time - self._looked < pause:
+        pause = PAUSE if self.is_decided else COMPARE
+        if (self.is_decided and sure >= SURE) or time - self._looked < pause:
             return []
         self._looked = time
         regions = []
@@ -257,14 +247,9 @@ class HandTrack:
     def take(self, estimates: Sequence[Hand], others: Sequence[Hand], time: float) -> bool:
         """Add the poses found in its regions and in others, the best for each side; True if one is good enough."""
         seconds, self._seen = time - self._seen, time
-        first = _best(estimates)
-        before = min((estimate.selection_cost for estimate in first.values()), default=np.inf)
-        best = _best([*first.values(), *others])
+        best = _best([*estimates, *others])
         self._compare(best, time)
         own = [best[side] for side in self.sides if side in best]
-        if others and self.is_decided:
-            better = min(estimate.selection_cost for estimate in own) < BETTER * before
-            self._pause = PAUSE if better else min(2 * self._pause, MAX_PAUSE)
         if max((estimate.chance for estimate in own), default=0.0) < ENOUGH:
             self.credit -= seconds
             return False
@@ -272,9 +257,6 @@ class HandTrack:
             self.sides[estimate.hand].take(estimate, time)
         self.time, self.credit = time, min(self.credit + 2 * seconds, MOST_CREDIT)
         self._keep_side()
-        self.usual_cost += HABIT * (self.best.estimate.selection_cost - self.usual_cost)
-        if self.is_decided and self.best.estimate.chance >= SURE:
-            self._pause = PAUSE
         return True
 
     def _keep_side(self) -> None:

@@ -201,9 +201,8 @@ def test_the_network_is_asked_now_and_then() -> None:
         assert asked[-1] or region.moved_mm == 3
         followed(one, [[estimate()]], n)
     assert 0 < sum(asked) < 15
-    for n in range(31, 40):
-        followed(one, [[estimate(confidence=0.7, error=30)]], n)
-        assert one.regions((n + 1) * FRAME, SEEN)[0].moved_mm is None
+    assert not one.take([estimate(confidence=0.1)], [], 31 * FRAME)
+    assert one.regions(32 * FRAME, SEEN)[0].moved_mm is None, "it had no pose in the frame before"
     undecided = HandTrack(ESTIMATOR, both(), 0.0, None)
     assert all(region.moved_mm is None for n in range(1, 9) for region in undecided.regions(n * FRAME, SEEN))
 
@@ -229,36 +228,15 @@ def test_a_second_look_at_both_sides() -> None:
     assert all(region.before is one.sides[region.side].estimate.body for region in regions)
 
 
-@pytest.mark.parametrize(
-    ("error", "goes_on", "least", "most"),
-    [(1.0, False, 12, 60), (5.0, False, 3, 11), (5.0, True, 3, 11)],
-    ids=["helps", "does not", "finds the same pose"],
-)
-def test_second_looks_are_rare(error: float, goes_on: bool, least: int, most: int) -> None:
-    """Of 300 uncertain frames in ten seconds few get a second estimate, fewer if it finds no better pose."""
+def test_second_looks_are_rare() -> None:
+    """Of 300 uncertain frames in ten seconds few get a second estimate."""
     one, looks = HandTrack(ESTIMATOR, [estimate()], 0.0, None), 0
     for n in range(1, 301):
         seen = [estimate(confidence=0.6)]
         regions = one.other_regions(SEEN, seen, n * FRAME)
         looks += bool(regions)
-        assert one.take(seen, [estimate(confidence=0.6, error=error, goes_on=goes_on)] if regions else [], n * FRAME)
-    assert least <= looks <= most
-
-
-def test_a_hand_in_trouble() -> None:
-    """If a hand fits much worse than usual, the network runs again, and a second estimate follows soon."""
-    one = HandTrack(ESTIMATOR, [estimate(error=4)], 0.0, None)
-    followed(one, [[estimate(error=4)]] * 9)
-    assert one.other_regions(SEEN, [estimate(error=5)], 10 * FRAME) == []
-    bad = [estimate(error=30)]
-    assert one.other_regions(SEEN, bad, 10 * FRAME)
-    assert one.other_regions(SEEN, bad, 10 * FRAME + 1e-3) == []
-    assert one.other_regions(SEEN, bad, 10 * FRAME + 0.2)
-    followed(one, [bad], 10)
-    assert all(one.regions((11 + n) * FRAME, SEEN)[0].moved_mm is None for n in range(3))
-    often = HandTrack(ESTIMATOR, [estimate(error=30)], 0.0, None)
-    followed(often, [bad] * 30)
-    assert often.other_regions(SEEN, bad, 9.0) == []
+        assert one.take(seen, [estimate(confidence=0.6)] if regions else [], n * FRAME)
+    assert 30 <= looks <= 45
 
 
 def test_of_several_looks_the_best_counts() -> None:
