@@ -18,7 +18,6 @@ EVERY = 0.1  # s between poses, which must differ
 CONFIDENT = 0.5
 NEAR = np.linspace(-0.12, 0.12, 9)  # logarithms of the sizes tried, about the median of the single fits
 POPULATION = 0.114  # deviation of the logarithm of the sizes of the recipe `people`
-TIMES = 3  # maximum number of rounds, each about the best size, while it is the first or last of them
 
 
 def checked(size: float) -> float:
@@ -55,10 +54,7 @@ class SizeKeeper:
         seen = hands.observe(FAST.points)
         x = np.stack([s.x for s in estimates])
         size = float(np.exp(np.median(x[:, SIZE])))
-        for _ in range(TIMES):
-            middle = np.clip(np.log(size), np.log(MIN_SIZE) - NEAR[0], np.log(MAX_SIZE) - NEAR[-1])
-            found = calibrate_size(estimator.fitter, seen, x, sizes=np.exp(middle + NEAR), deviation=POPULATION)
-            size, self.thickness = found.size, found.thickness
-            if abs(np.log(size) - middle) < NEAR[-2]:
-                break
-        return size
+        middle = np.clip(np.log(size), np.log(MIN_SIZE) - NEAR[0], np.log(MAX_SIZE) - NEAR[-1])
+        found = calibrate_size(estimator.fitter, seen, x, sizes=np.exp(middle + NEAR), deviation=POPULATION)
+        self.thickness = found.thickness
+        return found.size
