@@ -18,6 +18,7 @@ from handpose.fit.body import WorldPose
 from handpose.fit.pose_confidence import side_chance, side_evidence
 from handpose.frames.cameras import Camera
 from handpose.tracking.pose_estimator import PoseEstimator
+from handpose.tracking.present_hands import LOOK, SAME_MM
 from handpose.tracking.sizing import SizeKeeper
 from handpose.tracking.smoothing import PoseFilter, turn_between, turned
 from netlib.blob import Array
@@ -28,9 +29,7 @@ PAUSE = 0.25  # s between full fits of an uncertain hand
 ASK = 0.2  # s between runs of the network, whose pose competes with the tracked one
 # A second with poses earns two of credit, one without costs one; a hand without credit is lost.
 FIRST_CREDIT, MOST_CREDIT = 0.4, 1.0
-NEAR_MM = 100.0  # between the expected middle of a hand and that of a found one
 MOST_FOUND = 8  # hands in a frame
-LOOK = 0.5  # weight of the last look in the mean presence
 AHEAD_S = 0.4  # s by which a motion is extended at most
 KEPT = 0.7  # damping of the expected motion
 NEW = 0.6  # weight of the last two frames in the velocity
@@ -122,9 +121,9 @@ class FrameHands:
         return self._find()
 
     def near(self, place: Array) -> FoundHand | None:
-        """The hand that is nearest to a place (3,) in mm; None if none is within NEAR_MM."""
+        """The hand that is nearest to a place (3,) in mm; None if none is within SAME_MM."""
         apart = {float(np.linalg.norm(hand.middle - place)): hand for hand in self.hands}
-        return apart[min(apart)] if apart and min(apart) < NEAR_MM else None
+        return apart[min(apart)] if apart and min(apart) < SAME_MM else None
 
 
 class HandTrack:
