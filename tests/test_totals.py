@@ -42,7 +42,7 @@ LINES = {  # of files that are not Python, by their patterns
     ("prototxt/*.prototxt", "models/*.prototxt"): 4074,
     ("*.js", "*.css", "*.html"): 2841,
 }
-WORDS = 66977  # of all documents
+WORDS = 66967  # of all documents
 
 
 def tracked(*patterns: str) -> list[Path]:
