@@ -33,7 +33,6 @@ from netlib.files import own_modules  # noqa: E402
 from netlib.layer import TEST, TRAIN, Layer  # noqa: E402
 from netlib.net import Net, set_random_seed  # noqa: E402
 from netlib.proto.options import layer_types  # noqa: E402
-from netlib.system import aliases  # noqa: E402
 
 if TYPE_CHECKING:
     from netlib import gradcheck as gradcheck
@@ -70,7 +69,7 @@ def install_as_caffe() -> None:
 
     From then on, a script's own modules named ``layers`` or ``fast`` are found before those of this project.
     """
-    aliases.install("caffe", "netlib.caffe")
+    own_modules.take_caffe()
     layer_types()
     engine.get()
     own_modules.yield_names()
@@ -78,7 +77,7 @@ def install_as_caffe() -> None:
 
 def install_if_missing() -> None:
     """Like ``install_as_caffe``, but does nothing if Caffe is installed."""
-    if not aliases.is_installed("caffe", "Net"):
+    if not own_modules.has_caffe():
         install_as_caffe()
 
 

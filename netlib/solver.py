@@ -28,8 +28,7 @@ from netlib.net import Net, next_seed
 from netlib.proto import schema
 from netlib.proto.messages import NetParameter, NetState, SolverParameter
 from netlib.training import report, solver_parameter
-from netlib.training.resume import restore_state, undone_without_data
-from netlib.training.snapshots import Snapshots
+from netlib.training.resume import Snapshots, restore_state, undone_without_data
 from netlib.updates import Update, learning_rate, steps_taken
 
 log = logging.getLogger("netlib")

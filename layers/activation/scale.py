@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from netlib.blob import Array, Blobs
-from netlib.fillers import Constant, Filler
+from netlib.fillers import Filler
 from netlib.layer import Layer
 from netlib.proto.schema import numbered
 
@@ -31,7 +31,7 @@ class ScaleParameter:
 
     axis: int = numbered(1, 1)  # first axis of the gain in x
     num_axes: int = numbered(2, 1)  # number of its axes; -1: all from ``axis`` on; 0: a single number
-    filler: Filler = numbered(3, Constant(1.0))  # initial gain; default 1
+    filler: Filler = numbered(3, Filler(value=1.0))  # initial gain; default 1
     bias_term: bool = numbered(4, False)
     bias_filler: Filler = numbered(5, Filler())
 

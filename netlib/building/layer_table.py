@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, MutableMapping
+from collections import UserDict
 from typing import Any, TypeVar
 
 from netlib.files.own_modules import own_module
@@ -22,33 +22,14 @@ def place_of(cls: type) -> str:
     return f"{cls.__module__}.{cls.__qualname__}".removeprefix(f"{PACKAGE}.")
 
 
-class LayerTable(MutableMapping[K, Any]):
-    """Keys, such as layer types, and classes.
-
-    places  the place of each class in the package ``layers``: ``vision.pooling.Pooling``
+class LayerTable(UserDict[K, Any]):
+    """Keys, such as layer types, and classes: made from the place of each class in the package ``layers``, for example
+    ``vision.pooling.Pooling``.
     """
-
-    def __init__(self, places: Mapping[K, str]) -> None:
-        self._entries: dict[K, Any] = dict(places)  # places until they are looked up, then classes
 
     def __getitem__(self, key: K) -> Any:
         """The class; its file is imported if necessary."""
-        entry = self._entries[key]
+        entry = self.data[key]
         if isinstance(entry, str):
-            entry = self._entries[key] = class_at(PACKAGE, entry)
+            entry = self.data[key] = class_at(PACKAGE, entry)
         return entry
-
-    def __setitem__(self, key: K, cls: Any) -> None:
-        self._entries[key] = cls
-
-    def __delitem__(self, key: K) -> None:
-        del self._entries[key]
-
-    def __contains__(self, key: object) -> bool:
-        return key in self._entries
-
-    def __iter__(self) -> Iterator[K]:
-        return iter(self._entries)
-
-    def __len__(self) -> int:
-        return len(self._entries)

@@ -15,17 +15,19 @@ import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import ModuleType
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from netlib.blob import Blobs
 from netlib.errors import PrototxtError, did_you_mean
 from netlib.files import own_modules
 from netlib.files.paths import load_module, own
 from netlib.layer import Layer, warn
 from netlib.proto import schema
 from netlib.proto.messages import LayerParameter, PythonParameter
+
+if TYPE_CHECKING:
+    from netlib.engine import Connection
 
 OLD_NAMES = {"xrange": range, "unicode": str, "basestring": str, "long": int}  # Python 2 names in old layers
 
@@ -71,17 +73,8 @@ def check_allowed(specs: Iterable[LayerParameter], are: bool) -> None:
             )
 
 
-class Differentiable(Protocol):
-    """A layer with its blobs, and the gradients that its backward computes."""
-
-    layer: Layer
-    bottom: Blobs
-    top: Blobs
-    propagate_down: list[bool]
-
-
 @contextlib.contextmanager
-def all_written(at: Differentiable) -> Iterator[None]:
+def all_written(at: Connection) -> Iterator[None]:
     """Context manager around a layer's backward: set what it leaves unwritten of the diffs of its bottoms to 0, as in
     Caffe, with a warning.
     """
@@ -162,7 +155,7 @@ def _import(name: str, wanted: str) -> tuple[ModuleType, str]:
 def _import_any(name: str, wanted: str) -> tuple[ModuleType, str]:
     """Like ``_import``, with this project's packages in sys.modules."""
     top, _, inner = name.partition(".")
-    if _is_ours(top):
+    if (own(top) / "__init__.py").is_file():
         if inner:
             _add_folders(importlib.import_module(top))
         theirs = _own_file(name)
@@ -172,10 +165,6 @@ def _import_any(name: str, wanted: str) -> tuple[ModuleType, str]:
                 return module, str(theirs)
     module = importlib.import_module(name)
     return module, getattr(module, "__file__", None) or name
-
-
-def _is_ours(top: str) -> bool:
-    return (own(top) / "__init__.py").is_file()
 
 
 def _folders() -> list[Path]:

@@ -15,30 +15,6 @@ from netlib.errors import NetlibError
 from netlib.layer import TEST
 
 
-def transformer_of(
-    net: Net,
-    mean: Array | None,
-    input_scale: float | None,
-    raw_scale: float | None,
-    channel_swap: Sequence[int] | None,
-) -> io.Transformer:
-    """Create the preprocessing of images (H, W, K) for a net's first input. Raises NetlibError."""
-    if not net.inputs:
-        raise NetlibError(f"net {net.name!r} has no input for images; expected a deployment net with an Input layer")
-    name = net.inputs[0]
-    transformer = io.Transformer({name: net.blobs[name].data.shape})
-    transformer.set_transpose(name, (2, 0, 1))
-    if mean is not None:
-        transformer.set_mean(name, mean)
-    if input_scale is not None:
-        transformer.set_input_scale(name, input_scale)
-    if raw_scale is not None:
-        transformer.set_raw_scale(name, raw_scale)
-    if channel_swap is not None:
-        transformer.set_channel_swap(name, channel_swap)
-    return transformer
-
-
 class Classifier(Net):
     """A net in phase TEST with preprocessing for its first input.
 
@@ -58,8 +34,22 @@ class Classifier(Net):
         channel_swap: Sequence[int] | None = None,
     ) -> None:
         super().__init__(model_file, TEST, weights=pretrained_file)
-        self.transformer = transformer_of(self, mean, input_scale, raw_scale, channel_swap)
-        self.crop_dims = np.array(self.blobs[self.inputs[0]].data.shape[2:])
+        if not self.inputs:
+            raise NetlibError(
+                f"net {self.name!r} has no input for images; expected a deployment net with an Input layer"
+            )
+        name, given = self.inputs[0], self.blobs[self.inputs[0]].data.shape
+        self.transformer = io.Transformer({name: given})
+        self.transformer.set_transpose(name, (2, 0, 1))
+        if mean is not None:
+            self.transformer.set_mean(name, mean)
+        if input_scale is not None:
+            self.transformer.set_input_scale(name, input_scale)
+        if raw_scale is not None:
+            self.transformer.set_raw_scale(name, raw_scale)
+        if channel_swap is not None:
+            self.transformer.set_channel_swap(name, channel_swap)
+        self.crop_dims = np.array(given[2:])
         self.image_dims: io.Size = self.crop_dims if image_dims is None or not len(image_dims) else image_dims
         if len(self.image_dims) != 2 or (np.array(self.image_dims) < self.crop_dims).any():
             raise io.ShapeError(

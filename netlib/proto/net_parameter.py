@@ -7,8 +7,8 @@ from pathlib import Path
 
 from netlib.errors import PrototxtError
 from netlib.proto import prototxt, schema
-from netlib.proto.messages import LayerParameter, NetParameter, NetState, NetStateRule
-from netlib.proto.prototxt import Field, Message, Scalar
+from netlib.proto.messages import BlobShape, LayerParameter, NetParameter, NetState, NetStateRule
+from netlib.proto.prototxt import Field, Message
 from netlib.proto.upgrade import upgraded
 
 SOLVER_FIELDS = {"net", "train_net", "base_lr", "lr_policy", "max_iter"}
@@ -77,26 +77,16 @@ def meets(state: NetState, rule: NetStateRule) -> bool:
 def input_layer(param: NetParameter) -> LayerParameter:
     """Convert old-style inputs, ``input: "x" input_dim: 1 ...`` or ``input_shape``, to an Input layer."""
     where = schema.position_of(param, "input")
-    dims: list[Sequence[int]]
-    if param.input_shape:
-        dims = [shape.dim for shape in param.input_shape]
-    else:
-        dims = [param.input_dim[i : i + 4] for i in range(0, len(param.input_dim), 4)]
-    if len(param.input_dim) % 4 and not param.input_shape:
-        raise PrototxtError(where, f"{len(param.input_dim)} input_dim; expected four for all inputs or four per input")
-    if len(dims) not in (1, len(param.input)):
+    shapes = param.input_shape
+    if not shapes:
+        shapes = tuple(BlobShape(param.input_dim[i : i + 4]) for i in range(0, len(param.input_dim), 4))
+        if len(param.input_dim) % 4:
+            found = f"{len(param.input_dim)} input_dim; expected four for all inputs or four per input"
+            raise PrototxtError(where, found)
+    if len(shapes) not in (1, len(param.input)):
         raise PrototxtError(
-            where, f"{len(param.input)} inputs, but {len(dims)} input_shape; expected one for all or one per input"
+            where, f"{len(param.input)} inputs, but {len(shapes)} input_shape; expected one for all or one per input"
         )
-    shapes = [
-        Field(
-            "shape",
-            Message([Field("dim", Scalar("number", str(n), where), where) for n in d], where),
-            where,
-        )
-        for d in dims
-    ]
-    block = Message(shapes, where)
-    own = {"name": ["input"], "type": ["Input"], "top": param.input}
-    fields = [Field(name, Scalar("string", text, where), where) for name, texts in own.items() for text in texts]
-    return schema.read(Message([*fields, Field("input_param", block, where)], where), LayerParameter)
+    block = Message([Field("shape", schema.to_tree(shape), where) for shape in shapes], where)
+    layer = LayerParameter(name="input", type="Input", top=param.input, blocks={"input_param": block})
+    return schema.placed(layer, Message([], where))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, MutableMapping
+from collections import UserDict
+from collections.abc import Mapping, MutableMapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,37 +29,23 @@ def class_of(type_name: str, bottoms: int) -> Any:
     return special[type_name, bottoms] if (type_name, bottoms) in special else layer_types()[type_name]
 
 
-class _OptionBlocks(Mapping[str, type]):
-    """Every options block: name -> dataclass, whose layer is imported when the block is looked up."""
+class _OptionBlocks(UserDict[str, Any]):
+    """Options blocks: name -> dataclass, or None if a layer has it, which is imported when the block is looked up."""
 
-    _shared: Mapping[str, type] = {"python_param": PythonParameter, "loss_param": LossParameter}
-
-    def __getitem__(self, block: str) -> type:
+    def __getitem__(self, block: str) -> Any:
         """The dataclass of a block."""
-        if block in self._shared:
-            return self._shared[block]
-        if block not in BLOCKS:
-            raise KeyError(block)
-        cls = layer_types()[self._owner(block)]
-        found: type = cls.other_blocks.get(block, cls.param_type)
-        return found
-
-    def _owner(self, block: str) -> str:
-        """A layer type that reads a block."""
-        owners: Mapping[str, str] = own_module("layers").BLOCK_OWNERS
-        return owners[block] if block in owners else next(name for name in layer_types() if _block_of(name) == block)
-
-    def __contains__(self, block: object) -> bool:
-        return block in BLOCKS
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(BLOCKS)
-
-    def __len__(self) -> int:
-        return len(BLOCKS)
+        return self.data[block] or _of_layer(block)
 
 
-_BLOCKS = _OptionBlocks()
+def _of_layer(block: str) -> Any:
+    """The dataclass of a block of a layer type that reads it."""
+    owners: Mapping[str, str] = own_module("layers").BLOCK_OWNERS
+    owner = owners[block] if block in owners else next(name for name in layer_types() if _block_of(name) == block)
+    cls = layer_types()[owner]
+    return cls.other_blocks.get(block, cls.param_type)
+
+
+_BLOCKS = _OptionBlocks({**dict.fromkeys(BLOCKS), "python_param": PythonParameter, "loss_param": LossParameter})
 
 
 def option_blocks() -> Mapping[str, type]:

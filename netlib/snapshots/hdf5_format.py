@@ -12,7 +12,6 @@ import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -115,22 +114,15 @@ def net_name(path: str | Path | Content) -> str:
         return raw.decode("utf-8", "replace") if isinstance(raw, bytes) else ""
 
 
-def _layers(group: h5py.Group, prefix: str = "") -> Iterator[tuple[str, h5py.Group]]:
-    """Layers in /data. HDF5 nests groups for slashes in names: ``inception/1x1``."""
+def _layers(group: h5py.Group, prefix: str = "") -> Iterator[tuple[str, dict[str, h5py.Dataset]]]:
+    """Layers in /data with their data sets. HDF5 nests groups for slashes in names: ``inception/1x1``."""
     for name, item in list(group.items()):  # h5py's iterator blocks other threads
         if not isinstance(item, h5py.Group):
             continue
         inner = [k for k, v in item.items() if isinstance(v, h5py.Group)]
         if not inner or len(inner) < len(item):
-            yield prefix + name, item if not inner else _Only(item)
+            yield prefix + name, {k: v for k, v in item.items() if isinstance(v, h5py.Dataset)}
         yield from _layers(item, f"{prefix}{name}/") if inner else ()
-
-
-class _Only(dict[str, Any]):
-    """The data sets of a group without its subgroups."""
-
-    def __init__(self, group: h5py.Group) -> None:
-        super().__init__({k: v for k, v in group.items() if isinstance(v, h5py.Dataset)})
 
 
 def read_state(path: str | Path) -> SolverState:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,15 +12,10 @@ from netlib.blob import Array
 from netlib.errors import LayerError
 from netlib.net import Net
 
+if TYPE_CHECKING:
+    from netlib.solver import Solver
+
 log = logging.getLogger("netlib")
-
-
-class Trained(Protocol):
-    """The attributes of a solver that ``warn_of_no_progress`` uses."""
-
-    net: Net
-    on_step: list[Callable[[], object]]
-    on_gradients_ready: list[Callable[[], object]]
 
 
 def copied(source: object, ignored: Iterable[str], missing: Iterable[str]) -> None:
@@ -67,7 +62,7 @@ def lack_of_loss(net: Net) -> Iterator[str]:
     yield f"net {net.name!r} has no loss: no output has a loss_weight, so no weight changes; {advice}"
 
 
-def warn_of_no_progress(solver: Trained, iterations: int = 3) -> None:
+def warn_of_no_progress(solver: Solver, iterations: int = 3) -> None:
     """Let a solver warn once of a training that changes no weight: its net has no loss, or the gradients of its first
     iterations are all 0. Those of one batch can be, as of a hinge loss without violations.
     """

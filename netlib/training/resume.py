@@ -1,4 +1,4 @@
-"""Collect the state of a training run in a solver state, and restore it exactly.
+"""The snapshots of a training: collect its state in a solver state, write it, and restore it exactly.
 
 For a resume that is exact to the bit, a state contains, in addition to Caffe's iteration and histories, the random
 generators and data positions of all layers and the losses being averaged. States written by Caffe have none of these.
@@ -8,22 +8,23 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from netlib.blob import Array
-from netlib.distributed.ranks import Ranks, Request, moving
-from netlib.errors import DataError, WeightsError, reason_of
+from netlib.distributed.ranks import moving
+from netlib.errors import DataError, DivergenceError, WeightsError, reason_of
 from netlib.net import Net
 from netlib.proto.messages import SolverParameter
-from netlib.snapshots import snapshot
+from netlib.snapshots import hdf5_format, snapshot
 from netlib.snapshots import weights as weights_of
 from netlib.snapshots.solver_state import SolverState
 from netlib.updates import steps_taken
+
+if TYPE_CHECKING:
+    from netlib.solver import Solver
 
 log = logging.getLogger("netlib")
 
@@ -35,17 +36,79 @@ COURSE = (
 )
 
 
-class Solver(Protocol):
-    """The attributes of a solver that are used here."""
+class Snapshots:
+    """The snapshots of a solver."""
 
-    param: SolverParameter
-    net: Net
-    test_nets: list[Net]
-    iter: int
-    history: list[list[Array]]
-    smoothed: deque[float]
-    ranks: Ranks
-    requested: Request | None
+    def __init__(self, solver: Solver) -> None:
+        self._solver = solver
+        self._prefixes: dict[str, Path] = {}  # snapshot_prefix -> its path at the first use
+        self.last: Path | None = None  # the last solver state written or read
+
+    @property
+    def prefix(self) -> Path:
+        """The path that names start with: snapshot_prefix, by default the solver's path without suffix.
+
+        If it is a directory, the solver's name is appended. A directory created after the first use has no effect.
+        """
+        given, source = self._solver.param.snapshot_prefix, Path(self._solver.source)
+        if not given:
+            return source.with_suffix("")
+        if given not in self._prefixes:
+            is_folder = given.endswith("/") or Path(given).is_dir()
+            self._prefixes[given] = Path(given) / source.stem if is_folder else Path(given)
+        return self._prefixes[given]
+
+    def paths(self, iteration: int) -> tuple[Path, Path]:
+        """Paths of the weights and the solver state after ``iteration`` updates."""
+        stem = f"{self.prefix}_iter_{iteration}"
+        suffix = ".h5" if self._solver.param.snapshot_format == "HDF5" else ""
+        return Path(f"{stem}.caffemodel{suffix}"), Path(f"{stem}.solverstate{suffix}")
+
+    def is_current(self) -> bool:
+        """Whether the last solver state written or read is that of this iteration."""
+        return self.last is not None and self.last.absolute() == self.paths(self._solver.iter)[1].absolute()
+
+    @property
+    def are_written(self) -> bool:
+        """Whether the training writes snapshots."""
+        return bool(self._solver.param.snapshot or self._solver.param.snapshot_after_train)
+
+    @contextlib.contextmanager
+    def reserved(self) -> Iterator[None]:
+        """Context manager: no other process writes snapshots of this prefix, and this one will be able to."""
+        solver = self._solver
+        if solver.ranks.rank or not self.are_written:
+            yield
+            return
+        with snapshot.prefix_in_use(self.prefix):
+            if solver.param.snapshot_format == "HDF5":
+                hdf5_format.check_names(weights_of.owned(solver.net))
+            extra_state(solver)  # fails now, not after hours, if the state of a layer cannot be stored
+            yield
+
+    def write(self) -> Path:
+        """Write weights and solver state; returns the path of the state. Raises WeightsError, DivergenceError."""
+        solver = self._solver
+        for param in solver.net.learnable:
+            if not np.isfinite(param.blob.data).all():
+                raise DivergenceError(
+                    f"iteration {solver.iter}: parameter {param.index} of layer {param.layer!r} is not finite, so no "
+                    "snapshot is written. Lower base_lr or set clip_gradients; the last snapshot is untouched"
+                )
+        weights_path, state_path = self.paths(solver.iter)
+        ranks = solver.ranks
+        others = ranks.gather(snapshot.as_plain(solver.net.layer_states())) if ranks.count > 1 else []
+
+        def write() -> None:
+            kind = "HDF5" if solver.param.snapshot_format == "HDF5" else "binary proto"
+            log.info("Snapshotting to %s file %s", kind, weights_path)
+            log.info("Snapshotting solver state to %s file %s", kind, state_path)
+            image = weights_of.image(solver.net, weights_path, solver.param.snapshot_diff)
+            snapshot.write_pair(image, state_of(solver, weights_path, others), weights_path, state_path)
+
+        ranks.at_root(write, lambda: solver.requested)
+        self.last = state_path
+        return state_path
 
 
 def state_of(solver: Solver, learned_net: Path, others: Sequence[Mapping[str, Any]] = ()) -> SolverState:

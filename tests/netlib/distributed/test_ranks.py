@@ -5,8 +5,7 @@ import lmdb
 import numpy as np
 import pytest
 
-from netlib.distributed.ranks import ALONE
-from netlib.distributed.shard import RankOfLayers, Shard
+from netlib.distributed.ranks import ALONE, RankOfLayers, Shard
 from netlib.errors import LayerError, NetlibError
 from netlib.net import Net
 from netlib.proto import prototxt

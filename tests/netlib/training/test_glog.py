@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from netlib.caffe import process
+from netlib.caffe import _caffe
 from netlib.proto import prototxt
 from netlib.proto.prototxt import Message, Place
 from netlib.training import glog
@@ -72,5 +72,5 @@ def test_numbers_are_formatted_as_ever(log: io.StringIO) -> None:
 
 
 def test_pycaffes_log_takes_lines(log: io.StringIO) -> None:
-    process.log("one\ntwo\x1b")
+    _caffe.log("one\ntwo\x1b")
     assert [re.sub(STAMP, "", line) for line in written(log).splitlines()] == ["one", "two\\x1b"]
