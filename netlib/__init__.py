@@ -10,11 +10,13 @@ solver.step(10)
 import os
 from typing import TYPE_CHECKING
 
-from netlib.files.paths import ROOT, execute
+from netlib.files.paths import ROOT, load_module
 
 # A line for the log. BLAS is configured before NumPy is imported; it affects the rounding of both engines.
 BLAS_NOTE: str = (
-    execute(ROOT / "fast" / "blas.py").configure() if (ROOT / "fast").is_dir() else "BLAS: as NumPy sets it up"
+    load_module("netlib.blas", ROOT / "fast" / "blas.py").configure()
+    if (ROOT / "fast").is_dir()
+    else "BLAS: as NumPy sets it up"
 )
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(1 << 28))  # OpenCV reads this once, when it is imported
 
@@ -73,12 +75,6 @@ def install_as_caffe() -> None:
     layer_types()
     engine.get()
     own_modules.yield_names()
-
-
-def install_if_missing() -> None:
-    """Like ``install_as_caffe``, but does nothing if Caffe is installed."""
-    if not own_modules.has_caffe():
-        install_as_caffe()
 
 
 def threads() -> int:

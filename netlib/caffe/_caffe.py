@@ -14,8 +14,9 @@ import time
 from typing import Any
 
 from netlib import Layer, layer_type_list, set_mode_cpu, set_mode_gpu, set_random_seed
-from netlib.blob import Blob, BlobVec
-from netlib.blob import Blobs as RawBlobVec
+from netlib.blob import Blob as Blob
+from netlib.blob import Blobs as RawBlobVec  # noqa: F401
+from netlib.blob import BlobVec as BlobVec
 from netlib.caffe.pycaffe import (
     AdaDeltaSolver,
     AdaGradSolver,
@@ -25,23 +26,22 @@ from netlib.caffe.pycaffe import (
     RMSPropSolver,
     SGDSolver,
     Solver,
-    SolverParameter,
     get_solver,
 )
+from netlib.caffe.pycaffe import SolverParameter as SolverParameter
 from netlib.distributed import ranks
 from netlib.errors import warn_once
-from netlib.proto.messages import LayerParameter
-from netlib.training import glog
+from netlib.proto.messages import LayerParameter as LayerParameter
+from netlib.training import report
 
 BoolVec = DtypeVec = IntVec = LayerVec = NetVec = StringVec = list
 __version__ = "1.0.0"  # version of Caffe whose interface this is
 
-__all__ = [
-    "NCCL", "AdaDeltaSolver", "AdaGradSolver", "AdamSolver", "Blob", "BlobVec", "BoolVec", "DtypeVec", "IntVec",
-    "Layer", "LayerParameter", "LayerVec", "NesterovSolver", "Net", "NetVec", "RMSPropSolver", "RawBlobVec",
-    "SGDSolver", "Solver", "SolverParameter", "StringVec", "Timer", "get_solver", "has_nccl", "init_log",
-    "layer_type_list", "log", "set_device", "set_mode_cpu", "set_mode_gpu", "set_multiprocess", "set_random_seed",
-    "set_solver_count", "set_solver_rank", "solver_count", "solver_rank",
+__all__ = [  # the names that are also those of the package caffe
+    "NCCL", "AdaDeltaSolver", "AdaGradSolver", "AdamSolver", "Layer", "NesterovSolver", "Net", "RMSPropSolver",
+    "SGDSolver", "Solver", "Timer", "get_solver", "has_nccl", "init_log", "layer_type_list", "log", "set_device",
+    "set_mode_cpu", "set_mode_gpu", "set_multiprocess", "set_random_seed", "set_solver_count", "set_solver_rank",
+    "solver_count", "solver_rank",
 ]
 
 _log = logging.getLogger("netlib")
@@ -92,7 +92,7 @@ def init_log(level: int | None = None, stderr: bool = True) -> None:
     _log.setLevel(_LEVELS[min(max(level or 0, 0), len(_LEVELS) - 1)])
     if stderr and not _log.handlers:
         handler = logging.StreamHandler(sys.stderr)
-        handler.setFormatter(glog.CaffeFormatter())
+        handler.setFormatter(report.CaffeFormatter())
         _log.addHandler(handler)
 
 

@@ -68,16 +68,12 @@ class Classifier(Net):
                 f"predict takes images (H, W, K) with the same K, found {[np.shape(image) for image in inputs]}"
             )
         images = np.stack([io.resize_image(image, self.image_dims) for image in inputs])
-        crops = io.oversample(images, self.crop_dims) if oversample else _centre(images, self.crop_dims)
+        h, w = self.crop_dims
+        y, x = (images.shape[1] - h) // 2, (images.shape[2] - w) // 2
+        crops = io.oversample(images, self.crop_dims) if oversample else images[:, y : y + h, x : x + w]
         name = self.inputs[0]
         items = np.stack([self.transformer.preprocess(name, crop) for crop in crops])
         predictions: NDArray[np.float32] = self.forward_all(**{name: items})[self.outputs[0]]
         if oversample:
             return predictions.reshape(len(images), 10, -1).mean(axis=1)
         return predictions
-
-
-def _centre(images: Array, dims: io.Size) -> Array:
-    """Crop the centre of images (N, H, W, K)."""
-    y, x = (images.shape[1] - dims[0]) // 2, (images.shape[2] - dims[1]) // 2
-    return images[:, y : y + dims[0], x : x + dims[1]]

@@ -148,7 +148,8 @@ class MPIRanks(Ranks):
         self._wait(self._comm.Iallgather(own, table))
         if table[:, FAILED].any():
             first = int(table[:, FAILED].argmax())
-            everyone = self._exchange_values([type(failed).__name__, _text_of(failed)])
+            text = str(failed) if isinstance(failed, NetlibError) else f"{type(failed).__name__}: {reason_of(failed)}"
+            everyone = self._exchange_values([type(failed).__name__, text])
             kind, text = everyone[first]
             where = "" if all(other == everyone[0] for other in everyone) else f"rank {first}: "
             raise self._record(where + text, ERRORS.get(kind, NetlibError))
@@ -193,10 +194,6 @@ class MPIRanks(Ranks):
             polls += 1
             if polls > SPIN:
                 time.sleep(NAP_S)
-
-
-def _text_of(error: Exception | None) -> str:
-    return str(error) if isinstance(error, NetlibError) else f"{type(error).__name__}: {reason_of(error)}"
 
 
 def _different(a: Any, b: Any) -> tuple[Any, Any]:

@@ -127,9 +127,6 @@ class Ranks:
         """The request that counts after ``agree`` or ``at_root``: "stop" from any rank, or "snapshot" from rank 0."""
         return own
 
-    def average(self, arrays: Sequence[Array]) -> None:
-        """Replace arrays by their means over the ranks."""
-
     def gather(self, value: Mapping[str, Any]) -> list[dict[str, Any]]:
         """Return, at rank 0, the JSON values of the other ranks in order; elsewhere an empty list."""
         return []

@@ -159,7 +159,8 @@ class _Finder(importlib.abc.MetaPathFinder):
         if not inner and (theirs := importlib.machinery.PathFinder.find_spec(name, folders())) and _has_code(theirs):
             return theirs
         if inner and top in NAMES and name not in _aside:
-            _import_aside(name)
+            with in_place(), contextlib.suppress(ModuleNotFoundError):  # not imported before the names were yielded
+                importlib.import_module(name)
         module = _aside.get(name)
         return None if module is None else importlib.machinery.ModuleSpec(name, _Existing(lambda: module))
 
@@ -200,12 +201,6 @@ class _Existing(importlib.abc.Loader):
         """Restore the module's own spec, which the import system has replaced."""
         assert module.__spec__ is not None
         module.__spec__ = module.__spec__.loader_state
-
-
-def _import_aside(name: str) -> None:
-    """Import a module of ours, if it exists, that no one imported before the names were yielded."""
-    with in_place(), contextlib.suppress(ModuleNotFoundError):
-        importlib.import_module(name)
 
 
 def _has_code(spec: importlib.machinery.ModuleSpec) -> bool:

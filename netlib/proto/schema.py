@@ -378,11 +378,6 @@ def _tree_value(value: Any, kind: Any, place: Place) -> Scalar | Numbers | Messa
         return value
     if is_message(kind):
         return to_tree(value)
-    return scalar_node(value, kind, place)
-
-
-def scalar_node(value: Any, kind: Any, place: Place) -> Scalar:
-    """Convert a Python value to a scalar of a tree."""
     if kind is bytes:
         return Scalar("string", value.decode("utf-8", "surrogateescape"), place)
     if kind is str:

@@ -257,10 +257,11 @@ def _check_histories(solver: Solver, path: str | Path, state: SolverState) -> No
 
 def _changes(solver: Solver, state: SolverState) -> Iterator[str]:
     """Describe the changes since the state was written that affect the course of the training."""
-    if not _same_data(solver, state):
+    states, nets = state.extra.get("layers", []), [solver.net, *solver.test_nets]
+    if any(now.get("files") != then.get(name, {}).get("files") for net, then in zip(nets, states)
+           for name, now in snapshot.as_plain(net.layer_states()).items()):
         yield "the data files; reading starts at the first row"
-    states = state.extra.get("layers", [])
-    for i, net in enumerate([solver.net, *solver.test_nets]):
+    for i, net in enumerate(nets):
         there = states[i] if i < len(states) else {}
         if new := [layer.name for layer in net.layers if layer.name not in there]:
             yield f"the layers; there is no state of {new[0]!r} in net {net.name!r}, which is reset"
@@ -274,15 +275,6 @@ def _changes(solver: Solver, state: SolverState) -> Iterator[str]:
         if now[name] != then.get(name):
             what = {"batch": "batch size", "ranks": "number of ranks"}.get(name, name)
             yield f"{what} was {_g(then.get(name))}, is now {_g(now[name])}"
-
-
-def _same_data(solver: Solver, state: SolverState) -> bool:
-    """Whether all nets read the same files as when the state was written."""
-    for net, then in zip([solver.net, *solver.test_nets], state.extra.get("layers", [])):
-        for name, now in snapshot.as_plain(net.layer_states()).items():
-            if now.get("files") != then.get(name, {}).get("files"):
-                return False
-    return True
 
 
 def _g(value: Any) -> str:

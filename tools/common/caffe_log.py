@@ -12,7 +12,7 @@ from typing import Any
 
 from netlib.errors import NetlibError, reason_of
 from netlib.files import locks
-from netlib.training.glog import CaffeFormatter
+from netlib.training.report import CaffeFormatter
 from tools.common import outputs
 from tools.common.console import say
 from tools.common.progress import ProgressBar

@@ -13,7 +13,7 @@ from netlib.errors import WeightsError
 from netlib.proto import prototxt, schema, wire
 from netlib.proto.messages import NetParameter
 from netlib.proto.upgrade import AnyNetParameter
-from netlib.snapshots import binary_format, snapshot
+from netlib.snapshots import binary_format
 from netlib.snapshots.solver_state import SolverState
 from netlib.snapshots.weights import image
 
@@ -95,7 +95,6 @@ def test_a_damaged_file_leaves_the_net_as_it_was(net: netlib.Net, tmp_path: Path
     with pytest.raises(WeightsError, match=r"w\.caffemodel: byte \d+: truncated"):
         net.copy_from(path)
     assert not net.params["a"][0].data.any()
-    assert snapshot.checksum(path) != 0
     assert before.any()
 
 
