@@ -69,7 +69,7 @@ class Solver:
     ) -> None:
         self.param, self.source, self.ranks = solver_parameter.checked(param), source, ranks
         self.requested: Request | None = None
-        if seed is None:
+        if seed is None:  # that of the file, else one from set_random_seed, else a random one
             seed = self.param.random_seed if self.param.random_seed >= 0 else next_seed()
         self.seed = self.ranks.of_root(secrets.randbits(31) if seed is None else seed)
         self.engine = engines.get(engine)
