@@ -4,19 +4,17 @@
     slices        the steps of a net: sequences of layers slice by slice, other layers on the whole batch; plan selects
                   them by the properties of the layer types in traits
     tiles         blobs stored in the order in which matrix products write and pooling layers read
-    per_channel   Scale; batch_norm uses it
-    convolution, pooling, relu, inner_product, hdf5_data, augment, kinematics (and the hand model)
+    per_channel, convolution, pooling, relu, inner_product, hdf5_data, augment, kinematics
                   the fast layers: each is a subclass of the plain layer of the same name with another computation
     columns, rows, row_winograd, winograd, depthwise, phases
-                  algorithms for convolutions, of which convolution.py chooses; geometry has what they share, and
-                  adapters extend them to several groups, to dx, and to values that are not finite
+                  algorithms for convolutions, of which convolution.py chooses; geometry has what they share
     map_pooling   pooling over any windows
     last_axis     maps with their number as last axis, for depthwise convolutions and max poolings
-    row_tiles, window_tiles, max_tiles
-                  algorithms for convolution and pooling on tiles
+    convolution_tiles
+                  algorithms for convolutions on tiles; that for max pooling is in pooling
     fusing        layers in place behind a convolution, computed with it
-    parallel, aligned, blas
-                  threads; memory at cache lines; configuration of OpenBLAS before NumPy is loaded
+    parallel, blas
+                  threads and working memory; configuration of OpenBLAS before NumPy is loaded
 
 netlib imports this folder by name in one place (netlib/engine.py); nothing else imports it.
 """

@@ -2,7 +2,7 @@
 
 For each of the sums y, dx and dw (geometry.py), the first algorithm in ALGORITHMS that fits the sizes is used. The
 conditions are those under which it is the fastest, as measured alone with one thread. Convolutions without padding next
-to poolings may be computed on tiles instead (row_tiles.py, window_tiles.py), and without a spatial axis by the plain
+to poolings may be computed on tiles instead (convolution_tiles.py), and without a spatial axis by the plain
 layer.
 
 A deconvolution is the transpose of a convolution from its top to its bottom and uses the same algorithms, except tiles.
@@ -11,28 +11,100 @@ A deconvolution is the transpose of a convolution from its top to its bottom and
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from fast.adapters import ByGroup, Contained, Turned
 from fast.columns import Columns
+from fast.convolution_tiles import RowTiles, WindowTiles
 from fast.depthwise import Depthwise, Filter
 from fast.fast_layer import FastLayer
 from fast.fusing import After, after_of
-from fast.geometry import Algorithm, Geometry, NotFiniteError, Sizes, Sum
+from fast.geometry import Algorithm, Geometry, NotFiniteError, Sizes, Sum, check_finite
 from fast.phases import Phases
-from fast.row_tiles import RowTiles
 from fast.row_winograd import RowWinograd
 from fast.rows import Rows
 from fast.tiles import FastBlob, pitch_of, plain_of, store_plain
-from fast.window_tiles import WindowTiles
 from fast.winograd import Winograd
 from layers.vision.convolution import Convolution
 from layers.vision.deconvolution import Deconvolution
 from layers.vision.depthwise_convolution import ConvolutionDepthwise, DepthwiseConvolution
 from netlib.blob import Array, Blob, Blobs
+from netlib.system.memory import blocks
+
+
+class ByGroup(Algorithm):
+    """Runs an algorithm for one group on each of one or several groups."""
+
+    def __init__(self, algorithm: Algorithm) -> None:
+        self.algorithm = algorithm
+
+    def fits(self, s: Sizes, sum_: Sum) -> bool:
+        """Whether the algorithm fits one group."""
+        return self.algorithm.fits(s.one_group, sum_)
+
+    def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
+        """Write y."""
+        for i, o in _channels(g, x, y):
+            self.algorithm.correlate(g.one_group, x[:, i], w[o], after.part(o), y[:, o])
+
+    def gradient(self, g: Geometry, x: Array, dy: Array, dw: Array) -> None:
+        """Add to dw."""
+        for i, o in _channels(g, x, dy):
+            self.algorithm.gradient(g.one_group, x[:, i], dy[:, o], dw[o])
+
+
+def _channels(g: Geometry, x: Array, y: Array) -> Iterator[tuple[slice, slice]]:
+    """The channels of x and of y of each group."""
+    return zip(blocks(x.shape[1], x.shape[1] // g.group), blocks(y.shape[1], y.shape[1] // g.group))
+
+
+class Turned(Algorithm):
+    """Computes dx as the convolution of dy with the flipped kernel."""
+
+    def __init__(self, algorithm: Algorithm) -> None:
+        self.algorithm = algorithm
+
+    def fits(self, s: Sizes, sum_: Sum) -> bool:
+        """Whether there is such a convolution, and the algorithm fits it."""
+        return sum_ == "transpose" and s.turned is not None and self.algorithm.fits(s.turned, "correlate")
+
+    def transpose(self, g: Geometry, dy: Array, w: Array, after: After, dx: Array) -> None:
+        """Write dx. An infinite weight times the padding of dy is NaN where no window has that weight."""
+        try:
+            check_finite(w)
+        except NotFiniteError:
+            Columns().transpose(g, dy, w, after, dx)
+        else:
+            self.algorithm.correlate(g.turned, dy, g.flipped(w), after, dx)
+
+
+class Contained(Algorithm):
+    """Keeps an infinite value or NaN in its windows: runs an algorithm that mixes the values of several windows and,
+    where it finds such a value, which may also be an overflow in a transform, Columns."""
+
+    def __init__(self, algorithm: Algorithm) -> None:
+        self.algorithm = algorithm
+
+    def fits(self, s: Sizes, sum_: Sum) -> bool:
+        """Whether the algorithm fits."""
+        return self.algorithm.fits(s, sum_)
+
+    def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
+        """Write y."""
+        try:
+            self.algorithm.correlate(g, x, w, after, y)
+        except NotFiniteError:
+            Columns().correlate(g, x, w, after, y)
+
+    def gradient(self, g: Geometry, x: Array, dy: Array, dw: Array) -> None:
+        """Add to dw."""
+        try:
+            self.algorithm.gradient(g, x, dy, dw)
+        except NotFiniteError:
+            Columns().gradient(g, x, dy, dw)
+
 
 ROW_WINOGRAD, WINOGRAD, ROWS = ByGroup(Contained(RowWinograd())), ByGroup(Contained(Winograd())), ByGroup(Rows())
 FILTER, PHASES = Contained(Filter()), Contained(Phases((ROW_WINOGRAD, WINOGRAD)))

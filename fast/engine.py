@@ -13,15 +13,15 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import DTypeLike
 
-from fast import aligned, parallel
+from fast import parallel
 from fast.fast_layer import FastLayer
 from fast.fusing import fuse, release
 from fast.plan import plan
 from fast.slices import SlicedStep, WholeStep
 from layers.common.split import Split
 from netlib.blob import Array, Blob
-from netlib.building.layer_table import class_at, place_of
 from netlib.engine import Connection, Engine, Step
+from netlib.proto.options import class_at, place_of
 from netlib.system.memory import blocks
 
 T = TypeVar("T")
@@ -39,7 +39,7 @@ FAST_CLASSES: dict[str, str] = {
     "hand.hand_model.HandModel": "kinematics.FastHandModel",
     "hand.kinematics.Kinematics": "kinematics.FastKinematics",
     "hand.sized_hand_model.SizedHandModel": "kinematics.FastSizedHandModel",
-    "normalization.batch_norm.BatchNorm": "batch_norm.FastBatchNorm",
+    "normalization.batch_norm.BatchNorm": "per_channel.FastBatchNorm",
     "vision.convolution.Convolution": "convolution.FastConvolution",
     "vision.deconvolution.Deconvolution": "convolution.FastDeconvolution",
     "vision.depthwise_convolution.ConvolutionDepthwise": "convolution.FastConvolutionDepthwise",
@@ -61,7 +61,7 @@ class FastEngine(Engine):
 
     def blob(self, dtype: DTypeLike) -> Blob:
         """Create a blob of a net, with aligned arrays."""
-        return Blob((), dtype, aligned.zeros_for_blob)
+        return Blob((), dtype, parallel.zeros_for_blob)
 
     def steps(self, connections: Sequence[Connection], outside: Iterable[Blob], old: Sequence[Step]) -> Sequence[Step]:
         """The steps of a net: layers that run in slices together (plan.py), and other layers on the whole batch."""

@@ -8,8 +8,7 @@ from typing import Any
 
 from numpy.typing import DTypeLike
 
-from fast import aligned
-from fast.parallel import buffer_of
+from fast.parallel import aligned, buffer_of
 from netlib.blob import Array
 from netlib.layer import Layer
 
@@ -41,7 +40,7 @@ class FastLayer(Layer):
         """Memory of this layer for values that backward reads, with the shape and type of ``like``."""
         found = self._kept.get(key)
         if found is None or found.shape != like.shape:
-            found = self._kept[key] = aligned.empty(like.shape, like.dtype)
+            found = self._kept[key] = aligned(like.shape, like.dtype)
         return found
 
     def forget(self) -> None:

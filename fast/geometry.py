@@ -191,19 +191,6 @@ def _usual(values: Array) -> float:
     return float(np.partition(sample, sample.size // 4)[sample.size // 4]) / QUARTILE if sample.size else 0.0
 
 
-def channel_parts(channels: int, group: int, cost: float) -> list[slice]:
-    """Divide the channels of a product with ``cost`` multiplications into a part for each thread.
-
-    A product inside a slice of the batch is one part, because other threads have other slices. A part has whole groups
-    if there are several.
-    """
-    unit = MIN_PART if group == 1 else channels // group
-    if parallel.is_inside() or cost < MIN_PARTS_COST or channels <= unit:
-        return [slice(0, channels)]
-    units = -(-channels // unit)
-    return blocks(channels, -(-units // parallel.threads()) * unit)
-
-
 def unpacked_parts(rows: int, inner: int, columns: int) -> int:
     """Number of parts to split the longest side of a product into, so that OpenBLAS does not copy factors."""
     parts = max(1, -(-rows * inner * columns // UNPACKED))
@@ -211,8 +198,17 @@ def unpacked_parts(rows: int, inner: int, columns: int) -> int:
 
 
 def run_parts(job: Callable[[slice], None], channels: int, group: int, cost: float) -> None:
-    """Call ``job`` for each of ``channel_parts``, on several threads."""
-    parallel.run([partial(job, part) for part in channel_parts(channels, group, cost)])
+    """Call ``job`` for parts of the channels of a product with ``cost`` multiplications, one for each thread.
+
+    A product inside a slice of the batch is one part, because other threads have other slices. A part has whole groups
+    if there are several.
+    """
+    unit = MIN_PART if group == 1 else channels // group
+    parts = [slice(0, channels)]
+    if not parallel.is_inside() and cost >= MIN_PARTS_COST and channels > unit:
+        units = -(-channels // unit)
+        parts = blocks(channels, -(-units // parallel.threads()) * unit)
+    parallel.run([partial(job, part) for part in parts])
 
 
 def run_blocks(job: Callable[[slice, slice], None], parts: Iterator[tuple[slice, slice]], cost: float) -> None:

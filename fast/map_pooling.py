@@ -1,4 +1,4 @@
-"""MaxOfMaps and MeanOfMaps: pooling over any windows, for a block of maps at a time.
+"""Pooling over any windows, for a block of maps at a time.
 
 A map is one channel of one image. For winners of maxima, the maps of a block are copied with their number as last axis
 (last_axis.py), so that each operation works on long vectors, one value for each window. Maxima without winners are
@@ -119,8 +119,8 @@ def _over_rows(w: Windows, op: np.ufunc, v: Array) -> Array:
     return out[..., w.columns]
 
 
-def _everywhere(w: Windows, op: np.ufunc, x: Array, empty: float) -> Array:
-    """The windows (n, Ho, Wo) of maps x (n, H, W), a view of working memory.
+def _everywhere(w: Windows, x: Array) -> Array:
+    """The maxima (n, Ho, Wo) of maps x (n, H, W), a view of working memory.
 
     They are computed at every place of the padded maps, because operations on one long vector take less time than those
     on the rows and columns where windows start. Windows that extend beyond a map or a row are not used.
@@ -129,122 +129,111 @@ def _everywhere(w: Windows, op: np.ufunc, x: Array, empty: float) -> Array:
     padded = scratch("padded", (len(x), high, wide), x.dtype)
     source = x
     if (high, wide) != w.sizes:
-        padded.fill(empty)
+        padded.fill(-np.inf)
         rows, columns = w.inside
         padded[:, rows, columns] = x
         source = padded
     out = scratch("pooled", padded.shape, x.dtype)
-    running(op, source.reshape(-1), w.kernel[1], out.reshape(-1))
-    running(op, out.reshape(-1, wide), w.kernel[0], padded.reshape(-1, wide))
+    running(np.maximum, source.reshape(-1), w.kernel[1], out.reshape(-1))
+    running(np.maximum, out.reshape(-1, wide), w.kernel[0], padded.reshape(-1, wide))
     return padded[:, : (Ho - 1) * down + 1 : down, : (Wo - 1) * right + 1 : right]
 
 
-def window_sums(w: Windows, x: Array) -> Array:
-    """The sums (n, Ho, Wo) of maps x (n, H, W) over all windows, a view of working memory."""
-    return _over_rows(w, np.add, _over_columns(w, np.add, x, 0))
+def maximum(w: Windows, x: Array, y: Array, winners: Array | None) -> None:
+    """Write the maxima y (n, Ho, Wo), and the winners if given, from maps x (n, H, W).
 
+    Winners are indices in the window, in row-major order.
+    """
+    nothing = np.full(y.shape[2], NOTHING, y.dtype)  # a row takes less time than a number
 
-class MaxOfMaps:
-    """Max pooling. Winners are indices in the window, in row-major order."""
-
-    @staticmethod
-    def winner_type(w: Windows) -> type[np.unsignedinteger]:
-        """The smallest type that holds all indices in a window."""
-        return np.uint8 if w.kernel[0] * w.kernel[1] < 256 else np.uint32
-
-    def forward(self, w: Windows, x: Array, y: Array, winners: Array | None) -> None:
-        """Write y (n, Ho, Wo), and the winners if given, from maps x (n, H, W)."""
-        nothing = np.full(y.shape[2], NOTHING, y.dtype)  # a row takes less time than a number
-
-        def job(maps: slice) -> None:
-            if winners is None:
-                if w.runs_everywhere:
-                    found = _everywhere(w, np.maximum, x[maps], -np.inf)
-                else:
-                    found = _over_rows(w, np.maximum, _over_columns(w, np.maximum, x[maps], -np.inf))
-                np.maximum(found, nothing, out=y[maps])
-                return
-            own = w.maps(x[maps], -np.inf)
-            own.read(x[maps])
-            best = scratch("pooled", (w.outputs[0], w.outputs[1] * (maps.stop - maps.start)), x.dtype)
-            map_first(self._with_winners(own, best, winners.dtype.type), winners[maps])
-            np.maximum(best, y.dtype.type(NOTHING), out=best)
-            map_first(best, y[maps])
-
-        w.run(len(x), job)
-
-    @staticmethod
-    def _with_winners(maps: Maps, best: Array, kind: type[np.unsignedinteger]) -> Array:
-        """Write the maxima (Ho, Wo n) to ``best`` and return the winners. A later element wins if it is greater."""
-        winner, mark = scratch("winner", best.shape, kind), scratch("mark", best.shape, kind)
-        above = scratch("above", best.shape, np.bool_)
-        for k, (_, vector) in enumerate(maps.vectors()):
-            if k == 0:
-                winner.fill(0)
-                best[...] = vector
+    def job(maps: slice) -> None:
+        if winners is None:
+            if w.runs_everywhere:
+                found = _everywhere(w, x[maps])
             else:
-                np.greater(vector, best, out=above)
-                np.multiply(above.view(np.uint8), kind(k), out=mark)
-                np.maximum(winner, mark, out=winner)
-                np.maximum(best, vector, out=best)
-        if np.isnan(best).any():  # no value is greater than NaN
-            for k, (_, vector) in reversed(list(enumerate(maps.vectors()))):
-                winner[np.isnan(vector)] = k
-        return winner
+                found = _over_rows(w, np.maximum, _over_columns(w, np.maximum, x[maps], -np.inf))
+            np.maximum(found, nothing, out=y[maps])
+            return
+        own = w.maps(x[maps], -np.inf)
+        own.read(x[maps])
+        best = scratch("pooled", (w.outputs[0], w.outputs[1] * (maps.stop - maps.start)), x.dtype)
+        map_first(_with_winners(own, best, winners.dtype.type), winners[maps])
+        np.maximum(best, y.dtype.type(NOTHING), out=best)
+        map_first(best, y[maps])
 
-    def backward(self, w: Windows, dy: Array, winners: Array, dx: Array) -> None:
-        """Write dx (n, H, W): the gradient of each window is added to its winner."""
-        (high, wide), (Ho, Wo) = w.padded, w.outputs
-        i, j = np.divmod(np.arange(w.kernel[0] * w.kernel[1]), w.kernel[1])
-        in_window = i * wide + j
-        first = np.arange(Ho)[:, None] * (w.stride[0] * wide) + np.arange(Wo) * w.stride[1]
-
-        def job(maps: slice) -> None:
-            n = maps.stop - maps.start
-            index = scratch("index", (n, Ho, Wo), np.intp)
-            np.take(in_window, winners[maps], out=index, mode="clip")
-            index += first
-            index += (np.arange(n) * (high * wide))[:, None, None]
-            if w.overlap:
-                total = np.bincount(index.reshape(-1), dy[maps].reshape(-1), n * high * wide)
-            else:
-                total = scratch("pooled", (n * high * wide,), dx.dtype)
-                total.fill(0)
-                total[index.reshape(-1)] = dy[maps].reshape(-1)
-            dx[maps] = total.reshape(n, high, wide)[:, w.inside[0], w.inside[1]]
-
-        w.run(len(dx), job)
+    w.run(len(x), job)
 
 
-class MeanOfMaps:
-    """Average pooling; ``area`` (Ho, Wo) holds the divisor of each window."""
+def _with_winners(maps: Maps, best: Array, kind: type[np.unsignedinteger]) -> Array:
+    """Write the maxima (Ho, Wo n) to ``best`` and return the winners. A later element wins if it is greater."""
+    winner, mark = scratch("winner", best.shape, kind), scratch("mark", best.shape, kind)
+    above = scratch("above", best.shape, np.bool_)
+    for k, (_, vector) in enumerate(maps.vectors()):
+        if k == 0:
+            winner.fill(0)
+            best[...] = vector
+        else:
+            np.greater(vector, best, out=above)
+            np.multiply(above.view(np.uint8), kind(k), out=mark)
+            np.maximum(winner, mark, out=winner)
+            np.maximum(best, vector, out=best)
+    if np.isnan(best).any():  # no value is greater than NaN
+        for k, (_, vector) in reversed(list(enumerate(maps.vectors()))):
+            winner[np.isnan(vector)] = k
+    return winner
 
-    def forward(self, w: Windows, x: Array, y: Array, area: Array) -> None:
-        """Write y (n, Ho, Wo) from maps x (n, H, W)."""
 
-        def job(maps: slice) -> None:
-            with np.errstate(invalid="ignore"):  # an empty window is 0 / 0
-                np.divide(window_sums(w, x[maps]), area, out=y[maps])
+def maximum_backward(w: Windows, dy: Array, winners: Array, dx: Array) -> None:
+    """Write dx (n, H, W): the gradient of each window is added to its winner."""
+    (high, wide), (Ho, Wo) = w.padded, w.outputs
+    i, j = np.divmod(np.arange(w.kernel[0] * w.kernel[1]), w.kernel[1])
+    in_window = i * wide + j
+    first = np.arange(Ho)[:, None] * (w.stride[0] * wide) + np.arange(Wo) * w.stride[1]
 
-        w.run(len(x), job)
+    def job(maps: slice) -> None:
+        n = maps.stop - maps.start
+        index = scratch("index", (n, Ho, Wo), np.intp)
+        np.take(in_window, winners[maps], out=index, mode="clip")
+        index += first
+        index += (np.arange(n) * (high * wide))[:, None, None]
+        if w.overlap:
+            total = np.bincount(index.reshape(-1), dy[maps].reshape(-1), n * high * wide)
+        else:
+            total = scratch("pooled", (n * high * wide,), dx.dtype)
+            total.fill(0)
+            total[index.reshape(-1)] = dy[maps].reshape(-1)
+        dx[maps] = total.reshape(n, high, wide)[:, w.inside[0], w.inside[1]]
 
-    def backward(self, w: Windows, dy: Array, dx: Array, area: Array) -> None:
-        """Write dx (n, H, W): running sums of the gradients of all windows that start at a column."""
-        kw = w.kernel[1]
-        wide = w.padded[1] + kw - 1
-        starts = slice(kw - 1, kw - 1 + w.columns.stop, w.stride[1])
-        left, right = w.inside[1].start, w.inside[1].stop
+    w.run(len(dx), job)
 
-        def job(maps: slice) -> None:
-            shape = (maps.stop - maps.start, w.outputs[0], wide)
-            share, total = (scratch(key, shape, dx.dtype) for key in ("pooled rows", "pooled"))
-            share.fill(0)
-            with np.errstate(invalid="ignore", divide="ignore"):
-                np.divide(dy[maps], area, out=share[..., starts])
-            running(np.add, share.reshape(-1), kw, total.reshape(-1))
-            below, gradient = total[..., left:right], dx[maps]
-            gradient.fill(0)
-            for windows, rows in w.rows:
-                gradient[:, rows] += below[:, windows]
 
-        w.run(len(dx), job)
+def mean(w: Windows, x: Array, y: Array, area: Array) -> None:
+    """Write the means y (n, Ho, Wo) of maps x (n, H, W); ``area`` (Ho, Wo) holds the divisor of each window."""
+
+    def job(maps: slice) -> None:
+        with np.errstate(invalid="ignore"):  # an empty window is 0 / 0
+            np.divide(_over_rows(w, np.add, _over_columns(w, np.add, x[maps], 0)), area, out=y[maps])
+
+    w.run(len(x), job)
+
+
+def mean_backward(w: Windows, dy: Array, dx: Array, area: Array) -> None:
+    """Write dx (n, H, W): running sums of the gradients of all windows that start at a column."""
+    kw = w.kernel[1]
+    wide = w.padded[1] + kw - 1
+    starts = slice(kw - 1, kw - 1 + w.columns.stop, w.stride[1])
+    left, right = w.inside[1].start, w.inside[1].stop
+
+    def job(maps: slice) -> None:
+        shape = (maps.stop - maps.start, w.outputs[0], wide)
+        share, total = (scratch(key, shape, dx.dtype) for key in ("pooled rows", "pooled"))
+        share.fill(0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            np.divide(dy[maps], area, out=share[..., starts])
+        running(np.add, share.reshape(-1), kw, total.reshape(-1))
+        below, gradient = total[..., left:right], dx[maps]
+        gradient.fill(0)
+        for windows, rows in w.rows:
+            gradient[:, rows] += below[:, windows]
+
+    w.run(len(dx), job)

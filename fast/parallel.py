@@ -1,4 +1,4 @@
-"""The pool of threads of the process; ``set_threads`` sets its size.
+"""The pool of threads of the process, whose size ``set_threads`` sets, and working memory.
 
 NumPy releases the interpreter lock inside its loops and products, so Python threads run in parallel there.
 ``run`` executes jobs; a nested call from one of several jobs executes them in the same thread.
@@ -18,8 +18,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from fast import aligned
 from netlib.engine import available_cpus
+from netlib.system import memory
 
 T = TypeVar("T")
 
@@ -54,14 +54,10 @@ def threads() -> int:
 
 def _pool() -> Workers:
     if _helpers is None:
-        set_threads(_threads_from_environment())
+        text = os.environ.get("NETLIB_NUM_THREADS", "")
+        set_threads(int(text) if text.isdecimal() and int(text) > 0 else available_cpus())
     assert _helpers is not None
     return _helpers
-
-
-def _threads_from_environment() -> int:
-    text = os.environ.get("NETLIB_NUM_THREADS", "")
-    return int(text) if text.isdecimal() and int(text) > 0 else available_cpus()
 
 
 def set_threads(count: int) -> None:
@@ -113,6 +109,29 @@ def run(jobs: Sequence[Callable[[], None]], *, here: bool = False) -> None:
         raise failed[0]
 
 
+# ---------------------------------------------------------------------------------------------- memory
+
+# Bytes of a cache line and of an AVX-512 register, at multiples of which arrays start. NumPy's start at multiples of 16
+# bytes, where each load and store of a large register touches two lines: operations on arrays in the cache take up to
+# twice as long.
+LINE = 64
+
+
+def aligned(shape: tuple[int, ...], dtype: DTypeLike, make: Callable[[int, DTypeLike], Any] = np.empty) -> NDArray[Any]:
+    """An array that starts at a multiple of LINE bytes, of the values of ``make``, such as np.zeros."""
+    size = math.prod(shape) * np.dtype(dtype).itemsize
+    values = make(size + LINE, np.uint8)
+    start = -int(values.ctypes.data) % LINE
+    found: NDArray[Any] = values[start : start + size].view(dtype).reshape(shape)
+    return found
+
+
+def zeros_for_blob(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+    """An array of zeros for a blob. Raises OutOfMemoryError."""
+    memory.check(math.prod(shape) * np.dtype(dtype).itemsize, f"for an array {shape}")
+    return aligned(shape, dtype, np.zeros)
+
+
 _scratch = threading.local()
 
 
@@ -123,7 +142,7 @@ def scratch(key: str, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
     found = kept.get(key)
     if found is None or found.size < size:
         kept.pop(key, None)  # release the old memory before the new one is allocated
-        found = kept[key] = aligned.empty((size,), np.uint8)
+        found = kept[key] = aligned((size,), np.uint8)
     return found[:size].view(dtype).reshape(shape)
 
 
@@ -132,5 +151,5 @@ def buffer_of(buffers: threading.local, key: str, shape: tuple[int, ...], dtype:
     kept: dict[str, NDArray[Any]] = buffers.__dict__
     found = kept.get(key)
     if found is None or found.shape != shape:
-        found = kept[key] = aligned.zeros(shape, dtype)
+        found = kept[key] = aligned(shape, dtype, np.zeros)
     return found

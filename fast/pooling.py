@@ -1,20 +1,24 @@
-"""FastPooling: pooling by running maxima and sums (map_pooling.py), or on tiles (max_tiles.py).
+"""FastPooling: pooling by running maxima and sums (map_pooling.py), or on tiles (MaxTiles).
 
-Tiles are for adjacent square windows of a blob that a convolution writes as tiles, as in the hand network. A window
-over the whole map is one reduction.
+Tiles (tiles.py) are for adjacent square windows of a blob that a convolution writes as tiles, as in the hand network. A
+window over the whole map is one reduction.
 """
 
 from __future__ import annotations
 
+import functools
+import math
+
 import numpy as np
 
+from fast import map_pooling
 from fast.fast_layer import FastLayer
 from fast.geometry import Geometry
-from fast.map_pooling import MaxOfMaps, MeanOfMaps, Windows
-from fast.max_tiles import MaxTiles
-from fast.tiles import pitch_of, tile_of
+from fast.tiles import FastBlob, SparseTiles, pitch_of, sparse_of, store_plain, tile_of, tiles_of, untile
 from layers.vision.pooling import NOTHING, Pooling
 from netlib.blob import Array, Blob, Blobs
+
+MAX_TILE = 15  # the index of a winner must fit in a byte
 
 Layout = tuple[tuple[int, ...], int | None, int]  # shape, tile and pitch of a blob
 
@@ -50,9 +54,9 @@ class FastPooling(FastLayer, Pooling):
         on_tiles = self.tile is not None and (tile_of(x) is not None or tile_of(y) is not None)
         self.tiles = MaxTiles(self, self.tile, x, y) if on_tiles and self.tile else None
         (_, _, H, W), (_, _, Ho, Wo) = x.shape, y.shape
-        self.over = Windows(Geometry(self.kernel, self.stride, self.pad, (1, 1), 1), (H, W), (Ho, Wo))
+        self.over = map_pooling.Windows(Geometry(self.kernel, self.stride, self.pad, (1, 1), 1), (H, W), (Ho, Wo))
         if self.is_max:
-            self.winners = np.empty(0 if on_tiles else y.shape, MaxOfMaps.winner_type(self.over))
+            self.winners = np.empty(0 if on_tiles else y.shape, np.uint8 if math.prod(self.kernel) < 256 else np.uint32)
         else:
             self.areas = self.area(x.shape, y.shape)
         self.layout = _layout(x, y)  # after MaxTiles has set the pitch of the top
@@ -68,7 +72,7 @@ class FastPooling(FastLayer, Pooling):
                 np.matmul(_flat(x), np.ones(self.kernel[0] * self.kernel[1], x.dtype), out=y.reshape(-1))
                 y /= self.areas
             else:
-                MeanOfMaps().forward(self.over, _maps(x), _maps(y), self.areas)
+                map_pooling.mean(self.over, _maps(x), _maps(y), self.areas)
             return
         masks = len(top) > 1
         wanted = self.needs_backward or masks
@@ -77,7 +81,7 @@ class FastPooling(FastLayer, Pooling):
                 self.winners = _flat(x).argmax(axis=1).reshape(y.shape)
             np.maximum(_flat(x).max(axis=1), y.dtype.type(NOTHING), out=y.reshape(-1))
         else:
-            MaxOfMaps().forward(self.over, _maps(x), _maps(y), _maps(self.winners) if wanted else None)
+            map_pooling.maximum(self.over, _maps(x), _maps(y), _maps(self.winners) if wanted else None)
         for n in range(len(x) if masks else 0):
             top[1].data[n] = np.where(y[n] == NOTHING, -1, self._index(n, x.shape[3]))
 
@@ -92,9 +96,9 @@ class FastPooling(FastLayer, Pooling):
         if not self.is_max and self.over.is_whole:
             dx[...] = dy / self.areas
         elif not self.is_max:
-            MeanOfMaps().backward(self.over, _maps(dy), _maps(dx), self.areas)
+            map_pooling.mean_backward(self.over, _maps(dy), _maps(dx), self.areas)
         else:
-            MaxOfMaps().backward(self.over, _maps(dy), _maps(self.winners), _maps(dx))
+            map_pooling.maximum_backward(self.over, _maps(dy), _maps(self.winners), _maps(dx))
 
 
 def _maps(array: Array) -> Array:
@@ -110,3 +114,150 @@ def _flat(array: Array) -> Array:
 
 def _layout(*blobs: Blob) -> list[Layout]:
     return [(blob.shape, tile_of(blob), pitch_of(blob)) for blob in blobs]
+
+
+# ---------------------------------------------------------------------------------------------- on tiles
+
+
+class MaxTiles:
+    """Max pooling of one layer with adjacent T x T windows, from one blob to another, of which one is stored as tiles.
+    Keeps the winners between forward and backward.
+
+    The T T values of a window are in T T slabs, each contiguous over channels, images and the windows of a row, so the
+    maximum is computed between long vectors, and a winner is a small integer.
+
+    The bottom may be sparse: only some windows are stored. All others have one constant value, which is their maximum,
+    and the winner is their first element.
+
+    winners   (R, L) for R rows of L = C N P windows, or (C A,) for A stored windows: row-major index in the window
+    """
+
+    @staticmethod
+    def tile(layer: Pooling, tops: int) -> int | None:
+        """T if the windows are adjacent T x T squares that reach beyond the map's end, without a mask; else None."""
+        T = layer.kernel[0]
+        if not layer.is_max or tops > 1 or layer.kernel != (T, T) or layer.stride != (T, T) or any(layer.pad):
+            return None
+        return T if layer.param.round_mode == "CEIL" and 1 < T <= MAX_TILE else None
+
+    def __init__(self, layer: FastLayer, T: int, bottom: Blob, top: Blob) -> None:
+        self.layer, self.T = layer, T
+        N, C, H, W = bottom.shape
+        self.columns = (pitch_of(bottom) if tile_of(bottom) == T else -(-W // T) * T) // T  # windows stored per row
+        if isinstance(top, FastBlob) and top.tile is not None:
+            top.pitch = -(-self.columns // top.tile) * top.tile
+        self.R, self.L = -(-H // T), C * N * self.columns
+        self.rank = np.arange(T * T, 0, -1, dtype=np.uint8)[:, None]  # the first element has the highest rank
+        self.winners = np.empty((self.R, self.L), np.uint8)
+
+    def forward(self, bottom: Blob, top: Blob) -> None:
+        """Write the data of the top."""
+        if (sparse := sparse_of(bottom)) is not None:
+            self._forward_sparse(sparse, top)
+            return
+        T, (N, C, H, W) = self.T, bottom.shape
+        storage = (self.R * T, T, C, N, self.columns)
+        out = bottom.data if tile_of(bottom) == T else self.layer.buffer("x", storage)
+        x = tiles_of(bottom, bottom.data, T, self.columns * T, out)
+        self._fill_overhang(x, H, W, -np.inf)  # never the maximum
+        slabs = x.reshape(self.R, T * T, self.L)
+        y = self._rows(top, top.data)
+        if self.winners.shape != (self.R, self.L):  # of the stored windows of another pass
+            self.winners = np.empty((self.R, self.L), np.uint8)
+        maximum = np.max(slabs, axis=1, out=y.reshape(self.R, self.L))
+        if self.layer.needs_backward:
+            self._find_winners(slabs, maximum[:, None], self.winners)
+        np.maximum(maximum, NOTHING, out=maximum)
+        self._fill_overhang(x, H, W, 0)  # finite, because the backward of a layer in place multiplies by it
+        y[..., -(-W // T) :] = 0  # windows that are only padding
+        if not self._is_rows(top):
+            store_plain(top, untile(y[:, None], *top.shape[2:]), top.data)
+
+    def backward(self, top: Blob, bottom: Blob) -> None:
+        """Write the diff of the bottom."""
+        if (sparse := sparse_of(bottom)) is not None:
+            self._backward_sparse(top, sparse)
+            return
+        T, (N, C, H, W) = self.T, bottom.shape
+        dy = self._rows(top, top.diff)
+        if not self._is_rows(top):
+            tiles_of(top, top.diff, 1, self.columns, dy[:, None])
+        direct = tile_of(bottom) == T
+        dx = bottom.diff if direct else self.layer.buffer("dx", (self.R * T, T, C, N, self.columns))
+        dx.fill(0)
+        index = self.winners.astype(np.intp)  # position of each winner in dx
+        index *= self.L
+        index += (np.arange(self.R)[:, None] * (T * T * self.L)) + np.arange(self.L)
+        dx.reshape(-1)[index.reshape(-1)] = dy.reshape(-1)
+        if not direct:
+            bottom.diff[...] = untile(dx, H, W)
+
+    def _fill_overhang(self, x: Array, H: int, W: int, value: float) -> None:
+        """Set the elements of windows beyond the edge of the image."""
+        x[H:] = value
+        if W % self.T:
+            x[:, W % self.T :, ..., W // self.T] = value
+
+    def _find_winners(self, slabs: Array, maximum: Array, winners: Array) -> None:
+        """Write the index of the first maximum of (..., T T, L) values to ``winners``."""
+        first = self.layer.buffer("first", slabs.shape, np.uint8)
+        np.equal(slabs, maximum, out=first.view(bool))
+        first *= self.rank
+        np.subtract(np.uint8(len(self.rank)), first.max(axis=-2), out=winners)
+        if len(self.rank) in winners:  # no value equals a NaN maximum
+            np.copyto(winners, np.isnan(slabs).argmax(axis=-2), casting="unsafe", where=winners == len(self.rank))
+
+    # The top as rows of windows, (R, C, N, P): its own array if it has this layout, else a buffer.
+
+    def _is_rows(self, top: Blob) -> bool:
+        return tile_of(top) == 1 and pitch_of(top) == self.columns
+
+    def _rows(self, top: Blob, array: Array) -> Array:
+        shape = (self.R, top.shape[1], top.shape[0], self.columns)
+        return array.reshape(shape) if self._is_rows(top) else self.layer.buffer("rows", shape)
+
+    # ------------------------------------------------------------------------------------------ sparse
+
+    def _forward_sparse(self, x: SparseTiles, top: Blob) -> None:
+        places, C, A = x.values.shape
+        slabs = x.values.reshape(places, C * A)
+        maximum = slabs.max(axis=0)
+        if self.layer.needs_backward:
+            self.winners = np.empty(C * A, np.uint8)
+            self._find_winners(slabs, maximum, self.winners)
+        maximum.reshape(C, A)[...] += x.bias[:, None]
+        y = self._tiles(top, top.data)
+        y[...] = x.rest[:, None, None]
+        y.reshape(-1)[self._index(y, x, top)] = maximum
+        np.maximum(y, NOTHING, out=y)
+        if tile_of(top) is None:
+            top.data[...] = untile(y, *top.shape[2:])
+
+    def _backward_sparse(self, top: Blob, x: SparseTiles) -> None:
+        dy = self._tiles(top, top.diff)
+        if tile_of(top) is None:
+            tiles_of(top, top.diff, 1, dy.shape[-1], dy)
+        gradient = dy.reshape(-1)[self._index(dy, x, top)].reshape(dy.shape[2], -1)
+        C, A = gradient.shape
+        total = dy.sum(axis=(0, 1, 3, 4), dtype=np.float64) - gradient.sum(axis=1, dtype=np.float64)
+        x.rest_diff = total.astype(gradient.dtype)
+        x.diff, x.winner = gradient, self.winners.reshape(C, A)
+
+    def _tiles(self, top: Blob, array: Array) -> Array:
+        """The top as tiles: its own array if tiled, else a buffer for tiles of size 1."""
+        N, C, Ho, Wo = top.shape
+        return array if tile_of(top) else self.layer.buffer("top", (Ho, 1, C, N, Wo))
+
+    def _index(self, tiles: Array, x: SparseTiles, top: Blob) -> Array:
+        """Flat index (C A,) of every channel and stored window in the top as tiles (R, T, C, N, P)."""
+        _, T, C, N, P = tiles.shape
+        first = _places(N, *top.shape[2:], T, C, P)[x.window]
+        return (np.arange(C)[:, None] * (N * P) + first).reshape(-1)
+
+
+@functools.lru_cache(maxsize=16)
+def _places(N: int, rows: int, columns: int, T: int, C: int, P: int) -> Array:
+    """Flat index of the first channel of each window in tiles (rows, T, C, N, P)."""
+    image, row, column = np.indices((N, rows, columns)).reshape(3, -1)
+    t, phase = np.divmod(column, T)
+    return np.asarray(((row * T + phase) * (C * N) + image) * P + t)

@@ -32,7 +32,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import DTypeLike
 
-from fast import aligned, parallel
+from fast import parallel
 from fast.fast_layer import FastLayer
 from fast.parallel import buffer_of
 from fast.plan import Run, Use, uses_of
@@ -91,7 +91,7 @@ class Hidden(FastBlob):
         """The values: memory of the slice if backward reads them again, else working memory of the thread."""
         if self._keep:
             if self._data is None:
-                self._data = aligned.zeros(self.storage_shape, self.dtype)
+                self._data = parallel.aligned(self.storage_shape, self.dtype, np.zeros)
             return self._data
         return self._buffer("data")
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from fast.fast_layer import FastLayer
-from netlib.building.layer_table import PACKAGE, class_at, place_of
 from netlib.layer import Layer
+from netlib.proto.options import PACKAGE, class_at, place_of
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ Sub-packages follow Caffe's layer catalogue: data, vision, activation, normaliza
 a net has one.
 """
 
-from netlib.building.layer_table import LayerTable
+from netlib.proto.options import LayerTable
 
 # type -> folder.file.class
 LAYER_TYPES = LayerTable(

@@ -10,11 +10,13 @@ solver.step(10)
 import os
 from typing import TYPE_CHECKING
 
-from netlib.files.paths import ROOT, execute
+from netlib.files.paths import ROOT, load_module
 
 # A line for the log. BLAS is configured before NumPy is imported; it affects the rounding of both engines.
 BLAS_NOTE: str = (
-    execute(ROOT / "fast" / "blas.py").configure() if (ROOT / "fast").is_dir() else "BLAS: as NumPy sets it up"
+    load_module("netlib.blas", ROOT / "fast" / "blas.py").configure()
+    if (ROOT / "fast").is_dir()
+    else "BLAS: as NumPy sets it up"
 )
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(1 << 28))  # OpenCV reads this once, when it is imported
 
@@ -33,7 +35,6 @@ from netlib.files import own_modules  # noqa: E402
 from netlib.layer import TEST, TRAIN, Layer  # noqa: E402
 from netlib.net import Net, set_random_seed  # noqa: E402
 from netlib.proto.options import layer_types  # noqa: E402
-from netlib.system import aliases  # noqa: E402
 
 if TYPE_CHECKING:
     from netlib import gradcheck as gradcheck
@@ -70,16 +71,10 @@ def install_as_caffe() -> None:
 
     From then on, a script's own modules named ``layers`` or ``fast`` are found before those of this project.
     """
-    aliases.install("caffe", "netlib.caffe")
+    own_modules.take_caffe()
     layer_types()
     engine.get()
     own_modules.yield_names()
-
-
-def install_if_missing() -> None:
-    """Like ``install_as_caffe``, but does nothing if Caffe is installed."""
-    if not aliases.is_installed("caffe", "Net"):
-        install_as_caffe()
 
 
 def threads() -> int:

@@ -13,8 +13,6 @@ import logging
 import re
 from collections.abc import Iterable
 
-FORK_NAMES = ("BN",)  # layer types of forks of Caffe that the older formats do not have
-
 
 class NetlibError(RuntimeError):  # pycaffe raises RuntimeError
     """Base class of all errors that a user's input can cause."""
@@ -69,13 +67,6 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
         if begins_alike or len(stem) < 4 or difflib.SequenceMatcher(None, stem, near).ratio() >= 0.7:
             return f" (did you mean {near + ending!r}?)"
     return ""
-
-
-def option_advice(name: str, known: Iterable[str]) -> str:
-    """Like ``did_you_mean``, for a field, layer type or value of a prototxt; also recognizes names of Caffe's forks."""
-    if name in FORK_NAMES:
-        return ' (the layer BN of SegNet and PSPNet needs the current format: layer { type: "BN" bn_param { ... } })'
-    return did_you_mean(name, known)
 
 
 # Reasons why a name leads to no readable file; every other error of a system call concerns the system.

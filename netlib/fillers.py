@@ -26,11 +26,6 @@ BLOCK = 1 << 20  # numbers drawn at a time
 TYPES = ("constant", "uniform", "gaussian", "xavier", "msra", "positive_unitball", "bilinear")
 
 
-def Constant(value: float) -> Filler:
-    """Return a filler that sets every element to ``value``."""
-    return Filler(value=value)
-
-
 def check(shape: tuple[int, ...], filler: Filler) -> None:
     """Raise PrototxtError for an unknown type, or for options that cannot fill an array of this shape."""
     if filler.type not in TYPES:

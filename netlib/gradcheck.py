@@ -30,6 +30,7 @@ from netlib.proto import prototxt, schema
 from netlib.proto.messages import LayerParameter
 from netlib.proto.schema import Phase
 
+STEP = 1e-6  # by which a value is moved
 COARSE = 1 << 10  # multiples of 1/COARSE occur by themselves: whole numbers, halves
 KINK = 1e-3  # part of a one-sided difference by which the two disagree at a kink
 UNNAMED = "layer"  # name of a layer of which the text has none
@@ -54,7 +55,6 @@ def make_layer(
     bottoms: Sequence[ArrayLike],
     tops: int = 1,
     phase: Phase = "TRAIN",
-    seed: int = 0,
     engine: str | None = None,
     dtype: DTypeLike = np.float64,
 ) -> Layer:
@@ -71,7 +71,7 @@ def make_layer(
     }
     spec = schema.changed(spec, **changes)
     chosen = engines.get(engine, default="plain")
-    layer = create(spec, phase, np.random.default_rng(seed), dtype, chosen.implementation)
+    layer = create(spec, phase, np.random.default_rng(0), dtype, chosen.implementation)
     layer.setup(_blobs(bottoms), _empty(tops))
     return layer
 
@@ -81,9 +81,7 @@ def check(
     bottoms: Sequence[ArrayLike],
     tops: int = 1,
     wanted: Sequence[bool] | None = None,
-    step: float = 1e-6,
     tolerance: float = 1e-6,
-    seed: int = 0,
     in_place: bool = False,
 ) -> None:
     """Raise GradientError unless backward agrees with central differences.
@@ -92,7 +90,7 @@ def check(
     tolerance   maximum difference, relative to the largest gradient of the same array (or to 1, if that is larger)
     in_place    make the first top the same blob as the first bottom, as in a net where they have the same name
     """
-    for gradient in gradients(layer, bottoms, tops, wanted, step, seed, in_place):
+    for gradient in gradients(layer, bottoms, tops, wanted, in_place):
         _compare(f"{_described(layer)}: gradient of {gradient.kind} {gradient.number}", gradient, tolerance)
 
 
@@ -101,13 +99,11 @@ def gradients(
     bottoms: Sequence[ArrayLike],
     tops: int = 1,
     wanted: Sequence[bool] | None = None,
-    step: float = 1e-6,
-    seed: int = 0,
     in_place: bool = False,
 ) -> Iterator[Gradient]:
     """Yield the gradients that ``check`` compares: those of the wanted bottoms, then those of the parameters."""
     wanted = [True] * len(bottoms) if wanted is None else list(wanted)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     start = layer.state()
 
     def run(values: Sequence[Array]) -> tuple[Blobs, Blobs]:
@@ -127,10 +123,10 @@ def gradients(
         return float(sum((w * y.data).sum() for w, y in zip(weights, run(arrays)[1])))
 
     def differences(array: Array) -> Callable[[], Array]:
-        return lambda: _differences(array, value, step)
+        return lambda: _differences(array, value)
 
     def doubt(array: Array) -> Callable[[tuple[int, ...]], str]:
-        return lambda place: _doubt(array, place, value, lambda: [y.data.copy() for y in run(arrays)[1]], step)
+        return lambda place: _doubt(array, place, value, lambda: [y.data.copy() for y in run(arrays)[1]])
 
     for blob in bottom:
         blob.diff[...] = np.nan
@@ -146,22 +142,22 @@ def gradients(
         yield Gradient("parameter", i, param.diff - 1, differences(param.data), doubt(param.data))
 
 
-def _differences(array: Array, value: Callable[[], float], step: float) -> Array:
+def _differences(array: Array, value: Callable[[], float]) -> Array:
     """Central differences of ``value`` with respect to every element of ``array``."""
     numeric = np.zeros(array.shape)
     for index in np.ndindex(*array.shape):
         original = array[index]
-        array[index] = original + step
+        array[index] = original + STEP
         above = value()
-        array[index] = original - step
+        array[index] = original - STEP
         below = value()
         array[index] = original
-        numeric[index] = (above - below) / (2 * step)
+        numeric[index] = (above - below) / (2 * STEP)
     return numeric
 
 
 def _doubt(
-    array: Array, place: tuple[int, ...], value: Callable[[], float], tops: Callable[[], list[Array]], step: float
+    array: Array, place: tuple[int, ...], value: Callable[[], float], tops: Callable[[], list[Array]]
 ) -> str:
     """Why the difference at a place may be wrong: tops rounded to float32, or a kink within the step.
 
@@ -180,19 +176,19 @@ def _doubt(
         array[place] = original
         return found[0], found[1]
 
-    array[place] = original + step * np.pi  # no float32
+    array[place] = original + STEP * np.pi  # no float32
     values = np.concatenate([y.ravel() for y in tops()])
     array[place] = original
     fractions = values[values * COARSE % 1 != 0]  # others are exact in float32, too
     if fractions.size and (fractions == fractions.astype(np.float32)).all():
         return ("the tops are rounded to float32, which is too coarse for the differences: compute in the dtype of the "
                 "bottoms, float64 here")
-    (left, right), (near_left, near_right) = sides(step), sides(step / 10)
+    (left, right), (near_left, near_right) = sides(STEP), sides(STEP / 10)
     apart, near_apart = abs(right - left), abs(near_right - near_left)
     is_smooth = apart / 20 < near_apart < apart / 5
     if apart > KINK * max(abs(left), abs(right)) and not is_smooth:
         return (f"the difference to the left is {left:.3g}, to the right {right:.3g}, so there is a kink within "
-                f"{step:g} of the value {original:.9g}: move it away from there")
+                f"{STEP:g} of the value {original:.9g}: move it away from there")
     return ""
 
 

@@ -14,13 +14,12 @@ import numpy as np
 from netlib.blob import Blob, Blobs
 from netlib.building import create
 from netlib.building.params import Parameters
-from netlib.building.splits import insert_splits
 from netlib.engine import Connection, Engine, LayerErrors
 from netlib.errors import LayerError, did_you_mean
 from netlib.layer import Layer, check_backward
 from netlib.proto import schema
 from netlib.proto.messages import LayerParameter, NetParameter
-from netlib.proto.net_parameter import distinct
+from netlib.proto.net_parameter import distinct, insert_splits
 
 log = logging.getLogger("netlib")
 AUTOMATIC = "(automatic)"  # Caffe's name for the unnamed top of a loss layer
@@ -162,7 +161,7 @@ class Graph:
     def _decide_backward(self, force: bool) -> None:
         """Apply Caffe's rules: a gradient is computed only between a trained parameter and a loss.
 
-        Each blob has one reader at this point (splits.py); layers in place count as a chain.
+        Each blob has one reader at this point (``insert_splits``); layers in place count as a chain.
         """
         under_loss, skipped = {blob for blob, _, _ in self.losses}, set()
         for at in reversed(self.connections):
@@ -187,16 +186,16 @@ class Graph:
         writers: dict[Blob, Connection] = {}
         for at in self.connections:
             for blob, name in zip(at.top, at.layer.spec.top):
-                below = writers.get(blob)
-                if below is not None and below.needs_backward and below.layer.reads_top:
-                    log.warning("%s: layer %r overwrites blob %r, which the gradient of layer %r needs: it will be "
-                                "wrong, as in Caffe; give the top another name", schema.position_of(at.layer.spec),
-                                at.layer.name, name, below.layer.name)
+                below, needs = writers.get(blob), ("", "")
                 signs = below is not None and below.layer.reads_signs
-                if below is not None and below.needs_backward and signs and not at.layer.keeps_signs:
-                    log.warning("%s: layer %r overwrites blob %r, of which the gradient of layer %r needs the signs: "
-                                "where they change it will be wrong, as in Caffe; give the top another name",
-                                schema.position_of(at.layer.spec), at.layer.name, name, below.layer.name)
+                if below is not None and below.layer.reads_top:
+                    needs = "which", "needs: it"
+                elif signs and not at.layer.keeps_signs:
+                    needs = "of which", "needs the signs: where they change it"
+                if below is not None and below.needs_backward and needs[0]:
+                    log.warning("%s: layer %r overwrites blob %r, %s the gradient of layer %r %s will be wrong, as in "
+                                "Caffe; give the top another name", schema.position_of(at.layer.spec), at.layer.name,
+                                name, needs[0], below.layer.name, needs[1])
                 if not signs or not at.layer.keeps_signs:
                     writers[blob] = at
 

@@ -59,6 +59,7 @@ class Layer:
     keeps_signs: ClassVar[bool] = False  # where a gradient flows, a value is positive after the layer iff it was before
     loss_weight: ClassVar[float] = 0.0  # default loss weight of the first top
     is_input: ClassVar[bool] = False  # the caller writes the tops
+    has_gradient: ClassVar[bool] = True  # False: backward is an error, and force_backward does not ask for it
     moving: ClassVar[bool] = False  # forward updates the parameters, which are moving averages
 
     def __init__(self, spec: LayerParameter, phase: Phase | None = None, rng: np.random.Generator | None = None,
@@ -90,11 +91,13 @@ class Layer:
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         """Write the diffs of the bottoms and add to the diffs of the parameters."""
+        if not self.has_gradient and any(propagate_down):
+            raise self.fail("has no gradient; set propagate_down: false, or remove it from the training net")
         check_backward(self, propagate_down)
 
     def allow_force_backward(self, bottom_index: int) -> bool:
         """Whether force_backward applies to this bottom; False for labels."""
-        return True
+        return self.has_gradient
 
     def state(self) -> dict[str, Any]:
         """State that an exact resume needs in addition to the parameters, as plain numbers and strings."""
@@ -137,7 +140,7 @@ class Layer:
 def check_backward(layer: Layer, propagate_down: Sequence[bool]) -> None:
     """Raise LayerError if the layer has to compute a gradient and its class defines no ``backward``."""
     is_defined = getattr(layer.backward, "__func__", None) is not Layer.backward
-    if is_defined or not (any(propagate_down) or layer.blobs):
+    if is_defined or not layer.has_gradient or not (any(propagate_down) or layer.blobs):
         return
     cls = type(layer)
     near = difflib.get_close_matches("backward", [name for name in dir(cls) if not hasattr(Layer, name)], n=1)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 import threading
 import weakref
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -286,16 +286,10 @@ class Net:
         if self._by_layer:
             return
         old, self.steps = self.steps, self.engine.steps(self.connections, self._outside, self.steps)
-        _unwatch(old)
+        _call_on_access(old, None)
         for at in [at for step in self.steps if step not in old for at in step.connections]:
             at.ran_with = None
-        self._watch(self.steps)
-
-    def _watch(self, steps: Sequence[Step]) -> None:
-        """Let the first access to an unstored blob store all blobs."""
-        for step in steps:
-            for blob in step.unstored:
-                blob.on_access = partial(_store, weakref.ref(self))
+        _call_on_access(self.steps, partial(_store, weakref.ref(self)))
 
     def _run_by_layer(self, may_discard: bool = False) -> None:
         """From now on run a step for each layer, which stores all blobs, with the values of the last pass. They may be
@@ -304,13 +298,13 @@ class Net:
         if self._by_layer:
             return
         old, by_layer = self.steps, self.engine.steps_by_layer(self.connections)
-        _unwatch(old)
+        _call_on_access(old, None)
         try:
             with np.errstate(all="ignore"):
                 for step in old:
                     step.compute_unstored(may_discard)
         except BaseException:
-            self._watch(old)
+            _call_on_access(old, partial(_store, weakref.ref(self)))
             raise
         self.steps, self._by_layer = by_layer, True
 
@@ -389,11 +383,11 @@ class OneThread:
         self._lock.release()
 
 
-def _unwatch(steps: Sequence[Step]) -> None:
-    """Let an access to an unstored blob be like any other."""
+def _call_on_access(steps: Sequence[Step], function: Callable[[], None] | None) -> None:
+    """Call a function at each access to an unstored blob."""
     for step in steps:
         for blob in step.unstored:
-            blob.on_access = None
+            blob.on_access = function
 
 
 def _store(net: weakref.ref[Net]) -> None:

@@ -28,12 +28,10 @@ from netlib.net import Net, next_seed
 from netlib.proto import schema
 from netlib.proto.messages import NetParameter, NetState, SolverParameter
 from netlib.training import report, solver_parameter
-from netlib.training.resume import restore_state, undone_without_data
-from netlib.training.snapshots import Snapshots
+from netlib.training.resume import Snapshots, restore_state, undone_without_data
 from netlib.updates import Update, learning_rate, steps_taken
 
 log = logging.getLogger("netlib")
-
 Function = Callable[[], object]
 
 
@@ -71,7 +69,9 @@ class Solver:
     ) -> None:
         self.param, self.source, self.ranks = solver_parameter.checked(param), source, ranks
         self.requested: Request | None = None
-        self.seed = self._choose_seed(seed)
+        if seed is None:  # that of the file, else one from set_random_seed, else a random one
+            seed = self.param.random_seed if self.param.random_seed >= 0 else next_seed()
+        self.seed = self.ranks.of_root(secrets.randbits(31) if seed is None else seed)
         self.engine = engines.get(engine)
         self.python_layers = python_layers
         self.iter = 0
@@ -92,12 +92,6 @@ class Solver:
         self.on_step.append(self._introduce)
         self._lap: tuple[int, float] = (0, time.perf_counter())  # iteration and time of the last display
         self.snapshots = Snapshots(self)
-
-    def _choose_seed(self, given: int | None) -> int:
-        """The seed given, else that of the file, else one from ``set_random_seed``, else a random one."""
-        if given is None:
-            given = self.param.random_seed if self.param.random_seed >= 0 else next_seed()
-        return self.ranks.of_root(secrets.randbits(31) if given is None else given)
 
     # ------------------------------------------------------------------------------------------ nets
 

@@ -111,7 +111,12 @@ class Update:
     ) -> None:
         self.param, self.learnable, self._run = param, learnable, run
         self.rule, count = RULES[param.type]
-        self.history = _histories(learnable, count, param.type)
+        trained = sum(p.blob.bytes for p in learnable if p.spec.lr_mult != 0)
+        memory.check(
+            sum(p.blob.bytes for p in learnable) + (1 + count) * trained,
+            f"for parameters, their gradients and the history of solver type {param.type}",
+        )
+        self.history = [[memory.zeros(p.blob.shape, p.blob.dtype) for _ in range(count)] for p in learnable]
 
     def apply(self, rate: float, t: int) -> None:
         """Apply update number ``t`` (from 1) at this learning rate; modifies weights, gradients and histories."""
@@ -144,16 +149,6 @@ class Update:
         log.info("Gradient clipping: scaling down gradients (L2 norm %.6g > %.6g) by scale factor %.6g",
                  norm, bound, bound / norm)
         return bound / norm
-
-
-def _histories(params: Sequence[Param], count: int, type_name: str) -> list[list[Array]]:
-    """Allocate ``count`` arrays of zeros per parameter. Raises OutOfMemoryError."""
-    trained = sum(p.blob.bytes for p in params if p.spec.lr_mult != 0)
-    memory.check(
-        sum(p.blob.bytes for p in params) + (1 + count) * trained,
-        f"for parameters, their gradients and the history of solver type {type_name}",
-    )
-    return [[memory.zeros(p.blob.shape, p.blob.dtype) for _ in range(count)] for p in params]
 
 
 # ---------------------------------------------------------------------------------------------- learning rate

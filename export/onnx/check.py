@@ -178,8 +178,7 @@ def _with_outputs(image: bytes, names: Iterable[str]) -> bytes:
             if name in names and name not in there:
                 typed = onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, None)
                 model.graph.output.append(typed)
-    made: bytes = model.SerializeToString()
-    return made
+    return bytes(model.SerializeToString())
 
 
 def _random(net: Net, name: str, batch: int, rng: np.random.Generator) -> Array:

@@ -15,24 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from netlib.errors import NetlibError, reason_of
-from netlib.layer import Layer
 
 OPSET, IR_VERSION = 17, 8
 PRODUCER = "handpose"
 MAX_BYTES = 2**31 - 1  # of a protocol buffer
 
 Shape = tuple[int | str, ...]  # "N" is the batch size, "4*N" four times as much
-
-
-@dataclass(frozen=True)
-class Node:
-    """An operator with the names of its input and output values."""
-
-    op: str
-    name: str
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    attributes: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -44,7 +32,7 @@ class Place:
     bottom, top  the shapes of its bottoms and tops; a translation replaces that of a top whose size depends on values
     """
 
-    layer: Layer
+    layer: Any  # of any type, with attributes of its own
     values: list[str]
     bottom: list[Shape]
     top: list[Shape]
@@ -65,7 +53,7 @@ class Graph:
     """
 
     def __init__(self, taken: Iterable[str]) -> None:
-        self.nodes: list[Node] = []
+        self.nodes: list[tuple[str, Sequence[str], Sequence[str], Mapping[str, Any]]] = []  # arguments of make_node
         self.constants: dict[str, np.ndarray[Any, Any]] = {}
         self.values: dict[str, str] = {}
         self.layer = ""  # the layer being translated, the prefix of operator names
@@ -79,7 +67,7 @@ class Graph:
         """Add an operator; returns the names of its outputs."""
         name = self._fresh(op)
         values = [name, *(self._fresh(f"{op}_{i}") for i in range(1, outputs))]
-        self.nodes.append(Node(op, name, inputs, tuple(values), attributes))
+        self.nodes.append((op, inputs, tuple(values), {"name": name, **attributes}))
         return values
 
     def constant(self, values: ArrayLike, what: str = "constant") -> str:
@@ -150,8 +138,8 @@ class Graph:
             )
         make, typed = onnx.helper, onnx.TensorProto.FLOAT
         graph = make.make_graph(
-            [make.make_node(n.op, [names.get(v, v) for v in n.inputs], [names.get(v, v) for v in n.outputs], n.name,
-                            **n.attributes) for n in self.nodes],
+            [make.make_node(op, *([names.get(value, value) for value in side] for side in sides), **attributes)
+             for op, *sides, attributes in self.nodes],
             name or "net",
             [make.make_tensor_value_info(blob, typed, shape) for blob, shape in inputs.items()],
             [make.make_tensor_value_info(blob, typed, shape) for blob, shape in outputs.items()],
@@ -165,8 +153,7 @@ class Graph:
             onnx.checker.check_model(model, full_check=True)
         except (onnx.checker.ValidationError, onnx.shape_inference.InferenceError) as error:
             raise NetlibError(f"net {name!r}: its export is not valid ONNX: {reason_of(error)}") from error
-        made: bytes = model.SerializeToString()
-        return made
+        return bytes(model.SerializeToString())
 
 
 Translation = Callable[[Graph, Place], list[str]]  # adds a layer's operators; returns the names of its tops' values

@@ -24,7 +24,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from export.onnx.graph import Graph, Place, Shape
-from layers.hand.hand_model import HandModel
 from layers.hand.kinematics import rotation
 from layers.hand.skeleton import Motion, Skeleton
 from netlib.blob import Array
@@ -50,9 +49,7 @@ class Step:
 
 def hand_model(graph: Graph, at: Place) -> list[str]:
     """Compute the joints of a pose."""
-    layer = at.layer
-    assert isinstance(layer, HandModel)
-    sk = layer.skeleton
+    sk: Skeleton = at.layer.skeleton
     of_fixed_size = len(at.values) == 1
     body = sk if of_fixed_size else sk.with_free_slides()  # as the layer does
     steps, last, offsets = steps_of(body, sk.bones if of_fixed_size else 0 * sk.bones)

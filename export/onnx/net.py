@@ -1,17 +1,21 @@
-"""Export of a trained net to ONNX."""
+"""Export of a trained net to ONNX, and the table of layer types and the functions that add their operators.
+
+A function takes the graph and the layer's Place and returns the names of the tops' values. A layer without effect
+returns the values of its bottoms. Options and formulas are documented in the layer's file in layers/; comments note
+where ONNX's operators differ from Caffe's.
+"""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
+from export.onnx import common, hand, vision
 from export.onnx.graph import PRODUCER, Graph, Place, Shape, Translation, symbolic
-from export.onnx.table import LAYERS
 from handpose.estimate.nets import cube_of, hand_layer, trained
-from layers.hand.hand_model import HandModel
 from netlib.errors import LayerError, NetlibError, did_you_mean
-from netlib.layer import Layer
 from netlib.net import Net
 from netlib.proto.messages import LayerParameter, NetState
 from netlib.proto.net_parameter import load_parameter, select_layers
@@ -19,6 +23,63 @@ from netlib.proto.options import layer_types
 from netlib.proto.schema import position_of
 
 Shapes = list[tuple[list[Shape], list[Shape]]]  # shapes of each layer's bottoms and tops
+
+LAYERS: dict[str, Translation] = {
+    "AbsVal": common.of_each("Abs"),
+    "ArgMax": common.arg_max,
+    "Axpy": common.axpy,
+    "BN": common.bn,
+    "BNLL": common.of_each("Softplus"),
+    "BatchNorm": common.batch_norm,
+    "BatchReindex": common.batch_reindex,
+    "Bias": common.bias,
+    "Clip": common.clip,
+    "Concat": common.concat,
+    "Convolution": partial(vision.sliding, op="Conv"),
+    "ConvolutionDepthwise": partial(vision.sliding, op="Conv"),
+    "Crop": vision.crop,
+    "Deconvolution": partial(vision.sliding, op="ConvTranspose"),
+    "DeepHandModel": hand.hand_model,  # name in the released system
+    "DetectionOutput": vision.detection_output,
+    "DepthwiseConvolution": partial(vision.sliding, op="Conv"),
+    "Dropout": common.dropout,
+    "ELU": common.elu,
+    "Eltwise": common.eltwise,
+    "Embed": common.embed,
+    "Exp": common.exp,
+    "Flatten": common.shaped_as_top,
+    "HandModel": hand.hand_model,
+    "InnerProduct": common.inner_product,
+    "Input": common.nothing,  # inputs are part of the graph
+    "Interp": vision.interp,
+    "LRN": common.lrn,
+    "Log": common.log,
+    "MVN": common.mvn,
+    "Normalize": common.normalize,
+    "PReLU": common.prelu,
+    "Parameter": common.parameter,
+    "Permute": common.permute,
+    "Pooling": vision.pooling,
+    "Power": common.power,
+    "PriorBox": vision.prior_box,
+    "ReLU": common.relu,
+    "ReLU6": common.relu6,
+    "Reduction": common.reduction,
+    "Reshape": common.shaped_as_top,
+    "SPP": vision.spp,
+    "Scale": common.scale,
+    "ShuffleChannel": common.shuffle_channel,
+    "Sigmoid": common.of_each("Sigmoid"),
+    "Silence": common.nothing,
+    "Slice": common.slice,
+    "Softmax": common.softmax,
+    "Split": common.same,
+    "Swish": common.swish,
+    "TanH": common.of_each("Tanh"),
+    "Threshold": common.threshold,
+    "Tile": common.tile,
+    "Upsample": vision.upsample,
+}
 
 
 def load(model: str | Path, weights: str | Path) -> Net:
@@ -50,34 +111,34 @@ def onnx_image(net: Net, also: Sequence[str] = (), cube_mm: float | None = None)
     graph.values = {name: name for name in net.inputs}
     at_end: dict[str, Shape] = {}
     uneven: set[str] = set()  # blobs whose shape depends on values
-    hand, pose = hand_layer(net), ""
+    of_hand, pose = hand_layer(net), ""
     for at, (bottom, top) in zip(net.connections, shapes):
         graph.layer = at.layer.name
         values = [graph.values[name] for name in at.layer.spec.bottom]
-        if at.layer is hand:
+        if at.layer is of_hand:
             pose = values[0]
         if not at.layer.is_input:
             place = Place(at.layer, values, bottom, list(top))
-            _check_rows(at.layer, uneven)
+            for name in uneven.intersection(at.layer.spec.bottom if at.layer.type != "Silence" else ()):
+                raise at.layer.fail(f"reads {name!r}, whose number of rows depends on values, which cannot be exported "
+                                    "to ONNX; expected no layer behind it")
             graph.values.update(zip(at.layer.spec.top, _translation(at.layer.spec)(graph, place)))
             uneven.update(name for name, a, b in zip(at.layer.spec.top, top, place.top) if a != b)
             top = place.top
         at_end.update(zip(at.layer.spec.top, top))
     outputs = _outputs(net, also)
     metadata = {"producer": PRODUCER, "net": net.name}
-    if hand:
-        metadata |= _about_hand(hand, cube_of(hand.skeleton, cube_mm), pose in [graph.values[name] for name in outputs])
+    if of_hand:
+        skeleton = of_hand.skeleton
+        metadata |= {
+            "joint_names": json.dumps(skeleton.joint_names), "unit": "half-cubes",
+            "cube_mm": f"{cube_of(skeleton, cube_mm):g}", "axes": "x right, y up, z away", "input_range": "[-1, 1]",
+        }
+        if pose in [graph.values[name] for name in outputs]:
+            metadata["dof_names"] = json.dumps(skeleton.dof_names)
     return graph.finish(
         net.name, {name: at_end[name] for name in net.inputs}, {name: at_end[name] for name in outputs}, metadata
     )
-
-
-def _check_rows(layer: Layer, uneven: set[str]) -> None:
-    """Raise LayerError if a layer reads a blob whose shape depends on values: its own shapes are not known then."""
-    for name in layer.spec.bottom:
-        if name in uneven and layer.type != "Silence":
-            raise layer.fail(f"reads {name!r}, whose number of rows depends on values, which cannot be exported to "
-                             "ONNX; expected no layer behind it")
 
 
 def _outputs(net: Net, also: Sequence[str]) -> list[str]:
@@ -94,19 +155,6 @@ def _outputs(net: Net, also: Sequence[str]) -> list[str]:
             raise NetlibError(f"{net.source}: blob {name!r} is both input and output, which ONNX does not "
                               "support; expected a layer that reads it, with another top")
     return outputs
-
-
-def _about_hand(hand: HandModel, cube_mm: float, gives_pose: bool) -> dict[str, str]:
-    """Return metadata of a hand's net: joint names, units and axes."""
-    sk = hand.skeleton
-    about = {
-        "joint_names": json.dumps(sk.joint_names),
-        "unit": "half-cubes",
-        "cube_mm": f"{cube_mm:g}",
-        "axes": "x right, y up, z away",
-        "input_range": "[-1, 1]",
-    }
-    return about | ({"dof_names": json.dumps(sk.dof_names)} if gives_pose else {})
 
 
 def shapes_of(net: Net) -> Shapes:

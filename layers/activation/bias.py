@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netlib.blob import Blobs
+from netlib.blob import Blob, Blobs
 from netlib.fillers import Filler
 from netlib.layer import Layer
 from netlib.proto.schema import numbered
@@ -31,33 +31,50 @@ class BiasParameter:
     filler: Filler = numbered(3, Filler())  # initial bias; default 0
 
 
-class Bias(Layer):
-    """Learned bias."""
+class Broadcast(Layer):
+    """Base class of Bias and Scale: a parameter, or a second bottom, is broadcast over some axes of x.
 
-    param_type = BiasParameter
+    axis    its first axis in x
+    wide    its shape for broadcasting
+    others  the other axes of x
+    """
+
     bottoms = (1, 2)
     tops = (1, 1)
 
+    def _param_on_axes(self, name: str, x: Blob) -> Blob:
+        """Create the parameter on the axes of x that the options select. Raises LayerError."""
+        p = self.param
+        axis = self.canonical_axis(p.axis, x) if p.num_axes else 0
+        end = len(x.shape) if p.num_axes == -1 else axis + p.num_axes
+        if not axis <= end <= len(x.shape):
+            raise self.fail(f"axis {p.axis}, num_axes {p.num_axes} do not fit {x.shape}", "num_axes")
+        return self.new_param(name, x.shape[axis:end], p.filler)
+
+    def _broadcast(self, name: str, shape: tuple[int, ...], x: Blob) -> None:
+        """Find the axes of x for an array of this shape. Raises LayerError."""
+        self.axis = self.canonical_axis(self.param.axis, x) if shape else 0
+        end = self.axis + len(shape)
+        if x.shape[self.axis : end] != shape:
+            raise self.fail(f"{name} {shape} does not fit axes {self.axis} to {end} of bottom "
+                            f"{self.spec.bottom[0]!r} {x.shape}")
+        self.wide = shape + (1,) * (len(x.shape) - end)
+        self.others = tuple(i for i in range(len(x.shape)) if not self.axis <= i < end)
+
+
+class Bias(Broadcast):
+    """Learned bias."""
+
+    param_type = BiasParameter
+
     def setup(self, bottom: Blobs, top: Blobs) -> None:
-        p, x = self.param, bottom[0].shape
         self.learned = len(bottom) == 1
         if self.learned:
-            axis = self.canonical_axis(p.axis, bottom[0]) if p.num_axes else 0
-            end = len(x) if p.num_axes == -1 else axis + p.num_axes
-            if not axis <= end <= len(x):
-                raise self.fail(f"axis {p.axis}, num_axes {p.num_axes} do not fit {x}", "num_axes")
-            self.bias = self.new_param("bias", x[axis:end], p.filler)
+            self.bias = self._param_on_axes("bias", bottom[0])
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        x = bottom[0].shape
-        bias = self.bias.shape if self.learned else bottom[1].shape
-        axis = self.canonical_axis(self.param.axis, bottom[0]) if bias else 0
-        end = axis + len(bias)
-        if x[axis:end] != bias:
-            raise self.fail(f"bias {bias} does not fit axes {axis} to {end} of bottom {self.spec.bottom[0]!r} {x}")
-        self.wide = bias + (1,) * (len(x) - end)  # shape for broadcasting
-        self.others = tuple(i for i in range(len(x)) if not axis <= i < end)
-        top[0].reshape(x)
+        self._broadcast("bias", self.bias.shape if self.learned else bottom[1].shape, bottom[0])
+        top[0].reshape(bottom[0].shape)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         b = self.bias.data if self.learned else bottom[1].data

@@ -19,7 +19,7 @@ import numpy as np
 
 from layers.activation.elementwise import negative, positive
 from netlib.blob import Blobs
-from netlib.fillers import Constant, Filler
+from netlib.fillers import Filler
 from netlib.layer import Layer
 from netlib.proto.schema import numbered
 
@@ -28,7 +28,7 @@ from netlib.proto.schema import numbered
 class PReLUParameter:
     """The ``prelu_param { ... }`` block."""
 
-    filler: Filler = numbered(1, Constant(0.25))  # initial slopes
+    filler: Filler = numbered(1, Filler(value=0.25))  # initial slopes
     channel_shared: bool = numbered(2, False)  # one slope for all channels
 
 

@@ -27,16 +27,10 @@ class Threshold(Layer):
 
     param_type = ThresholdParameter
     bottoms = tops = (1, 1)
+    has_gradient = False
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         top[0].reshape(bottom[0].shape)
 
-    def allow_force_backward(self, bottom_index: int) -> bool:
-        return False
-
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         top[0].data[...] = bottom[0].data > self.param.threshold
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        if any(propagate_down):
-            raise self.fail("has no gradient; set propagate_down: false, or remove it from the training net")

@@ -38,6 +38,7 @@ class ArgMax(Layer):
     param_name = "argmax_param"
     bottoms = tops = (1, 1)
     in_place = False
+    has_gradient = False
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         p, x = self.param, bottom[0]
@@ -54,9 +55,6 @@ class ArgMax(Layer):
             raise self.fail(f"top_k {p.top_k} must be from 1 to {what} of {self.spec.bottom[0]!r} {x.shape}", "top_k")
         top[0].reshape(shape)
 
-    def allow_force_backward(self, bottom_index: int) -> bool:
-        return False
-
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         p, x, y = self.param, bottom[0].data, top[0].data
         x = x.reshape(len(x), -1) if p.axis is None else np.moveaxis(x, self.axis, -1)
@@ -68,7 +66,3 @@ class ArgMax(Layer):
             y[:, 0] = places.reshape(y[:, 0].shape)
             if p.out_max_val:
                 y[:, 1] = values.reshape(y[:, 1].shape)
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        if any(propagate_down):
-            raise self.fail("has no gradient; set propagate_down: false, or remove it from the training net")

@@ -27,9 +27,10 @@ from __future__ import annotations
 
 import struct
 from bisect import bisect_right
+from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from netlib.errors import DataError
 from netlib.files import Source
@@ -45,45 +46,32 @@ PAGE_SIZES = [1 << n for n in range(9, 16)]  # up to LMDB's maximum, 32768 bytes
 MAX_DEPTH = 32  # limit of LMDB
 
 
-class Meta(NamedTuple):
-    """Content of a meta page about the tree of entries."""
-
-    transaction: int
-    page_size: int
-    flags: int
-    depth: int
-    pages: int  # number of pages in use
-    entries: int
-    root: int
-
-
-class Page(NamedTuple):
-    """A branch or a leaf.
-
-    keys    keys of its nodes, in order; the first of a branch is the start of the page's range
-    end     end of the page's range, exclusive; None if unbounded
-    values  of a branch: page numbers; of a leaf: the bytes, or the page where they start and their number
-    """
-
-    keys: list[bytes]
-    end: bytes | None
-    values: list[Any]
-
-
 class Database:
     """An open database for any number of cursors. Reading can raise DataError.
 
-    path     path of the file
-    meta     the current meta page
-    entries  number of entries
+    path            path of the file
+    entries, depth  number of entries, and depth of their tree
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path / "data.mdb" if exists(path) and path.is_dir() else path
         self.source = Source(self.path, "the database")
-        self.meta = self._newest()
-        self.entries = self.meta.entries
-        needed = self.meta.pages * self.meta.page_size  # pages that were never used may be missing
+        begin = self.source.read(0, min(self.source.size, 20))
+        if begin[16:] != MAGIC:
+            if MAGIC in begin or MAGIC[::-1] in begin:
+                raise DataError(f"{self.path}: written on a machine of 32 bits or of another byte order, expected "
+                                "64 bits, little endian; copy it with mdb_dump there and mdb_load here")
+            raise DataError(f"{self.path}: not an LMDB database")
+        older = self._meta_page(0, 0)
+        newer = max(older, self._meta_page(1, older[1]))
+        transaction, self._page_size, flags, self.depth, pages, self.entries, self._root = newer
+        self._current = transaction % 2  # number of the current meta page
+        if flags:
+            raise DataError(f"{self.path}: a database with flags {flags:#x}, expected none, as Caffe writes it: "
+                            "one value per key, keys in byte order")
+        if self.depth > MAX_DEPTH:
+            raise self.damaged(self._current, f"a depth of {self.depth}, expected at most {MAX_DEPTH}")
+        needed = pages * self._page_size  # pages that were never used may be missing
         if self.source.size < needed:
             raise DataError(f"{self.path}: truncated: it has {self.source.size} bytes, expected at least {needed}")
 
@@ -92,27 +80,9 @@ class Database:
         self.source.check()
         return DataError(f"{self.path}: page {number}: {what}; the database is damaged")
 
-    def _newest(self) -> Meta:
-        begin = self.source.read(0, min(self.source.size, 20))
-        if begin[16:] != MAGIC:
-            if MAGIC in begin or MAGIC[::-1] in begin:
-                raise DataError(f"{self.path}: written on a machine of 32 bits or of another byte order, expected "
-                                "64 bits, little endian; copy it with mdb_dump there and mdb_load here")
-            raise DataError(f"{self.path}: not an LMDB database")
-        first = self._meta_page(0, 0)
-        newest = max(first, self._meta_page(1, first.page_size))
-        if newest.flags:
-            raise DataError(f"{self.path}: a database with flags {newest.flags:#x}, expected none, as Caffe writes it: "
-                            "one value per key, keys in byte order")
-        if newest.depth > MAX_DEPTH:
-            raise self.damaged(newest.transaction % 2, f"a depth of {newest.depth}, expected at most {MAX_DEPTH}")
-        return newest
-
-    def _meta_page(self, number: int, offset: int) -> Meta:
-        size = HEADER.size + META.size
-        if offset + size > self.source.size:
-            raise self.damaged(number, f"the file ends at byte {self.source.size}")
-        raw = self.source.read(offset, size)
+    def _meta_page(self, number: int, offset: int) -> tuple[int, ...]:
+        """Transaction, page size, flags, depth of the tree, number of pages in use, number of entries, and root."""
+        raw = self.source.read(offset, HEADER.size + META.size)
         own, _, kind, _, _ = HEADER.unpack_from(raw)
         magic, version, free, entries, _, transaction = META.unpack_from(raw, HEADER.size)
         if own != number or kind & KIND != META_PAGE or magic != MAGIC:
@@ -123,11 +93,33 @@ class Database:
         if page_size not in PAGE_SIZES:
             raise self.damaged(number, f"pages of {page_size} bytes, expected a power of two from 512 to 32768")
         _, flags, depth, *pages, count, root = TREE.unpack(entries)
-        return Meta(transaction, page_size, flags, depth, 2 + sum(pages), count, root)
+        return transaction, page_size, flags, depth, 2 + sum(pages), count, root
 
-    def page(self, number: int, level: int, begin: bytes, end: bytes | None) -> Page:
-        """Read a page at a level above the leaves, with keys from ``begin`` up to ``end``."""
-        raw = self._read(number, 1, 0, self.meta.page_size)
+    def entries_from(self, start: bytes) -> Iterator[tuple[bytes, Any]]:
+        """Yield the entries whose keys are not below ``start``, in order; with an empty one their number is checked.
+
+        A value is the bytes, or the number of the page where they start and their number.
+        """
+        count = 0
+        for entry in self._below(start, self._root, self.depth - 1, b"", None) if self.depth else ():
+            count += 1
+            yield entry
+        if not start and count != self.entries:
+            raise self.damaged(self._current, f"{self.entries} entries, but there are {count}")
+
+    def _below(self, start: bytes, number: int, level: int, begin: bytes, end: bytes | None) -> Iterator[Any]:
+        """Yield these entries of a page at a level above the leaves, with keys from ``begin`` up to ``end``."""
+        keys, values = self._page(number, level, begin, end)
+        first = max(bisect_right(keys, start) - 1, 0)
+        for key, after, value in zip(keys[first:], [*keys[first + 1 :], end], values[first:]):
+            if level:
+                yield from self._below(start, value, level - 1, key, after)
+            elif key >= start:
+                yield key, value
+
+    def _page(self, number: int, level: int, begin: bytes, end: bytes | None) -> tuple[list[bytes], list[Any]]:
+        """Read a page: its keys, and the numbers of the pages below it, or the values of its entries."""
+        raw = self._read(number, 1, 0, self._page_size)
         own, _, kind, lower, upper = HEADER.unpack_from(raw)
         name, expected = ("branch", BRANCH) if level else ("leaf", LEAF)
         if own != number or kind & KIND != expected:
@@ -135,9 +127,7 @@ class Database:
         if not HEADER.size < lower <= upper <= len(raw) or lower % 2:
             raise self.damaged(number, f"offsets up to byte {lower}, nodes from byte {upper} on")
         offsets = struct.unpack_from(f"<{(lower - HEADER.size) // 2}H", raw, HEADER.size)
-        if max(offsets) > len(raw) - NODE.size:
-            raise self.damaged(number, f"a node at byte {max(offsets)}")
-        nodes = [NODE.unpack_from(raw, at) for at in offsets]
+        nodes = [NODE.unpack_from(raw, min(at, len(raw) - NODE.size)) for at in offsets]
         rests = [0 if level else NUMBER.size if flags & ELSEWHERE else size for size, flags, _ in nodes]
         stops = [at + NODE.size + length + rest for at, (_, _, length), rest in zip(offsets, nodes, rests)]
         if min(offsets) < lower or max(stops) > len(raw):
@@ -148,18 +138,17 @@ class Database:
         if keys[0] < begin or any(a >= b for a, b in pairwise(keys)) or (end is not None and keys[-1] >= end):
             raise self.damaged(number, "its keys are out of order, or belong to another page")
         if level:
-            return Page(keys, end, [low | high << 32 for low, high, _ in nodes])
+            return keys, [low | high << 32 for low, high, _ in nodes]
         for key, (_, flags, _) in zip(keys, nodes):
             if flags & ~ELSEWHERE:
                 what = f"{key!r} is not an entry but a database within this one (flags {flags:#x})"
                 raise DataError(f"{self.path}: page {number}: {what}, which Caffe never writes, or the file is damaged")
-        values = [(*NUMBER.unpack(raw[stop - rest : stop]), size) if flags else raw[stop - rest : stop]
-                  for stop, rest, (size, flags, _) in zip(stops, rests, nodes)]
-        return Page(keys, end, values)
+        return keys, [(*NUMBER.unpack(raw[stop - rest : stop]), size) if flags else raw[stop - rest : stop]
+                      for stop, rest, (size, flags, _) in zip(stops, rests, nodes)]
 
     def value(self, number: int, size: int) -> bytes:
         """Read a value stored in overflow pages from this one on."""
-        pages = (HEADER.size - 1 + size) // self.meta.page_size + 1
+        pages = (HEADER.size - 1 + size) // self._page_size + 1
         own, _, kind, there = OVERFLOW_HEADER.unpack(self._read(number, pages, 0, HEADER.size))
         if own != number or kind & KIND != OVERFLOW or there < pages:
             raise self.damaged(number, f"expected a value of {size} bytes, found page {own} of kind {kind:#x}")
@@ -167,71 +156,45 @@ class Database:
 
     def _read(self, number: int, pages: int, begin: int, size: int) -> bytes:
         """Read ``size`` bytes from ``begin`` on in a number of consecutive pages."""
-        first = number * self.meta.page_size
-        if first + pages * self.meta.page_size > self.source.size:
+        first = number * self._page_size
+        if first + pages * self._page_size > self.source.size:
             raise self.damaged(number, f"the file ends at byte {self.source.size}")
         return self.source.read(first + begin, size)
 
 
 class Cursor:
-    """A position in a database; undefined before the first move. Reading can raise DataError."""
+    """A position in a database; undefined before the first move and after an error. Reading can raise DataError.
+
+    key  key of the current entry
+    """
 
     def __init__(self, database: Database) -> None:
-        self._database = database
-        self._path: list[tuple[Page, int]] = []  # pages from the root to a leaf, with the index of a node in each
-        self._number: int | None = None  # number of this entry, if all before it were visited
-
-    @property
-    def key(self) -> bytes:
-        """Key of the current entry."""
-        page, index = self._path[-1]
-        return page.keys[index]
+        self._database, self._rest = database, database.entries_from(b"")  # the entries after this one
+        self.key, self._value = b"", b""
 
     def value(self) -> bytes:
         """Value of the current entry. Raises DataError, also if the file was changed since it was opened."""
-        page, index = self._path[-1]
-        value: bytes = page.values[index]
-        if isinstance(value, tuple):
-            value = self._database.value(*value)
+        value = self._database.value(*self._value) if isinstance(self._value, tuple) else self._value
         self._database.source.check()
         return value
 
     def first(self) -> bool:
         """Move to the first entry; returns False if there is none."""
-        self._path, self._number = self._down([], b""), 1
-        return bool(self._path)
+        self._rest = self._database.entries_from(b"")
+        return self.next()
 
     def next(self) -> bool:
         """Move to the next entry; returns False, without moving, after the last."""
-        path = list(self._path)
-        while path:
-            page, index = path.pop()
-            if index + 1 < len(page.keys):
-                self._path = self._down([*path, (page, index + 1)], b"")
-                self._number = self._number and self._number + 1
-                return True
-        if self._number not in (None, self._database.entries):
-            meta = self._database.meta
-            raise self._database.damaged(meta.transaction % 2, f"{meta.entries} entries, but there are {self._number}")
-        return False
+        before, self.key = self.key, b""
+        found = next(self._rest, None)
+        self.key, self._value = found or (before, self._value)
+        return found is not None
 
     def set_key(self, key: bytes) -> bool:
         """Move to the entry with this key; returns False, without moving, if there is none."""
-        path = self._down([], key)
-        if not path or path[-1][0].keys[path[-1][1]] != key:
+        rest = self._database.entries_from(key)
+        found = next(rest, None)
+        if found is None or found[0] != key:
             return False
-        self._path, self._number = path, None
+        (self.key, self._value), self._rest = found, rest
         return True
-
-    def _down(self, path: list[tuple[Page, int]], key: bytes) -> list[tuple[Page, int]]:
-        """Extend a path down to a leaf, in each page through the last node with a key up to ``key``, or the first."""
-        meta = self._database.meta
-        number, begin, end = meta.root, b"", None
-        while len(path) < meta.depth:
-            if path:
-                above, index = path[-1]
-                number, begin = above.values[index], above.keys[index]
-                end = above.keys[index + 1] if index + 1 < len(above.keys) else above.end
-            page = self._database.page(number, meta.depth - len(path) - 1, begin, end)
-            path.append((page, max(bisect_right(page.keys, key) - 1, 0)))
-        return path

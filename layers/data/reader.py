@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from netlib.distributed.shard import EVERY_ROW, Shard
+from netlib.distributed.ranks import EVERY_ROW, Shard
 from netlib.layer import Layer
 
 

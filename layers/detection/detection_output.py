@@ -102,6 +102,7 @@ class DetectionOutput(Layer):
     bottoms = (3, 4)
     tops = (1, 1)
     in_place = False
+    has_gradient = False
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         p, nms = self.param, self.param.nms_param
@@ -128,9 +129,6 @@ class DetectionOutput(Layer):
                                 f"{self.priors} priors")
         top[0].reshape(1, 1, 1, 7)
 
-    def allow_force_backward(self, bottom_index: int) -> bool:
-        return False
-
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         N, C = bottom[0].shape[0], self.param.num_classes
         locations = bottom[0].data.reshape(N, self.priors, 1 if self.param.share_location else C, 4)
@@ -144,10 +142,6 @@ class DetectionOutput(Layer):
             rows[:, 0] = np.arange(N)
         top[0].reshape(1, 1, *rows.shape)
         top[0].data[0, 0] = rows
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        if any(propagate_down):
-            raise self.fail("has no gradient; set propagate_down: false, or remove it from the training net")
 
     def _check(self, priors: Array) -> None:
         """Raise LayerError if a prior has no size that a location could scale."""

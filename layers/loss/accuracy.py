@@ -34,6 +34,7 @@ class Accuracy(Layer):
     bottoms = (2, 2)
     tops = (1, 2)
     in_place = False
+    has_gradient = False
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         x = bottom[0]
@@ -47,9 +48,6 @@ class Accuracy(Layer):
         if len(top) > 1:
             top[1].reshape(self.classes)
 
-    def allow_force_backward(self, bottom_index: int) -> bool:
-        return False
-
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         scores = np.moveaxis(bottom[0].data, self.axis, -1).reshape(-1, self.classes)
         labels, counts = labels_of.read(self, bottom, self.classes, self.param.ignore_label)
@@ -60,7 +58,3 @@ class Accuracy(Layer):
         if len(top) > 1:
             total = np.bincount(labels, minlength=self.classes)
             top[1].data[...] = np.bincount(labels, right, self.classes) / np.maximum(total, 1)
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        if any(propagate_down):
-            raise self.fail("has no gradient; set propagate_down: false, or remove it from the training net")

@@ -22,7 +22,6 @@ from netlib.blob import Array, Blobs
 class MultinomialLogisticLoss(LabelLoss):
     """Negative log-likelihood of the labels."""
 
-
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         self.shape = labels_of.rows(self, bottom)
         top[0].reshape(())

@@ -30,7 +30,7 @@ from typing import ClassVar
 import numpy as np
 
 from netlib.blob import Array, Blobs
-from netlib.fillers import Constant
+from netlib.fillers import Filler
 from netlib.layer import TEST, Layer
 from netlib.proto import schema
 from netlib.proto.messages import ParamSpec
@@ -62,9 +62,9 @@ class BatchNorm(Layer):
         if len(bottom[0].shape) < 2:
             raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, expected (N, C, ...)")
         channels = bottom[0].shape[1]
-        self.mean = self.new_param("mean", (channels,), Constant(0.0))
-        self.variance = self.new_param("variance", (channels,), Constant(0.0))
-        self.weight = self.new_param("weight", (1,), Constant(0.0))
+        self.mean = self.new_param("mean", (channels,), Filler())
+        self.variance = self.new_param("variance", (channels,), Filler())
+        self.weight = self.new_param("weight", (1,), Filler())
         for i, param in enumerate(self.spec.param):
             if param.lr_mult != 0:
                 raise self.fail(f"param {i} has lr_mult {param.lr_mult:g}, but statistics are not learned: expected 0")

@@ -30,7 +30,7 @@ from typing import Literal
 import numpy as np
 
 from netlib.blob import Blobs
-from netlib.fillers import Constant, Filler
+from netlib.fillers import Filler
 from netlib.layer import TEST, Layer
 from netlib.proto import schema
 from netlib.proto.messages import ParamSpec
@@ -82,8 +82,8 @@ class BN(Layer):
         self.scale = self.new_param("scale", shape, p.slope_filler if pspnet else p.scale_filler)
         self.bias = self.new_param("bias", shape, p.bias_filler if pspnet else p.shift_filler)
         if pspnet:
-            self.mean = self.new_param("mean", shape, Constant(0.0))
-            self.variance = self.new_param("variance", shape, Constant(1.0 if p.frozen else 0.0))
+            self.mean = self.new_param("mean", shape, Filler())
+            self.variance = self.new_param("variance", shape, Filler(value=1.0 if p.frozen else 0.0))
             given = [*self.spec.param, *[ParamSpec()] * 4]
             fixed = ParamSpec(lr_mult=0.0, decay_mult=0.0)
             learned = [schema.changed(one, lr_mult=0.0, decay_mult=0.0) if p.frozen else one for one in given[:2]]

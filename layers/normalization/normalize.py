@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from netlib.blob import Blobs
-from netlib.fillers import Constant, Filler
+from netlib.fillers import Filler
 from netlib.layer import Layer
 from netlib.proto.schema import numbered
 
@@ -31,7 +31,7 @@ class NormalizeParameter:
     """The ``norm_param { ... }`` block."""
 
     across_spatial: bool = numbered(1, True)  # one length per item instead of one per position
-    scale_filler: Filler = numbered(2, Constant(1.0))  # initial scale; default 1
+    scale_filler: Filler = numbered(2, Filler(value=1.0))  # initial scale; default 1
     channel_shared: bool = numbered(3, True)  # one scale for all channels
     eps: float = numbered(4, 1e-10)
 

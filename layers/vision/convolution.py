@@ -64,7 +64,11 @@ class Convolution(SlidingWindow):
     def _outputs(self, i: int, x: Blob) -> list[int]:
         """Ho and Wo. Raises LayerError if the kernel does not fit."""
         sizes = zip(x.shape[self.axis + 1 :], self.pad, self._extent(), self.stride)
-        return self._fitting([(n + 2 * pad - extent) // stride + 1 for n, pad, extent, stride in sizes], i, x)
+        counts = [(n + 2 * pad - extent) // stride + 1 for n, pad, extent, stride in sizes]
+        if min(counts, default=1) < 1:
+            name = self.spec.bottom[i]
+            raise self.fail(f"kernel {self._extent()} is larger than the padded bottom {name!r} {x.shape}")
+        return counts
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         w = self.by_group(self.weight.data)

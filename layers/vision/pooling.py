@@ -59,7 +59,10 @@ class Pooling(SlidingWindow):
         count = (-(-extent // self.stride[i]) if self.param.round_mode == "CEIL" else extent // self.stride[i]) + 1
         if any(self.pad) and (count - 1) * self.stride[i] >= size + self.pad[i]:
             count -= 1
-        return self._check_count(count, self.whole_kernel[i], size, self.pad[i])
+        if count < 1:
+            raise self.fail(f"kernel {self.whole_kernel[i]} is larger than the padded bottom "
+                            f"({size} + 2 * {self.pad[i]})")
+        return count
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x, y = bottom[0].data, top[0].data

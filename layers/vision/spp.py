@@ -60,7 +60,11 @@ class SPP(SlidingWindow):
 
     def _windows(self, size: int, bins: int) -> list[tuple[int, slice]]:
         """Along one axis: the length of every window, and the part of it on the map."""
-        k, pad = self._tiling(size, bins)
+        k = -(-size // bins)
+        pad = (k * bins - size + 1) // 2
+        if pad >= k:
+            raise self.fail(f"bottom {self.spec.bottom[0]!r} is too small for a level of {bins} x {bins} windows: "
+                            f"{size} in {bins} parts of {k} need a padding of {pad}", "pyramid_height")
         return [(k, slice(max(i * k - pad, 0), min((i + 1) * k - pad, size))) for i in range(bins)]
 
     def _bins(self, x: Array, y: Array) -> Iterator[Bin]:

@@ -134,14 +134,6 @@ class SlidingWindow(Layer):
         """Size of the dilated kernel."""
         return tuple(d * (k - 1) + 1 for d, k in zip(self.dilation, self.kernel))
 
-    def _fitting(self, counts: list[int], i: int, x: Blob) -> list[int]:
-        """Return the numbers of windows along the spatial axes. Raises LayerError if one is below 1."""
-        if min(counts, default=1) < 1:
-            raise self.fail(
-                f"kernel {self._extent()} is larger than the padded bottom {self.spec.bottom[i]!r} {x.shape}"
-            )
-        return counts
-
     # ------------------------------------------------------------------------------------------ pooling_param
 
     def _read_pooling(self) -> None:
@@ -180,12 +172,6 @@ class SlidingWindow(Layer):
         if len(x.shape) != 4 or 0 in x.shape[2:]:
             raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {x.shape}, expected (N, C, H, W)")
 
-    def _check_count(self, count: int, kernel: int, size: int, pad: int) -> int:
-        """Return the number of windows along an axis. Raises LayerError if it is below 1."""
-        if count < 1:
-            raise self.fail(f"kernel {kernel} is larger than the padded bottom ({size} + 2 * {pad})")
-        return count
-
     def padded(self, x: Array, y_shape: tuple[int, ...], value: float) -> Array:
         """Pad x (C, H, W), including the parts of windows that extend beyond the padding."""
         after = [
@@ -193,17 +179,6 @@ class SlidingWindow(Layer):
             for outputs, s, k, n, p in zip(y_shape[2:], self.stride, self.kernel, x.shape[1:], self.pad)
         ]
         return np.pad(x, [(0, 0), *zip(self.pad, after)], constant_values=value)
-
-    # ------------------------------------------------------------------------------------------ tiles
-
-    def _tiling(self, size: int, count: int) -> tuple[int, int]:
-        """Length of each of ``count`` windows that tile an axis, and the padding before the first."""
-        k = -(-size // count)
-        pad = (k * count - size + 1) // 2
-        if pad >= k:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} is too small for a level of {count} x {count} windows: "
-                            f"{size} in {count} parts of {k} need a padding of {pad}", "pyramid_height")
-        return k, pad
 
 
 def _or(value: int | None, default: int) -> int:

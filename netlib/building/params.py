@@ -53,20 +53,14 @@ class Parameters:
                 if spec.name:
                     self._named[spec.name] = owner
             else:
-                _check_shape(layer, i, blob, spec, owner)
+                mine, theirs = blob.shape, owner.blob.shape
+                if blob.count != owner.blob.count or (spec.share_mode != "PERMISSIVE" and mine != theirs):
+                    raise layer.fail(f"parameter {i} {mine} cannot share {spec.name!r} with layer {owner.layer!r} "
+                                     f"parameter {owner.index} {theirs}")
                 blob.share(owner.blob)
             _merge_multipliers(layer, spec, owner)
             entered.append(owner)
         return entered
-
-
-def _check_shape(layer: Layer, i: int, blob: Blob, spec: ParamSpec, owner: Param) -> None:
-    same = blob.count == owner.blob.count if spec.share_mode == "PERMISSIVE" else blob.shape == owner.blob.shape
-    if not same:
-        raise layer.fail(
-            f"parameter {i} {blob.shape} cannot share {spec.name!r} with layer {owner.layer!r} "
-            f"parameter {owner.index} {owner.blob.shape}"
-        )
 
 
 def _merge_multipliers(layer: Layer, spec: ParamSpec, owner: Param) -> None:

@@ -15,17 +15,19 @@ import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import ModuleType
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from netlib.blob import Blobs
 from netlib.errors import PrototxtError, did_you_mean
 from netlib.files import own_modules
 from netlib.files.paths import load_module, own
 from netlib.layer import Layer, warn
 from netlib.proto import schema
 from netlib.proto.messages import LayerParameter, PythonParameter
+
+if TYPE_CHECKING:
+    from netlib.engine import Connection
 
 OLD_NAMES = {"xrange": range, "unicode": str, "basestring": str, "long": int}  # Python 2 names in old layers
 
@@ -71,17 +73,8 @@ def check_allowed(specs: Iterable[LayerParameter], are: bool) -> None:
             )
 
 
-class Differentiable(Protocol):
-    """A layer with its blobs, and the gradients that its backward computes."""
-
-    layer: Layer
-    bottom: Blobs
-    top: Blobs
-    propagate_down: list[bool]
-
-
 @contextlib.contextmanager
-def all_written(at: Differentiable) -> Iterator[None]:
+def all_written(at: Connection) -> Iterator[None]:
     """Context manager around a layer's backward: set what it leaves unwritten of the diffs of its bottoms to 0, as in
     Caffe, with a warning.
     """
@@ -147,45 +140,30 @@ def _import(name: str, wanted: str) -> tuple[ModuleType, str]:
     """Import the module ``name`` and return it with its file. If a package here has the same name, the user's own
     module is preferred if it defines ``wanted``.
     """
-    from netlib import install_if_missing  # netlib imports this module
+    from netlib import install_as_caffe  # netlib imports this module
 
-    install_if_missing()
-    top = name.partition(".")[0]
-    if top not in own_modules.NAMES:
-        return _import_any(name, wanted)
-    if hasattr(sys.modules.get(name), wanted) and not own_modules.is_ours(sys.modules[top]):
-        return sys.modules[name], name  # imported by the user's script
-    with own_modules.in_place():
-        return _import_any(name, wanted)
-
-
-def _import_any(name: str, wanted: str) -> tuple[ModuleType, str]:
-    """Like ``_import``, with this project's packages in sys.modules."""
+    if not own_modules.has_caffe():
+        install_as_caffe()
     top, _, inner = name.partition(".")
-    if _is_ours(top):
-        if inner:
-            _add_folders(importlib.import_module(top))
-        theirs = _own_file(name)
-        if theirs is not None:
-            module = load_module(f"{name} of {theirs}", theirs)
-            if hasattr(module, wanted):
-                return module, str(theirs)
-    module = importlib.import_module(name)
+    is_shared = top in own_modules.NAMES
+    if is_shared and hasattr(sys.modules.get(name), wanted) and not own_modules.is_ours(sys.modules[top]):
+        return sys.modules[name], name  # imported by the user's script
+    with own_modules.in_place() if is_shared else contextlib.nullcontext():
+        if (own(top) / "__init__.py").is_file():
+            if inner:
+                _add_folders(importlib.import_module(top))
+            theirs = _own_file(name)
+            if theirs is not None:
+                module = load_module(f"{name} of {theirs}", theirs)
+                if hasattr(module, wanted):
+                    return module, str(theirs)
+        module = importlib.import_module(name)
     return module, getattr(module, "__file__", None) or name
-
-
-def _is_ours(top: str) -> bool:
-    return (own(top) / "__init__.py").is_file()
-
-
-def _folders() -> list[Path]:
-    """Folders to search for the user's modules: sys.path without the project's root."""
-    return [Path(folder) for folder in own_modules.folders()]
 
 
 def _add_folders(package: ModuleType) -> None:
     """Let a package of this project also find the modules of the user's package of the same name."""
-    for folder in _folders():
+    for folder in map(Path, own_modules.folders()):
         inner = str((folder / package.__name__).resolve())
         if Path(inner).is_dir() and inner not in package.__path__:
             package.__path__.append(inner)
@@ -194,7 +172,7 @@ def _add_folders(package: ModuleType) -> None:
 def _own_file(name: str) -> Path | None:
     """The user's own ``name.py`` or ``name/__init__.py``, if it exists besides this project's package of that name."""
     inner = Path(*name.split("."))
-    for folder in _folders():
+    for folder in map(Path, own_modules.folders()):
         for path in (folder / f"{inner}.py", folder / inner / "__init__.py"):
             if path.is_file():
                 return path.resolve()

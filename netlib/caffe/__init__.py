@@ -7,41 +7,10 @@ requests for a GPU only log a warning.
 
 from netlib import TEST, TRAIN
 from netlib.caffe import _caffe, io, proto
-from netlib.caffe._caffe import (
-    NCCL,
-    AdaDeltaSolver,
-    AdaGradSolver,
-    AdamSolver,
-    Layer,
-    NesterovSolver,
-    Net,
-    RMSPropSolver,
-    SGDSolver,
-    Solver,
-    Timer,
-    get_solver,
-    has_nccl,
-    init_log,
-    layer_type_list,
-    log,
-    set_device,
-    set_mode_cpu,
-    set_mode_gpu,
-    set_multiprocess,
-    set_random_seed,
-    set_solver_count,
-    set_solver_rank,
-    solver_count,
-    solver_rank,
-)
+from netlib.caffe._caffe import *  # noqa: F403
 from netlib.caffe.classifier import Classifier
 from netlib.caffe.net_spec import NetSpec, layers, params, to_proto
 
 __version__ = _caffe.__version__
-__all__ = [
-    "NCCL", "TEST", "TRAIN", "AdaDeltaSolver", "AdaGradSolver", "AdamSolver", "Classifier", "Layer", "NesterovSolver",
-    "Net", "NetSpec", "RMSPropSolver", "SGDSolver", "Solver", "Timer", "_caffe",
-    "get_solver", "has_nccl", "init_log", "io", "layer_type_list", "layers", "log", "params",
-    "proto", "set_device", "set_mode_cpu", "set_mode_gpu", "set_multiprocess", "set_random_seed", "set_solver_count",
-    "set_solver_rank", "solver_count", "solver_rank", "to_proto",
-]
+__all__ = ["TEST", "TRAIN", "Classifier", "NetSpec", "_caffe", "io", "layers", "params", "proto", "to_proto"]
+__all__ += _caffe.__all__

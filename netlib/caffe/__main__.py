@@ -10,32 +10,16 @@ from __future__ import annotations
 
 import runpy
 import sys
-from importlib.abc import InspectLoader
 from pathlib import Path
-from types import CodeType, ModuleType
+from types import ModuleType
 
 from netlib import install_as_caffe
 
 
-class _Code(InspectLoader):
-    """Runs a text as the main module."""
-
-    def __init__(self, source: bytes | str, name: str) -> None:
-        self._source, self._name = source, name
-
-    def get_source(self, fullname: str) -> str:
-        """The text; Python shows its lines in tracebacks."""
-        return self._source if isinstance(self._source, str) else self._source.decode()
-
-    def get_code(self, fullname: str) -> CodeType:
-        """The compiled text, which may declare its encoding."""
-        return self.source_to_code(self._source, self._name)
-
-    def run(self) -> None:
-        """Run it."""
-        module = ModuleType("__main__")
-        sys.modules["__main__"] = module
-        self.exec_module(module)
+def _run(source: bytes | str, name: str) -> None:
+    """Run a text, which may declare its encoding, as the main module."""
+    sys.modules["__main__"] = module = ModuleType("__main__")
+    exec(compile(source, name, "exec", dont_inherit=True), vars(module))  # noqa: S102 - the user's own script
 
 
 def main() -> None:
@@ -52,13 +36,13 @@ def main() -> None:
     sys.path[0] = ""  # the working folder, as for Python's own -, -c and -m
     if what == "-c":
         sys.argv = ["-c", *rest[1:]]
-        _Code(rest[0], "<string>").run()
+        _run(rest[0], "<string>")
     elif what == "-m":
         sys.argv = rest
         runpy.run_module(rest[0], run_name="__main__", alter_sys=True)
     elif what == "-":
         sys.argv = words
-        _Code(sys.stdin.buffer.read(), "<stdin>").run()
+        _run(sys.stdin.buffer.read(), "<stdin>")
     else:
         path = Path(what)
         if not path.exists() or path.is_dir():
@@ -68,7 +52,7 @@ def main() -> None:
         if path.is_file():
             runpy.run_path(what, run_name="__main__")
         else:  # a pipe can be read only once
-            _Code(path.read_bytes(), what).run()
+            _run(path.read_bytes(), what)
 
 
 if __name__ == "__main__":

@@ -15,30 +15,6 @@ from netlib.errors import NetlibError
 from netlib.layer import TEST
 
 
-def transformer_of(
-    net: Net,
-    mean: Array | None,
-    input_scale: float | None,
-    raw_scale: float | None,
-    channel_swap: Sequence[int] | None,
-) -> io.Transformer:
-    """Create the preprocessing of images (H, W, K) for a net's first input. Raises NetlibError."""
-    if not net.inputs:
-        raise NetlibError(f"net {net.name!r} has no input for images; expected a deployment net with an Input layer")
-    name = net.inputs[0]
-    transformer = io.Transformer({name: net.blobs[name].data.shape})
-    transformer.set_transpose(name, (2, 0, 1))
-    if mean is not None:
-        transformer.set_mean(name, mean)
-    if input_scale is not None:
-        transformer.set_input_scale(name, input_scale)
-    if raw_scale is not None:
-        transformer.set_raw_scale(name, raw_scale)
-    if channel_swap is not None:
-        transformer.set_channel_swap(name, channel_swap)
-    return transformer
-
-
 class Classifier(Net):
     """A net in phase TEST with preprocessing for its first input.
 
@@ -58,8 +34,22 @@ class Classifier(Net):
         channel_swap: Sequence[int] | None = None,
     ) -> None:
         super().__init__(model_file, TEST, weights=pretrained_file)
-        self.transformer = transformer_of(self, mean, input_scale, raw_scale, channel_swap)
-        self.crop_dims = np.array(self.blobs[self.inputs[0]].data.shape[2:])
+        if not self.inputs:
+            raise NetlibError(
+                f"net {self.name!r} has no input for images; expected a deployment net with an Input layer"
+            )
+        name, given = self.inputs[0], self.blobs[self.inputs[0]].data.shape
+        self.transformer = io.Transformer({name: given})
+        self.transformer.set_transpose(name, (2, 0, 1))
+        if mean is not None:
+            self.transformer.set_mean(name, mean)
+        if input_scale is not None:
+            self.transformer.set_input_scale(name, input_scale)
+        if raw_scale is not None:
+            self.transformer.set_raw_scale(name, raw_scale)
+        if channel_swap is not None:
+            self.transformer.set_channel_swap(name, channel_swap)
+        self.crop_dims = np.array(given[2:])
         self.image_dims: io.Size = self.crop_dims if image_dims is None or not len(image_dims) else image_dims
         if len(self.image_dims) != 2 or (np.array(self.image_dims) < self.crop_dims).any():
             raise io.ShapeError(
@@ -78,16 +68,12 @@ class Classifier(Net):
                 f"predict takes images (H, W, K) with the same K, found {[np.shape(image) for image in inputs]}"
             )
         images = np.stack([io.resize_image(image, self.image_dims) for image in inputs])
-        crops = io.oversample(images, self.crop_dims) if oversample else _centre(images, self.crop_dims)
+        h, w = self.crop_dims
+        y, x = (images.shape[1] - h) // 2, (images.shape[2] - w) // 2
+        crops = io.oversample(images, self.crop_dims) if oversample else images[:, y : y + h, x : x + w]
         name = self.inputs[0]
         items = np.stack([self.transformer.preprocess(name, crop) for crop in crops])
         predictions: NDArray[np.float32] = self.forward_all(**{name: items})[self.outputs[0]]
         if oversample:
             return predictions.reshape(len(images), 10, -1).mean(axis=1)
         return predictions
-
-
-def _centre(images: Array, dims: io.Size) -> Array:
-    """Crop the centre of images (N, H, W, K)."""
-    y, x = (images.shape[1] - dims[0]) // 2, (images.shape[2] - dims[1]) // 2
-    return images[:, y : y + dims[0], x : x + dims[1]]

@@ -24,8 +24,7 @@ import numpy as np
 
 from netlib.blob import Array
 from netlib.distributed import ranks
-from netlib.distributed.ranks import Ranks, Request
-from netlib.distributed.shard import RankOfLayers, Shard
+from netlib.distributed.ranks import RankOfLayers, Ranks, Request, Shard
 from netlib.errors import DataError, DivergenceError, NetlibError, WeightsError, reason_of
 from netlib.net import Net
 from netlib.system import memory
@@ -48,7 +47,7 @@ class MPIRanks(Ranks):
     def __init__(self, comm: Any, divide: bool = False) -> None:
         from mpi4py import MPI
 
-        self._mpi, self._comm = MPI, comm.Dup()
+        self._comm = comm.Dup()
         self.rank, self.count = comm.Get_rank(), comm.Get_size()
         self.shard = Shard(self.rank, self.count, divide)
         self.layer_hook = RankOfLayers(self.shard)
@@ -70,7 +69,7 @@ class MPIRanks(Ranks):
     def introduce(self, facts: Mapping[str, Any]) -> None:
         """Compare the facts of all ranks."""
         self._exchange()
-        everyone: list[dict[str, Any]] = self._exchange_values(dict(facts))
+        everyone = self._exchange_values(dict(facts))
         for rank, other in enumerate(everyone):
             for name, value in everyone[0].items():
                 if other.get(name) != value:
@@ -104,7 +103,7 @@ class MPIRanks(Ranks):
     def gather(self, value: Mapping[str, Any]) -> list[dict[str, Any]]:
         """Exchange all values; rank 0 keeps those of the others."""
         self._exchange()
-        everyone: list[dict[str, Any]] = self._exchange_values(dict(value))
+        everyone = self._exchange_values(dict(value))
         return everyone[1:] if self.rank == 0 else []
 
     def at_root(self, work: Callable[[], object], request: Callable[[], Request | None] = lambda: None) -> None:
@@ -149,22 +148,17 @@ class MPIRanks(Ranks):
         self._wait(self._comm.Iallgather(own, table))
         if table[:, FAILED].any():
             first = int(table[:, FAILED].argmax())
-            everyone = self._exchange_values([type(failed).__name__, _text_of(failed)])
+            text = str(failed) if isinstance(failed, NetlibError) else f"{type(failed).__name__}: {reason_of(failed)}"
+            everyone = self._exchange_values([type(failed).__name__, text])
             kind, text = everyone[first]
             where = "" if all(other == everyone[0] for other in everyone) else f"rank {first}: "
             raise self._record(where + text, ERRORS.get(kind, NetlibError))
         return table
 
     def _exchange_values(self, own: Any) -> list[Any]:
-        """Exchange values of all ranks as JSON."""
-        text = json.dumps(own).encode()
-        sizes = np.zeros(self.count, dtype=np.int64)
-        self._wait(self._comm.Iallgather(np.array([len(text)], dtype=np.int64), sizes))
-        texts = np.zeros(int(sizes.sum()), dtype=np.uint8)
-        places = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-        mine = np.frombuffer(text, dtype=np.uint8)
-        self._wait(self._comm.Iallgatherv(mine, [texts, sizes, places, self._mpi.BYTE]))
-        return [json.loads(texts[at : at + n].tobytes()) for at, n in zip(places, sizes)]
+        """Exchange values of all ranks, which have just exchanged numbers, so that none waits for long."""
+        everyone: list[Any] = self._comm.allgather(own)
+        return everyone
 
     # ------------------------------------------------------------------------------------------ means
 
@@ -200,10 +194,6 @@ class MPIRanks(Ranks):
             polls += 1
             if polls > SPIN:
                 time.sleep(NAP_S)
-
-
-def _text_of(error: Exception | None) -> str:
-    return str(error) if isinstance(error, NetlibError) else f"{type(error).__name__}: {reason_of(error)}"
 
 
 def _different(a: Any, b: Any) -> tuple[Any, Any]:

@@ -15,20 +15,79 @@ import contextlib
 import functools
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, Literal, Protocol
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from netlib.blob import Array
 from netlib.building.params import Param
-from netlib.distributed.shard import EVERY_ROW, Shard
-from netlib.engine import Engine
 from netlib.graph import LayerHook
+from netlib.layer import Layer
 from netlib.net import Net
 from netlib.proto import schema
-from netlib.proto.messages import SolverParameter
+
+if TYPE_CHECKING:
+    from netlib.solver import Solver
 
 Request = Literal["stop", "snapshot"]  # to a solver
+
+
+@dataclass(frozen=True)
+class Shard:
+    """The shard of the data that one rank reads.
+
+    rank, count  the rank reads rows k with k mod count = rank
+    divide       split the prototxt's batch among the ranks instead of using it on each
+    """
+
+    rank: int = 0
+    count: int = 1
+    divide: bool = False
+
+    def batch(self, size: int) -> int:
+        """Number of rows that a rank reads of a prototxt's batch. Raises ValueError if it cannot be divided."""
+        if not self.divide:
+            return size
+        if size % self.count:
+            raise ValueError(
+                f"a batch of {size} cannot be divided among {self.count} ranks; expected a multiple of {self.count}"
+            )
+        return size // self.count
+
+    def places(self, size: int) -> Iterator[int | None]:
+        """For every row of a step, its index in this rank's batch of ``size``, or None if another rank reads it."""
+        return (k // self.count if k % self.count == self.rank else None for k in range(size * self.count))
+
+    def rows(self, done: int, take: int) -> tuple[slice, slice]:
+        """Of ``take`` consecutive rows that follow ``done`` rows of a step: the rows of this rank, and their indices
+        in its batch."""
+        first = (self.rank - done) % self.count
+        place = (done + first) // self.count
+        return slice(first, take, self.count), slice(place, place + len(range(first, take, self.count)))
+
+
+EVERY_ROW = Shard()
+
+
+class RankOfLayers(LayerHook):
+    """Sets up the layers of a net for one rank: the rows that they read and their random numbers.
+
+    Parameters and the order of the data are the same on all ranks; other random numbers differ.
+    """
+
+    def __init__(self, shard: Shard) -> None:
+        self.shard = shard
+
+    def before_setup(self, layer: Layer) -> None:
+        """Set the shard of layers that read data."""
+        if hasattr(layer, "shard"):
+            layer.shard = self.shard
+
+    def after_setup(self, layer: Layer, seed: np.random.SeedSequence) -> None:
+        """Give layers their own random numbers on ranks other than 0."""
+        if self.shard.rank:
+            layer.rng.bit_generator.state = np.random.SFC64(seed.spawn(self.shard.rank)[-1]).state
 
 
 class Ranks:
@@ -68,9 +127,6 @@ class Ranks:
         """The request that counts after ``agree`` or ``at_root``: "stop" from any rank, or "snapshot" from rank 0."""
         return own
 
-    def average(self, arrays: Sequence[Array]) -> None:
-        """Replace arrays by their means over the ranks."""
-
     def gather(self, value: Mapping[str, Any]) -> list[dict[str, Any]]:
         """Return, at rank 0, the JSON values of the other ranks in order; elsewhere an empty list."""
         return []
@@ -96,16 +152,7 @@ ALONE = Ranks()
 latest = ALONE  # the last of several ranks in this process, for layers that read caffe.solver_rank
 
 
-class Trained(Protocol):
-    """The attributes of a solver of which ``facts_of`` makes facts."""
-
-    param: SolverParameter
-    net: Net
-    engine: Engine
-    iter: int
-
-
-def facts_of(solver: Trained) -> dict[str, Any]:
+def facts_of(solver: Solver) -> dict[str, Any]:
     """Return the values, by name, that must be equal on all ranks before their first step."""
     reading = {layer.name: layer.reads() for layer in solver.net.layers if hasattr(layer, "reads")}
     return {

@@ -2,7 +2,6 @@
 
 from netlib.files.reading import (
     MAX_BYTES,
-    MAX_TEXT_BYTES,
     Content,
     Source,
     is_in_use,
@@ -10,12 +9,11 @@ from netlib.files.reading import (
     noted,
     opened,
     read_bytes,
-    read_content,
     read_pieces,
     read_text,
 )
 
 __all__ = [
-    "MAX_BYTES", "MAX_TEXT_BYTES", "Content", "Source", "is_in_use", "make_folder", "noted",
-    "opened", "read_bytes", "read_content", "read_pieces", "read_text",
+    "MAX_BYTES", "Content", "Source", "is_in_use", "make_folder", "noted", "opened", "read_bytes", "read_pieces",
+    "read_text",
 ]

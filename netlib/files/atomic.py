@@ -24,19 +24,14 @@ TEMPORARY = re.compile(r"\.(.+)\.[0-9a-f]{8}\.netlib\.tmp")  # group 1 is the na
 @contextlib.contextmanager
 def temporary(path: Path) -> Iterator[Path]:
     """Yield an empty file next to ``path``, to be filled and renamed; removed if it is not. Raises OSError."""
-    fresh = sibling(path, "tmp")
+    if not path.name:  # "", "." and "/"
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    fresh = path.with_name(f".{path.name}.{secrets.token_hex(4)}.netlib.tmp")  # in the same folder: renaming is atomic
     os.close(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))  # fails if the name exists, even as a link
     try:
         yield fresh
     finally:
         fresh.unlink(missing_ok=True)
-
-
-def sibling(path: Path, suffix: str) -> Path:
-    """A new hidden name in the same folder, so that renaming is atomic. Raises OSError if ``path`` has no name."""
-    if not path.name:  # "", "." and "/"
-        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-    return path.with_name(f".{path.name}.{secrets.token_hex(4)}.netlib.{suffix}")
 
 
 def clear_leftovers(folder: Path, name: re.Pattern[str]) -> None:

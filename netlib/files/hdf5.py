@@ -16,7 +16,7 @@ import math
 import os
 import re
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -42,27 +42,24 @@ def opened(path: str | Path | Content, what: str, kind: type[NetlibError] = Data
 
     Raises ``kind``, including for errors of HDF5 inside the ``with`` block.
     """
+
+    def refused(why: str) -> NetlibError:
+        return kind(f"{path}: cannot read {what}: {why}")
+
     _check_seal(path, what, kind)
     try:
         file = h5py.File(io.BytesIO(path.data) if isinstance(path, Content) else path, "r", locking=False)
     except (OSError, RuntimeError) as error:
-        why = "" if system_error_of(error) else "damaged or truncated: "
-        raise kind(f"{path}: cannot read {what}: {why}{reason_of(error)}") from error
+        raise refused(f"{'' if system_error_of(error) else 'damaged or truncated: '}{reason_of(error)}") from error
     try:
         with file:
-            _check_objects(file)
+            _check_objects(file, refused)
             yield file
     except NetlibError:
         raise
-    except _RefusedError as error:
-        raise kind(f"{path}: cannot read {what}: {error}") from error
     except (OSError, LookupError, TypeError, ValueError, RuntimeError, AttributeError, MemoryError) as error:
         why = "" if system_error_of(error) else "damaged, or not as expected: "
-        raise kind(f"{path}: cannot read {what}: {why}{reason_of(error)}") from error
-
-
-class _RefusedError(Exception):
-    """Something in a file that is not read."""
+        raise refused(f"{why}{reason_of(error)}") from error
 
 
 def sealed(image: bytes) -> bytes:
@@ -81,15 +78,15 @@ def _check_seal(path: str | Path | Content, what: str, kind: type[NetlibError]) 
     if seal is None:
         return
     crc, end = 0, b""
-    for piece in [path.data] if isinstance(path, Content) else files.read_pieces(path, what, kind, math.inf):
+    for piece in [path.data] if isinstance(path, Content) else files.read_pieces(path, what, kind):
         data = end + piece
         crc, end = zlib.crc32(data[:-SEAL_BYTES], crc), data[-SEAL_BYTES:]
     if int(seal[1], 16) != crc:
         raise kind(f"{path}: cannot read {what}: damaged: checksum mismatch")
 
 
-def _check_objects(file: h5py.File) -> None:
-    """Raise _RefusedError for what refers to other files, and for data sets that claim values which are not stored."""
+def _check_objects(file: h5py.File, refused: Callable[[str], NetlibError]) -> None:
+    """Raise the error ``refused`` for what refers to other files, and for data sets whose values are not stored."""
     seen: set[int] = set()
     waiting: list[h5py.Group] = [file]
     while waiting:
@@ -97,8 +94,8 @@ def _check_objects(file: h5py.File) -> None:
         for name in group:
             link, where = group.get(name, getlink=True), f"{group.name.rstrip('/')}/{name}"
             if isinstance(link, h5py.ExternalLink):
-                raise _RefusedError(f"{where!r} is a link into another file, {link.filename!r}, which is not followed; "
-                                    "expected all in one file")
+                raise refused(f"{where!r} is a link into another file, {link.filename!r}, which is not followed; "
+                              "expected all in one file")
             if isinstance(link, h5py.SoftLink):  # its target is checked where it is stored
                 continue
             item = group[name]
@@ -109,21 +106,21 @@ def _check_objects(file: h5py.File) -> None:
             if isinstance(item, h5py.Group):
                 waiting.append(item)
             elif isinstance(item, h5py.Dataset):
-                _check_dataset(item)
+                _check_dataset(item, refused)
 
 
-def _check_dataset(dataset: h5py.Dataset) -> None:
+def _check_dataset(dataset: h5py.Dataset, refused: Callable[[str], NetlibError]) -> None:
     where = f"data set {dataset.name!r}"
     if dataset.is_virtual:
-        raise _RefusedError(f"{where} is virtual and refers to other data sets, which are not read; expected "
-                            "values")
+        raise refused(f"{where} is virtual and refers to other data sets, which are not read; expected "
+                      "values")
     if dataset.external:
-        raise _RefusedError(f"{where} is kept in another file, {dataset.external[0][0]!r}, which is not read; "
-                            "expected all in one file")
+        raise refused(f"{where} is kept in another file, {dataset.external[0][0]!r}, which is not read; "
+                      "expected all in one file")
     stored, claimed = dataset.id.get_storage_size(), math.prod(dataset.shape or ()) * dataset.id.get_type().get_size()
     is_contiguous = dataset.id.get_offset() is not None
     if claimed > stored and (is_contiguous or (claimed >= LARGE and claimed > 2000 * stored)):
-        raise _RefusedError(f"{where} claims {claimed} bytes, but only {stored} are stored; expected data")
+        raise refused(f"{where} claims {claimed} bytes, but only {stored} are stored; expected data")
 
 
 @contextlib.contextmanager

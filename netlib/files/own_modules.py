@@ -1,4 +1,4 @@
-"""This project's packages ``layers`` and ``fast``, also where a script has modules of these names.
+"""This project's packages ``layers`` and ``fast``, also where a script has modules of these names, and ``caffe``.
 
 Scripts written for Caffe often have their own ``layers``. ``own_module`` returns ours whatever else is imported under
 its name; where a script has its own, ours are in sys.modules only while one of our modules is imported (``in_place``),
@@ -14,9 +14,10 @@ import functools
 import importlib
 import importlib.abc
 import importlib.machinery
+import importlib.util
 import sys
 import threading
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
 
@@ -50,6 +51,21 @@ def yield_names(names: Iterable[str] = NAMES) -> None:
             sys.meta_path.insert(0, _Finder())
         if is_ours(sys.modules.get(top)):
             _aside.update(_take(top))
+
+
+def take_caffe() -> None:
+    """From now on, ``import caffe`` returns netlib.caffe, even if Caffe is installed or imported."""
+    if not any(isinstance(finder, _Caffe) for finder in sys.meta_path):
+        _take("caffe")
+        sys.meta_path.insert(0, _Caffe())
+
+
+def has_caffe() -> bool:
+    """Whether Python would find a package ``caffe``; if one is loaded, whether it has nets."""
+    if "caffe" in sys.modules:
+        return hasattr(sys.modules["caffe"], "Net")
+    found = importlib.util.find_spec("caffe")  # must be a package, not a single file or a folder without __init__.py
+    return found is not None and found.origin is not None and bool(found.submodule_search_locations)
 
 
 def guard(package: str) -> None:
@@ -128,7 +144,7 @@ class _InPlace(importlib.machinery.SourceFileLoader):
             super().exec_module(module)
 
 
-class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
+class _Finder(importlib.abc.MetaPathFinder):
     """Import hook that finds a script's own modules before ours, and ours if there are none."""
 
     def find_spec(
@@ -143,12 +159,41 @@ class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
         if not inner and (theirs := importlib.machinery.PathFinder.find_spec(name, folders())) and _has_code(theirs):
             return theirs
         if inner and top in NAMES and name not in _aside:
-            _import_aside(name)
-        return importlib.machinery.ModuleSpec(name, self) if name in _aside else None
+            with in_place(), contextlib.suppress(ModuleNotFoundError):  # not imported before the names were yielded
+                importlib.import_module(name)
+        module = _aside.get(name)
+        return None if module is None else importlib.machinery.ModuleSpec(name, _Existing(lambda: module))
+
+
+class _Caffe(importlib.abc.MetaPathFinder):
+    """Import hook that resolves ``caffe`` and ``caffe.x.y`` to netlib.caffe and its modules."""
+
+    def find_spec(
+        self, name: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        """Spec of a module of netlib.caffe, or of one that a folder on sys.path has.
+
+        Forks add modules to the package caffe; those of a fork's python/caffe that a script has on its path are found.
+        """
+        if name.partition(".")[0] != "caffe":
+            return None
+        ours = f"netlib.{name}"
+        with contextlib.suppress(ModuleNotFoundError):  # of a package that only the fork has
+            if importlib.util.find_spec(ours) is not None:
+                return importlib.machinery.ModuleSpec(name, _Existing(functools.partial(importlib.import_module, ours)))
+        package = Path(*name.split(".")[:-1])
+        return importlib.machinery.PathFinder.find_spec(name, [str(folder / package) for folder in map(Path, sys.path)])
+
+
+class _Existing(importlib.abc.Loader):
+    """Gives an import a module that exists, maybe under another name."""
+
+    def __init__(self, module: Callable[[], ModuleType]) -> None:
+        self._module = module
 
     def create_module(self, spec: importlib.machinery.ModuleSpec) -> ModuleType:
-        """Return our module."""
-        module = _aside[spec.name]
+        """Return the module."""
+        module = self._module()
         spec.loader_state = module.__spec__
         return module
 
@@ -156,12 +201,6 @@ class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
         """Restore the module's own spec, which the import system has replaced."""
         assert module.__spec__ is not None
         module.__spec__ = module.__spec__.loader_state
-
-
-def _import_aside(name: str) -> None:
-    """Import a module of ours, if it exists, that no one imported before the names were yielded."""
-    with in_place(), contextlib.suppress(ModuleNotFoundError):
-        importlib.import_module(name)
 
 
 def _has_code(spec: importlib.machinery.ModuleSpec) -> bool:

@@ -77,8 +77,8 @@ def exists(path: Path) -> bool:
 
 def names_in(folder: Path) -> set[str]:
     """Names of all entries of a folder; empty if it cannot be read."""
-    with contextlib.suppress(OSError), os.scandir(folder) as entries:
-        return {entry.name for entry in entries}
+    with contextlib.suppress(DataError):
+        return list_folder(folder)
     return set()
 
 
@@ -104,12 +104,3 @@ def load_module(name: str, path: Path) -> ModuleType:
                 del sys.modules[name]
                 raise
         return sys.modules[name]
-
-
-def execute(path: Path) -> ModuleType:
-    """Execute the file of a module without an entry in sys.modules."""
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module

@@ -45,12 +45,7 @@ def opened(path: str | Path, what: str, kind: type[NetlibError] = DataError) -> 
     """Open a file for reading; ``what`` describes it in errors. Raises ``kind``."""
     try:
         _check(Path(path).stat(), path, what, kind)
-        stream = FileIO(path, "rb", opener=_at_once)
-        try:
-            _check(os.fstat(stream.fileno()), path, what, kind)  # it may have been replaced since
-        except BaseException:
-            stream.close()
-            raise
+        stream = FileIO(path, "rb")
     except (OSError, ValueError) as error:  # ValueError: a name that no file can have
         raise kind(f"{path}: cannot read {what}: {reason_of(error)}") from error
     for names in _notebooks:
@@ -65,21 +60,18 @@ def read_bytes(
     with opened(path, what, kind) as raw, BufferedReader(raw) as stream:
         try:
             size = os.fstat(stream.fileno()).st_size  # files in /proc have size 0 and may be endless
-            if first is None:
-                _check_size(size, limit, path, what, kind)
+            if first is None and size > limit:
+                raise kind(f"{path}: {size} bytes, which is too large for {what}; at most {int(limit)} are read")
             return stream.read(size if first is None else min(size, first))
         except (OSError, MemoryError) as error:
             raise kind(f"{path}: cannot read {what}: {reason_of(error)}") from error
 
 
-def read_pieces(
-    path: str | Path, what: str, kind: type[NetlibError] = DataError, limit: float = MAX_BYTES
-) -> Iterator[bytes]:
-    """Like ``read_bytes``, in pieces of some megabytes."""
+def read_pieces(path: str | Path, what: str, kind: type[NetlibError] = DataError) -> Iterator[bytes]:
+    """Like ``read_bytes`` of a file of any size, in pieces of some megabytes."""
     with opened(path, what, kind) as stream:
         try:
             left = os.fstat(stream.fileno()).st_size
-            _check_size(left, limit, path, what, kind)
             while left and (piece := stream.read(min(left, PIECE))):
                 yield piece
                 left -= len(piece)
@@ -119,11 +111,6 @@ class Content(NamedTuple):
     def __str__(self) -> str:
         """The path, for messages."""
         return str(self.path)
-
-
-def read_content(path: str | Path, what: str, kind: type[NetlibError] = DataError, limit: float = MAX_BYTES) -> Content:
-    """Read a file once. Raises ``kind``, also if it is larger than ``limit``."""
-    return Content(Path(path), read_bytes(path, what, kind, limit))
 
 
 class Source:
@@ -210,13 +197,3 @@ def _check(status: os.stat_result, path: str | Path, what: str, kind: type[Netli
     found = stat.S_IFMT(status.st_mode)
     if found != stat.S_IFREG:
         raise kind(f"{path}: cannot read {what}: {KINDS.get(found, 'it is not a regular file')}; expected a file")
-
-
-def _check_size(size: int, limit: float, path: str | Path, what: str, kind: type[NetlibError]) -> None:
-    if size > limit:
-        raise kind(f"{path}: {size} bytes, which is too large for {what}; at most {int(limit)} are read")
-
-
-def _at_once(path: str, flags: int) -> int:
-    """Open without blocking, even a pipe that has no writer."""
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))

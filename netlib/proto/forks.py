@@ -10,7 +10,6 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
-from netlib.errors import FORK_NAMES, option_advice
 from netlib.proto.prototxt import Field, Scalar
 
 ANY = "any"  # all values only select an implementation, or have no effect without another option
@@ -93,8 +92,8 @@ def effect_of(message: str, name: str) -> str:
 
 def type_advice(name: str, known: Iterable[str]) -> str:
     """Advice on an unknown layer type: what to use instead, or the known types with the nearest names."""
-    if name in FORK_NAMES and name not in known:
-        return option_advice(name, ())
+    if name == "BN" and name not in known:  # which are those of an older format
+        return ' (the layer BN of SegNet and PSPNet needs the current format: layer { type: "BN" bn_param { ... } })'
     if name in HINTS:
         return f" ({HINTS[name]})"
     letters = {_letters(one): one for one in known}

@@ -215,9 +215,7 @@ class SolverParameter:
     display: Natural = numbered(6, 0)  # iterations between log lines; 0: none
     average_loss: Natural = numbered(33, 1)  # iterations averaged in the displayed loss
     type: str = numbered(40, "SGD")  # SGD, Nesterov, AdaGrad, RMSProp, AdaDelta, Adam
-    solver_type: Literal["SGD", "NESTEROV", "ADAGRAD", "RMSPROP", "ADADELTA", "ADAM"] | None = numbered(
-        30, None
-    )  # older files
+    solver_type: Literal["SGD", "NESTEROV", "ADAGRAD", "RMSPROP", "ADADELTA", "ADAM"] | None = numbered(30, None)  # old
     momentum: float = numbered(11, 0.0)  # Adam's beta1, AdaDelta's decay
     momentum2: float = numbered(39, 0.999)  # Adam's beta2
     rms_decay: float = numbered(38, 0.99)

@@ -1,4 +1,4 @@
-"""Reading a net's prototxt, and selecting its layers by phase, level and stages."""
+"""Reading a net's prototxt, selecting its layers by phase, level and stages, and inserting Split layers."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from pathlib import Path
 
 from netlib.errors import PrototxtError
 from netlib.proto import prototxt, schema
-from netlib.proto.messages import LayerParameter, NetParameter, NetState, NetStateRule
-from netlib.proto.prototxt import Field, Message, Scalar
+from netlib.proto.messages import BlobShape, LayerParameter, NetParameter, NetState, NetStateRule
+from netlib.proto.prototxt import Field, Message
 from netlib.proto.upgrade import upgraded
 
 SOLVER_FIELDS = {"net", "train_net", "base_lr", "lr_policy", "max_iter"}
@@ -77,26 +77,69 @@ def meets(state: NetState, rule: NetStateRule) -> bool:
 def input_layer(param: NetParameter) -> LayerParameter:
     """Convert old-style inputs, ``input: "x" input_dim: 1 ...`` or ``input_shape``, to an Input layer."""
     where = schema.position_of(param, "input")
-    dims: list[Sequence[int]]
-    if param.input_shape:
-        dims = [shape.dim for shape in param.input_shape]
-    else:
-        dims = [param.input_dim[i : i + 4] for i in range(0, len(param.input_dim), 4)]
-    if len(param.input_dim) % 4 and not param.input_shape:
-        raise PrototxtError(where, f"{len(param.input_dim)} input_dim; expected four for all inputs or four per input")
-    if len(dims) not in (1, len(param.input)):
+    shapes = param.input_shape
+    if not shapes:
+        shapes = tuple(BlobShape(param.input_dim[i : i + 4]) for i in range(0, len(param.input_dim), 4))
+        if len(param.input_dim) % 4:
+            found = f"{len(param.input_dim)} input_dim; expected four for all inputs or four per input"
+            raise PrototxtError(where, found)
+    if len(shapes) not in (1, len(param.input)):
         raise PrototxtError(
-            where, f"{len(param.input)} inputs, but {len(dims)} input_shape; expected one for all or one per input"
+            where, f"{len(param.input)} inputs, but {len(shapes)} input_shape; expected one for all or one per input"
         )
-    shapes = [
-        Field(
-            "shape",
-            Message([Field("dim", Scalar("number", str(n), where), where) for n in d], where),
-            where,
-        )
-        for d in dims
-    ]
-    block = Message(shapes, where)
-    own = {"name": ["input"], "type": ["Input"], "top": param.input}
-    fields = [Field(name, Scalar("string", text, where), where) for name, texts in own.items() for text in texts]
-    return schema.read(Message([*fields, Field("input_param", block, where)], where), LayerParameter)
+    block = Message([Field("shape", schema.to_tree(shape), where) for shape in shapes], where)
+    layer = LayerParameter(name="input", type="Input", top=param.input, blocks={"input_param": block})
+    return schema.placed(layer, Message([], where))
+
+
+def insert_splits(layers: Sequence[LayerParameter]) -> list[LayerParameter]:
+    """Insert a Split layer after every top that has more than one reader, so that no two layers write the same diff.
+
+    As in Caffe, its backward sums the diffs. Names are Caffe's. A loss weight on such a top counts as another reader.
+    """
+    last: dict[str, tuple[int, int]] = {}  # blob name -> (layer, top index) that wrote it last
+    source: dict[tuple[int, int], tuple[int, int]] = {}  # (layer, bottom index) -> its writer
+    readers: dict[tuple[int, int], int] = {}
+    for i, layer in enumerate(layers):
+        for j, name in enumerate(layer.bottom):
+            if name in last:  # the net reports unknown bottoms, with better advice
+                source[i, j] = last[name]
+                readers[last[name]] = readers.get(last[name], 0) + 1
+        for j, name in enumerate(layer.top):
+            last[name] = (i, j)
+            if j < len(layer.loss_weight) and layer.loss_weight[j]:
+                readers[i, j] = readers.get((i, j), 0) + 1
+    result: list[LayerParameter] = []
+    taken: dict[tuple[int, int], int] = {}
+    for i, layer in enumerate(layers):
+        bottoms = list(layer.bottom)
+        for j, name in enumerate(layer.bottom):
+            writer = source.get((i, j))
+            if writer is not None and readers[writer] > 1:
+                k = taken.get(writer, 0)
+                taken[writer] = k + 1
+                bottoms[j] = _split_top(layers[writer[0]].name, name, writer[1], k)
+        weights = list(layer.loss_weight)
+        splits: list[LayerParameter] = []
+        for j, name in enumerate(layer.top):
+            count = readers.get((i, j), 0)
+            if count < 2:
+                continue
+            weight = weights[j] if j < len(weights) else 0.0
+            if weight:  # the first copy carries the loss
+                weights[j] = 0.0
+                taken[i, j] = taken.get((i, j), 0) + 1
+            split = LayerParameter(
+                name=f"{name}_{layer.name}_{j}_split",
+                type="Split",
+                bottom=(name,),
+                top=tuple(_split_top(layer.name, name, j, k) for k in range(count)),
+                loss_weight=(weight,) + (0.0,) * (count - 1) if weight else (),
+            )
+            splits.append(schema.placed(split, Message([], schema.position_of(layer))))
+        result += [schema.changed(layer, bottom=tuple(bottoms), loss_weight=tuple(weights)), *splits]
+    return result
+
+
+def _split_top(layer: str, blob: str, top: int, k: int) -> str:
+    return f"{blob}_{layer}_{top}_split_{k}"

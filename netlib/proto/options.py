@@ -1,14 +1,44 @@
-"""Layer types and their options blocks; the only module of netlib that looks up the package ``layers``."""
+"""Layer types, tables of their classes, and their options blocks; the only module of netlib that looks up the package
+``layers``.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, MutableMapping
+from collections import UserDict
+from collections.abc import Mapping, MutableMapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from netlib.files.own_modules import own_module
 from netlib.proto.messages import BLOCKS, LossParameter, PythonParameter
+
+K = TypeVar("K")
+PACKAGE = "layers"
+
+
+def class_at(package: str, place: str) -> Any:
+    """The class at a place in a package of this project: ``layers`` and ``vision.pooling.Pooling``."""
+    module, _, name = place.rpartition(".")
+    return getattr(own_module(f"{package}.{module}"), name)
+
+
+def place_of(cls: type) -> str:
+    """The place of a class in the package ``layers``; of a class elsewhere one that no class of ours has."""
+    return f"{cls.__module__}.{cls.__qualname__}".removeprefix(f"{PACKAGE}.")
+
+
+class LayerTable(UserDict[K, Any]):
+    """Keys, such as layer types, and classes: made from the place of each class in the package ``layers``, for example
+    ``vision.pooling.Pooling``.
+    """
+
+    def __getitem__(self, key: K) -> Any:
+        """The class; its file is imported if necessary."""
+        entry = self.data[key]
+        if isinstance(entry, str):
+            entry = self.data[key] = class_at(PACKAGE, entry)
+        return entry
 
 
 @dataclass(frozen=True)
@@ -28,37 +58,23 @@ def class_of(type_name: str, bottoms: int) -> Any:
     return special[type_name, bottoms] if (type_name, bottoms) in special else layer_types()[type_name]
 
 
-class _OptionBlocks(Mapping[str, type]):
-    """Every options block: name -> dataclass, whose layer is imported when the block is looked up."""
+class _OptionBlocks(UserDict[str, Any]):
+    """Options blocks: name -> dataclass, or None if a layer has it, which is imported when the block is looked up."""
 
-    _shared: Mapping[str, type] = {"python_param": PythonParameter, "loss_param": LossParameter}
-
-    def __getitem__(self, block: str) -> type:
+    def __getitem__(self, block: str) -> Any:
         """The dataclass of a block."""
-        if block in self._shared:
-            return self._shared[block]
-        if block not in BLOCKS:
-            raise KeyError(block)
-        cls = layer_types()[self._owner(block)]
-        found: type = cls.other_blocks.get(block, cls.param_type)
-        return found
-
-    def _owner(self, block: str) -> str:
-        """A layer type that reads a block."""
-        owners: Mapping[str, str] = own_module("layers").BLOCK_OWNERS
-        return owners[block] if block in owners else next(name for name in layer_types() if _block_of(name) == block)
-
-    def __contains__(self, block: object) -> bool:
-        return block in BLOCKS
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(BLOCKS)
-
-    def __len__(self) -> int:
-        return len(BLOCKS)
+        return self.data[block] or _of_layer(block)
 
 
-_BLOCKS = _OptionBlocks()
+def _of_layer(block: str) -> Any:
+    """The dataclass of a block of a layer type that reads it."""
+    owners: Mapping[str, str] = own_module("layers").BLOCK_OWNERS
+    owner = owners[block] if block in owners else next(name for name in layer_types() if _block_of(name) == block)
+    cls = layer_types()[owner]
+    return cls.other_blocks.get(block, cls.param_type)
+
+
+_BLOCKS = _OptionBlocks({**dict.fromkeys(BLOCKS), "python_param": PythonParameter, "loss_param": LossParameter})
 
 
 def option_blocks() -> Mapping[str, type]:

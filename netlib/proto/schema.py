@@ -30,7 +30,7 @@ from typing import Annotated, Any, Literal, TypeVar, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from netlib.errors import PrototxtError, option_advice
+from netlib.errors import PrototxtError, did_you_mean
 from netlib.proto import forks
 from netlib.proto.prototxt import Bytes, Field, Message, Numbers, Place, Position, Scalar, Unknown
 
@@ -98,7 +98,7 @@ def unknown_field(item: Field, known: typing.Iterable[str], message: str) -> Pro
     known = list(known)
     if effect := forks.effect_of(message, item.name):
         return PrototxtError(item.position, f"unknown option {item.name!r} {effect}")
-    advice = option_advice(item.name, known) or f"; known fields: {', '.join(known)}"
+    advice = did_you_mean(item.name, known) or f"; known fields: {', '.join(known)}"
     return PrototxtError(item.position, f"unknown field {item.name!r}{advice}")
 
 
@@ -110,7 +110,7 @@ def with_values(message: T, **values: Any) -> T:
     for name, value in values.items():
         place = position_of(message, name)
         if written_name(name) not in hints:
-            raise PrototxtError(place, f"unknown field {name!r}{option_advice(name, hints)}")
+            raise PrototxtError(place, f"unknown field {name!r}{did_you_mean(name, hints)}")
         kind, repeated = kind_of(hints[written_name(name)])
         if value is None and defaults[name] is None:
             found[name] = None
@@ -271,7 +271,7 @@ def value_of(item: Field, kind: Any) -> Any:
         where = value.position
         names = list(enum_of(kind))
         if names:
-            advise = forks.type_advice if item.name == "type" else option_advice
+            advise = forks.type_advice if item.name == "type" else did_you_mean
             advice = advise(value.text, names) or f"; known values: {', '.join(names)}"
             if value.kind == "string":
                 raise PrototxtError(where, f"{item.name!r} expects a name without quotes, found {value}{advice}")
@@ -378,11 +378,6 @@ def _tree_value(value: Any, kind: Any, place: Place) -> Scalar | Numbers | Messa
         return value
     if is_message(kind):
         return to_tree(value)
-    return scalar_node(value, kind, place)
-
-
-def scalar_node(value: Any, kind: Any, place: Place) -> Scalar:
-    """Convert a Python value to a scalar of a tree."""
     if kind is bytes:
         return Scalar("string", value.decode("utf-8", "surrogateescape"), place)
     if kind is str:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from netlib.errors import PrototxtError
 from netlib.proto import schema
@@ -108,14 +108,15 @@ def refuse_v0(layer: Message) -> None:
 
 def _layer(old: Message) -> Message:
     """Convert a V1 layer."""
-    type_name = ["NONE", *(_enum_name(v) for v in old.values("type"))][-1]
+    type_name = ["NONE", *(schema.scalar_value(v, V1Type) for v in old.values("type") if isinstance(v, Scalar))][-1]
     old = _with_transform(old, TRANSFORMED.get(type_name))
     fields: list[Field] = []
     specs: list[list[Field]] = []  # one per parameter
     seen = dict.fromkeys(PER_PARAMETER, 0)
     for item in old.fields:
         if isinstance(item.value, Unknown):
-            _warn_of_dropped(item)
+            # Its number means another field in the current format.
+            log.warning("%s: a field that is unknown in Caffe's older formats is dropped, as in Caffe", item.position)
         elif item.name == "type":
             fields.append(Field("type", Scalar("string", V1_TYPES[type_name], item.position), item.position))
         elif item.name in PER_PARAMETER:
@@ -130,16 +131,6 @@ def _layer(old: Message) -> Message:
     return Message(fields, old.position)
 
 
-def _warn_of_dropped(item: Field) -> None:
-    """Warn of a field of a fork: its number means another field in the current format."""
-    log.warning("%s: a field that is unknown in Caffe's older formats is dropped, as in Caffe", item.position)
-
-
-def _enum_name(value: Any) -> str:
-    name: str = schema.scalar_value(value, V1Type)
-    return name
-
-
 def _with_transform(old: Message, block: str | None) -> Message:
     """Move scale, mean, crop and mirror from data_param to transform_param."""
     if block is None:
@@ -152,19 +143,17 @@ def _with_transform(old: Message, block: str | None) -> Message:
             stay = [f for f in item.value.fields if f.name not in MOVED]
             item = Field(item.name, Message(stay, item.value.position), item.position)
         fields.append(item)
-    return Message([*fields, *_block("transform_param", moved, old)], old.position)
-
-
-def _block(name: str, options: list[Field], layer: Message) -> list[Field]:
-    return [Field(name, Message(options, layer.position), layer.position)] if options else []
+    if moved:
+        fields.append(Field("transform_param", Message(moved, old.position), old.position))
+    return Message(fields, old.position)
 
 
 def _with_fixed_statistics(item: Field) -> Field:
     """Freeze the three parameters that older nets declare for BatchNorm: they are statistics, not weights."""
     layer = item.value
-    if item.name != "layer" or not isinstance(layer, Message) or _text(layer, "type") != "BatchNorm":
+    if item.name != "layer" or not isinstance(layer, Message) or len(layer.values("param")) != 3:
         return item
-    if len(layer.values("param")) != 3:
+    if [v.text for v in layer.values("type") if isinstance(v, Scalar)][-1:] != ["BatchNorm"]:
         return item
     zero = Scalar("number", "0", layer.position)
     frozen = [Field(name, zero, layer.position) for name in ("lr_mult", "decay_mult")]
@@ -175,8 +164,3 @@ def _with_fixed_statistics(item: Field) -> Field:
             one = Field("param", Message([*others, *frozen], one.value.position), one.position)
         fields.append(one)
     return Field("layer", Message(fields, layer.position), item.position)
-
-
-def _text(message: Message, name: str) -> str:
-    """The last value of a string field; empty if there is none."""
-    return next((v.text for v in reversed(message.values(name)) if isinstance(v, Scalar)), "")

@@ -323,7 +323,8 @@ def _parts(message: Message, cls: type) -> list[Piece]:
         if spec.kind in ARRAYS:
             array = schema.array_of(found[name], spec.kind)
             if spec.packed:
-                parts += _with_length(spec.number, [_bytes(array)])
+                whole = memoryview(np.ascontiguousarray(array)).cast("B") if array.size else b""  # type: ignore[arg-type]
+                parts += _with_length(spec.number, [whole])
             else:
                 parts += [_key(spec.number, spec.wire_type) + number.tobytes() for number in array]
         elif spec.packed:
@@ -364,10 +365,6 @@ def _one(spec: FieldInfo, field: Field) -> bytes:
     if spec.wire_type == VARINT:
         return _varint(int(value) % 2**64)
     return struct.pack("<f" if spec.wire_type == FOUR_BYTES else "<d", value)
-
-
-def _bytes(array: NDArray[Any]) -> Piece:
-    return memoryview(np.ascontiguousarray(array)).cast("B") if array.size else b""  # type: ignore[arg-type]
 
 
 def _varint(value: int) -> bytes:

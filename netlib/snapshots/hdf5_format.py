@@ -12,11 +12,11 @@ import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
 
+from netlib.blob import Array
 from netlib.errors import WeightsError
 from netlib.files import Content, hdf5
 from netlib.snapshots.solver_state import SolverState, Weights
@@ -64,23 +64,18 @@ def state_image(state: SolverState) -> bytes:
     with hdf5.in_memory() as (file, image):
         file["iter"] = np.array([state.iter], dtype=np.int32)
         file["current_step"] = np.array([state.current_step], dtype=np.int32)
-        _write_c_string(file, "learned_net", state.learned_net)
+        file["learned_net"] = _c_string(state.learned_net)
         history = file.create_group("history")
         for i, array in enumerate(state.history):
             history[str(i)] = array
-        _write_c_string(file, "netlib", json.dumps(state.extra))
+        file["netlib"] = _c_string(json.dumps(state.extra))
     return hdf5.sealed(image.getvalue())
 
 
-def _write_c_string(file: h5py.File, name: str, text: str) -> None:
-    """Write a fixed-length, null-terminated string, as Caffe's H5LT calls do."""
+def _c_string(text: str) -> Array:
+    """A text with its terminating zero, of fixed length, as Caffe reads it."""
     raw = os.fsencode(text)
-    kind = h5py.h5t.C_S1.copy()
-    kind.set_size(len(raw) + 1)
-    kind.set_strpad(h5py.h5t.STR_NULLTERM)
-    space = h5py.h5s.create(h5py.h5s.SCALAR)
-    dataset = h5py.h5d.create(file.id, name.encode(), kind, space)
-    dataset.write(h5py.h5s.ALL, h5py.h5s.ALL, np.array(raw, dtype=f"S{len(raw) + 1}"))
+    return np.array(raw, dtype=f"S{len(raw) + 1}")
 
 
 # ---------------------------------------------------------------------------------------------- reading
@@ -115,22 +110,15 @@ def net_name(path: str | Path | Content) -> str:
         return raw.decode("utf-8", "replace") if isinstance(raw, bytes) else ""
 
 
-def _layers(group: h5py.Group, prefix: str = "") -> Iterator[tuple[str, h5py.Group]]:
-    """Layers in /data. HDF5 nests groups for slashes in names: ``inception/1x1``."""
+def _layers(group: h5py.Group, prefix: str = "") -> Iterator[tuple[str, dict[str, h5py.Dataset]]]:
+    """Layers in /data with their data sets. HDF5 nests groups for slashes in names: ``inception/1x1``."""
     for name, item in list(group.items()):  # h5py's iterator blocks other threads
         if not isinstance(item, h5py.Group):
             continue
         inner = [k for k, v in item.items() if isinstance(v, h5py.Group)]
         if not inner or len(inner) < len(item):
-            yield prefix + name, item if not inner else _Only(item)
+            yield prefix + name, {k: v for k, v in item.items() if isinstance(v, h5py.Dataset)}
         yield from _layers(item, f"{prefix}{name}/") if inner else ()
-
-
-class _Only(dict[str, Any]):
-    """The data sets of a group without its subgroups."""
-
-    def __init__(self, group: h5py.Group) -> None:
-        super().__init__({k: v for k, v in group.items() if isinstance(v, h5py.Dataset)})
 
 
 def read_state(path: str | Path) -> SolverState:

@@ -67,18 +67,6 @@ def _writing(path: str | Path) -> Iterator[None]:
         raise WeightsError(f"{name}: cannot write the snapshot: {reason_of(error)}") from error
 
 
-def checksum(path: str | Path) -> int:
-    """CRC-32 of a weights file, as stored in the state that belongs to it. Raises WeightsError."""
-    crc = 0
-    for piece in files.read_pieces(path, "weights", WeightsError, _max_bytes(path)):
-        crc = zlib.crc32(piece, crc)
-    return crc
-
-
-def _max_bytes(path: str | Path) -> float:
-    return memory.physical() if begins_as_hdf5(path, "weights") else files.MAX_BYTES
-
-
 @contextlib.contextmanager
 def prefix_in_use(prefix: Path) -> Iterator[None]:
     """Reserve this prefix within the block: remove what a killed training left, and reject a second training.
@@ -121,7 +109,8 @@ def probe(prefix: Path) -> None:
 
 def read_content(path: str | Path) -> Content:
     """Read a weights file once, for its checksum, its weights and its other groups. Raises WeightsError."""
-    return files.read_content(path, "weights", WeightsError, _max_bytes(path))
+    limit = memory.physical() if begins_as_hdf5(path, "weights") else files.MAX_BYTES
+    return Content(Path(path), files.read_bytes(path, "weights", WeightsError, limit))
 
 
 def read_weights(path: str | Path | Content) -> Weights:
@@ -154,13 +143,13 @@ def begins_as_hdf5(path: str | Path | Content, what: str) -> bool:
     return files.read_bytes(path, what, WeightsError, first=len(magic)) == magic
 
 
-def weights_of(state_path: str | Path, state: SolverState) -> Path:
+def weights_of(state_path: str | Path, state: SolverState) -> Content:
     """The weights of a state: next to it, or at the path that it names. Raises WeightsError if they do not match."""
     written = Path(state.learned_net)
     sibling = Path(state_path).parent / written.name
-    found = sibling if exists(sibling) or not exists(written) else written
+    found = read_content(sibling if exists(sibling) or not exists(written) else written)
     expected = state.extra.get("weights_crc")
-    if expected is not None and checksum(found) != expected:  # Caffe's states have no checksum
+    if expected is not None and zlib.crc32(found.data) != expected:  # Caffe's states have no checksum
         raise WeightsError(f"{state_path}: its weights {found} belong to another snapshot")
     return found
 

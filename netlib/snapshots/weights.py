@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from netlib.blob import Array, Blob, Blobs
-from netlib.building.params import Param
 from netlib.errors import LayerError, WeightsError
 from netlib.files import Content
 from netlib.files.paths import find
@@ -18,17 +17,10 @@ from netlib.proto.schema import Phase
 from netlib.snapshots import binary_format, hdf5_format, snapshot
 from netlib.snapshots.solver_state import Weights
 
+if TYPE_CHECKING:
+    from netlib.net import Net
+
 Writes = list[tuple[Array, Array]]  # pairs of an array of the net and its new values
-
-
-class Net(Protocol):
-    """The attributes of a net that are used here."""
-
-    name: str
-    source: str
-    params: dict[str, Blobs]
-    layer_dict: dict[str, Layer]
-    learnable: list[Param]
 
 
 def owned(net: Net) -> Weights:

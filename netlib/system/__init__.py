@@ -1,1 +1,1 @@
-"""Interfaces to the operating system and to Python: memory limits, module aliases."""
+"""Interfaces to the operating system: memory limits."""

@@ -1,26 +1,25 @@
-"""Lines of Caffe's training log: losses, outputs of nets, debug_info; and the test of a net."""
+"""Lines of Caffe's training log: losses, outputs of nets, debug_info; their format (glog), which log parsers read; and
+the test of a net.
+"""
 
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, SupportsFloat
 
 import numpy as np
 
 from netlib.blob import Array
-from netlib.errors import LayerError
+from netlib.errors import LayerError, printable
 from netlib.net import Net
+from netlib.proto.prototxt import Message
+
+if TYPE_CHECKING:
+    from netlib.solver import Solver
 
 log = logging.getLogger("netlib")
-
-
-class Trained(Protocol):
-    """The attributes of a solver that ``warn_of_no_progress`` uses."""
-
-    net: Net
-    on_step: list[Callable[[], object]]
-    on_gradients_ready: list[Callable[[], object]]
 
 
 def copied(source: object, ignored: Iterable[str], missing: Iterable[str]) -> None:
@@ -67,7 +66,7 @@ def lack_of_loss(net: Net) -> Iterator[str]:
     yield f"net {net.name!r} has no loss: no output has a loss_weight, so no weight changes; {advice}"
 
 
-def warn_of_no_progress(solver: Trained, iterations: int = 3) -> None:
+def warn_of_no_progress(solver: Solver, iterations: int = 3) -> None:
     """Let a solver warn once of a training that changes no weight: its net has no loss, or the gradients of its first
     iterations are all 0. Those of one batch can be, as of a hinge loss without violations.
     """
@@ -150,7 +149,8 @@ def debug_backward(net: Net) -> None:
 def debug_params(net: Net) -> None:
     """Log the norms and mean absolute values of all parameters and gradients before an update."""
     arrays = [(p.blob.data.astype(np.float64), p.blob.diff.astype(np.float64)) for p in net.learnable]
-    l1, l2 = ([sum(measure(pair[i]) for pair in arrays) for i in range(2)] for measure in (_l1, _squares))
+    l1, l2 = ([sum(float(measure(pair[i]).sum()) for pair in arrays) for i in range(2)]
+              for measure in (np.abs, np.square))
     log.info("    [Backward] All net params (data, diff): L1 norm = (%.6g, %.6g); L2 norm = (%.6g, %.6g)",
              *l1, *np.sqrt(l2))
     for p in net.learnable:
@@ -162,9 +162,28 @@ def _mean(array: Any) -> float:
     return float(np.abs(array).mean()) if array.size else 0.0
 
 
-def _l1(array: Array) -> float:
-    return float(np.abs(array).sum())
+def show_printable(record: logging.LogRecord) -> bool:
+    """Logging filter that escapes arguments, so that no name can start a new line.
+
+    Numbers are not changed. A Message (a prototxt) may have several lines; its names are quoted already.
+    """
+    if isinstance(record.args, tuple) and record.args:
+        record.args = tuple(arg if isinstance(arg, (SupportsFloat, Message)) else printable(arg) for arg in record.args)
+    else:
+        record.msg = printable(record.msg)
+    return True
 
 
-def _squares(array: Array) -> float:
-    return float(np.square(array).sum())
+log.addFilter(show_printable)
+
+
+class CaffeFormatter(logging.Formatter):
+    """Formats lines as glog does: ``I1121 01:57:02.956642 28053 solver.py:238] Iteration 3 ...``."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Return the line for one record."""
+        stamp = time.strftime("%m%d %H:%M:%S", time.localtime(record.created))
+        micro = int(record.created % 1 * 1e6)
+        text = record.getMessage().rstrip("\n")  # like glog, which adds a line break only if one is missing
+        letter = record.levelname[0]
+        return f"{letter}{stamp}.{micro:06d} {record.process} {record.filename}:{record.lineno}] {text}"

@@ -1,4 +1,4 @@
-"""Collect the state of a training run in a solver state, and restore it exactly.
+"""The snapshots of a training: collect its state in a solver state, write it, and restore it exactly.
 
 For a resume that is exact to the bit, a state contains, in addition to Caffe's iteration and histories, the random
 generators and data positions of all layers and the losses being averaged. States written by Caffe have none of these.
@@ -8,22 +8,23 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from netlib.blob import Array
-from netlib.distributed.ranks import Ranks, Request, moving
-from netlib.errors import DataError, WeightsError, reason_of
+from netlib.distributed.ranks import moving
+from netlib.errors import DataError, DivergenceError, WeightsError, reason_of
 from netlib.net import Net
 from netlib.proto.messages import SolverParameter
-from netlib.snapshots import snapshot
+from netlib.snapshots import hdf5_format, snapshot
 from netlib.snapshots import weights as weights_of
 from netlib.snapshots.solver_state import SolverState
 from netlib.updates import steps_taken
+
+if TYPE_CHECKING:
+    from netlib.solver import Solver
 
 log = logging.getLogger("netlib")
 
@@ -35,17 +36,79 @@ COURSE = (
 )
 
 
-class Solver(Protocol):
-    """The attributes of a solver that are used here."""
+class Snapshots:
+    """The snapshots of a solver."""
 
-    param: SolverParameter
-    net: Net
-    test_nets: list[Net]
-    iter: int
-    history: list[list[Array]]
-    smoothed: deque[float]
-    ranks: Ranks
-    requested: Request | None
+    def __init__(self, solver: Solver) -> None:
+        self._solver = solver
+        self._prefixes: dict[str, Path] = {}  # snapshot_prefix -> its path at the first use
+        self.last: Path | None = None  # the last solver state written or read
+
+    @property
+    def prefix(self) -> Path:
+        """The path that names start with: snapshot_prefix, by default the solver's path without suffix.
+
+        If it is a directory, the solver's name is appended. A directory created after the first use has no effect.
+        """
+        given, source = self._solver.param.snapshot_prefix, Path(self._solver.source)
+        if not given:
+            return source.with_suffix("")
+        if given not in self._prefixes:
+            is_folder = given.endswith("/") or Path(given).is_dir()
+            self._prefixes[given] = Path(given) / source.stem if is_folder else Path(given)
+        return self._prefixes[given]
+
+    def paths(self, iteration: int) -> tuple[Path, Path]:
+        """Paths of the weights and the solver state after ``iteration`` updates."""
+        stem = f"{self.prefix}_iter_{iteration}"
+        suffix = ".h5" if self._solver.param.snapshot_format == "HDF5" else ""
+        return Path(f"{stem}.caffemodel{suffix}"), Path(f"{stem}.solverstate{suffix}")
+
+    def is_current(self) -> bool:
+        """Whether the last solver state written or read is that of this iteration."""
+        return self.last is not None and self.last.absolute() == self.paths(self._solver.iter)[1].absolute()
+
+    @property
+    def are_written(self) -> bool:
+        """Whether the training writes snapshots."""
+        return bool(self._solver.param.snapshot or self._solver.param.snapshot_after_train)
+
+    @contextlib.contextmanager
+    def reserved(self) -> Iterator[None]:
+        """Context manager: no other process writes snapshots of this prefix, and this one will be able to."""
+        solver = self._solver
+        if solver.ranks.rank or not self.are_written:
+            yield
+            return
+        with snapshot.prefix_in_use(self.prefix):
+            if solver.param.snapshot_format == "HDF5":
+                hdf5_format.check_names(weights_of.owned(solver.net))
+            extra_state(solver)  # fails now, not after hours, if the state of a layer cannot be stored
+            yield
+
+    def write(self) -> Path:
+        """Write weights and solver state; returns the path of the state. Raises WeightsError, DivergenceError."""
+        solver = self._solver
+        for param in solver.net.learnable:
+            if not np.isfinite(param.blob.data).all():
+                raise DivergenceError(
+                    f"iteration {solver.iter}: parameter {param.index} of layer {param.layer!r} is not finite, so no "
+                    "snapshot is written. Lower base_lr or set clip_gradients; the last snapshot is untouched"
+                )
+        weights_path, state_path = self.paths(solver.iter)
+        ranks = solver.ranks
+        others = ranks.gather(snapshot.as_plain(solver.net.layer_states())) if ranks.count > 1 else []
+
+        def write() -> None:
+            kind = "HDF5" if solver.param.snapshot_format == "HDF5" else "binary proto"
+            log.info("Snapshotting to %s file %s", kind, weights_path)
+            log.info("Snapshotting solver state to %s file %s", kind, state_path)
+            image = weights_of.image(solver.net, weights_path, solver.param.snapshot_diff)
+            snapshot.write_pair(image, state_of(solver, weights_path, others), weights_path, state_path)
+
+        ranks.at_root(write, lambda: solver.requested)
+        self.last = state_path
+        return state_path
 
 
 def state_of(solver: Solver, learned_net: Path, others: Sequence[Mapping[str, Any]] = ()) -> SolverState:
@@ -194,10 +257,11 @@ def _check_histories(solver: Solver, path: str | Path, state: SolverState) -> No
 
 def _changes(solver: Solver, state: SolverState) -> Iterator[str]:
     """Describe the changes since the state was written that affect the course of the training."""
-    if not _same_data(solver, state):
+    states, nets = state.extra.get("layers", []), [solver.net, *solver.test_nets]
+    if any(now.get("files") != then.get(name, {}).get("files") for net, then in zip(nets, states)
+           for name, now in snapshot.as_plain(net.layer_states()).items()):
         yield "the data files; reading starts at the first row"
-    states = state.extra.get("layers", [])
-    for i, net in enumerate([solver.net, *solver.test_nets]):
+    for i, net in enumerate(nets):
         there = states[i] if i < len(states) else {}
         if new := [layer.name for layer in net.layers if layer.name not in there]:
             yield f"the layers; there is no state of {new[0]!r} in net {net.name!r}, which is reset"
@@ -211,15 +275,6 @@ def _changes(solver: Solver, state: SolverState) -> Iterator[str]:
         if now[name] != then.get(name):
             what = {"batch": "batch size", "ranks": "number of ranks"}.get(name, name)
             yield f"{what} was {_g(then.get(name))}, is now {_g(now[name])}"
-
-
-def _same_data(solver: Solver, state: SolverState) -> bool:
-    """Whether all nets read the same files as when the state was written."""
-    for net, then in zip([solver.net, *solver.test_nets], state.extra.get("layers", [])):
-        for name, now in snapshot.as_plain(net.layer_states()).items():
-            if now.get("files") != then.get(name, {}).get("files"):
-                return False
-    return True
 
 
 def _g(value: Any) -> str:

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 import netlib
-from fast.adapters import ByGroup, Contained, Turned
 from fast.columns import Columns
-from fast.convolution import FastConvolution, FastDeconvolution, choose
+from fast.convolution import ByGroup, Contained, FastConvolution, FastDeconvolution, Turned, choose
 from fast.depthwise import Depthwise, Filter
 from fast.fusing import After
 from fast.geometry import Algorithm, Geometry

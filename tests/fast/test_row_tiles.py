@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fast.row_tiles import RowTiles, fold, toeplitz
+from fast.convolution_tiles import RowTiles, fold, toeplitz
 from netlib import gradcheck
 from tests.support.plain_loops import check_transpose, convolve
 from tests.support.tiled import load, store, tiled

@@ -11,8 +11,8 @@ from layers import BY_BOTTOMS, LAYER_TYPES
 from layers.activation.relu import ReLU
 from netlib import gradcheck
 from netlib.blob import Blob, Blobs
-from netlib.building.layer_table import PACKAGE, class_at
 from netlib.layer import Layer
+from netlib.proto.options import PACKAGE, class_at
 from tests.support.layer_cases import CASES, forward, made
 
 

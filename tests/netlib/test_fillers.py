@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from netlib.fillers import Constant, Filler, fill
+from netlib.fillers import Filler, fill
 
 SHAPE = (50, 20, 10, 10)  # fan-in 2000, fan-out 5000
 
@@ -17,7 +17,7 @@ def filled(filler: Filler, shape: tuple[int, ...] = SHAPE) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("filler", "mean", "std"), [
-    (Constant(2.5), 2.5, 0),
+    (Filler(value=2.5), 2.5, 0),
     (Filler(), 0, 0),
     (Filler("uniform", min=-1, max=3), 1, 4 / np.sqrt(12)),
     (Filler("gaussian", mean=2, std=0.5), 2, 0.5),

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from netlib.errors import NetlibError, reason_of
 from netlib.files import locks
-from netlib.training.glog import CaffeFormatter
+from netlib.training.report import CaffeFormatter
 from tools.common import outputs
 from tools.common.console import say
 from tools.common.progress import ProgressBar

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from export.onnx.table import LAYERS
+from export.onnx.net import LAYERS
 from tests.support.onnx_nets import NYU, net_text
 from tests.support.running import run_tool
 

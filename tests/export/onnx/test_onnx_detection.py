@@ -1,4 +1,4 @@
-"""export/onnx/detection.py: prior boxes, and detections with all options, with onnxruntime."""
+"""export/onnx/vision.py: prior boxes, and detections with all options, with onnxruntime."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from export.onnx.table import LAYERS
+from export.onnx.net import LAYERS
 from tests.support.onnx_nets import IMAGE, Cases, check, examples
 
 GROUP = "num_output: 4 group: 2"

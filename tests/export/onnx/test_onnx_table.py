@@ -1,8 +1,8 @@
-"""export/onnx/table.py: the layer types that have a form in ONNX."""
+"""export/onnx/net.py: the layer types that have a form in ONNX."""
 
 import re
 
-from export.onnx.table import LAYERS
+from export.onnx.net import LAYERS
 from netlib.files.paths import ROOT
 from netlib.proto.options import layer_types
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from netlib.building.layer_table import LayerTable
+from netlib.proto.options import LayerTable
 from tests.support.running import run_python
 
 RELU = "activation.relu.ReLU"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from netlib.building.splits import insert_splits
 from netlib.proto.messages import LayerParameter
+from netlib.proto.net_parameter import insert_splits
 
 pytestmark = pytest.mark.both_engines
 

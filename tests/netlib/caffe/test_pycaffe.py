@@ -14,7 +14,7 @@ import pytest
 
 import netlib
 from netlib import caffe
-from netlib.caffe import _caffe, process, pycaffe
+from netlib.caffe import _caffe, pycaffe
 from netlib.distributed import ranks
 from netlib.distributed.ranks import Ranks
 from netlib.errors import NetlibError, PrototxtError, warn_once
@@ -381,7 +381,7 @@ def test_what_a_gpu_could_do_is_one_note(caplog: pytest.LogCaptureFixture) -> No
     warn_once.cache_clear()
     for _ in range(2):
         netlib.set_mode_gpu()
-        process.set_device(0)
+        _caffe.set_device(0)
         netlib.set_mode_cpu()
     assert caplog.messages == [
         "set_mode_gpu: accepted, but this runs on the CPU", "set_device(0): accepted, but this runs on the CPU"
@@ -389,11 +389,11 @@ def test_what_a_gpu_could_do_is_one_note(caplog: pytest.LogCaptureFixture) -> No
 
 
 def test_one_solver_in_one_process() -> None:
-    process.set_solver_count(1)
-    process.set_solver_rank(0)
-    process.set_multiprocess(True)
-    assert (process.solver_count(), process.solver_rank(), process.has_nccl()) == (1, 0, False)
-    for call in (lambda: process.set_solver_count(2), lambda: process.set_solver_rank(1), process.NCCL.new_uid):
+    _caffe.set_solver_count(1)
+    _caffe.set_solver_rank(0)
+    _caffe.set_multiprocess(True)
+    assert (_caffe.solver_count(), _caffe.solver_rank(), _caffe.has_nccl()) == (1, 0, False)
+    for call in (lambda: _caffe.set_solver_count(2), lambda: _caffe.set_solver_rank(1), _caffe.NCCL.new_uid):
         with pytest.raises(NotImplementedError):
             call()
 
@@ -405,10 +405,10 @@ def test_one_solver_of_several_processes(monkeypatch: pytest.MonkeyPatch) -> Non
         rank, count = 1, 3
 
     monkeypatch.setattr(ranks, "latest", OneOfThree())
-    assert (process.solver_count(), process.solver_rank()) == (3, 1)
-    process.set_solver_count(3)
+    assert (_caffe.solver_count(), _caffe.solver_rank()) == (3, 1)
+    _caffe.set_solver_count(3)
     with pytest.raises(NotImplementedError, match=r"docs/distributed\.md"):
-        process.set_solver_rank(0)
+        _caffe.set_solver_rank(0)
 
 
 def test_the_log(
@@ -417,17 +417,17 @@ def test_the_log(
     logger = logging.getLogger("netlib")
     monkeypatch.setattr(logger, "handlers", [])
     level = logger.level
-    process.init_log(0)
-    process.log("100% mine")
-    process.init_log(1)
-    process.log("not heard")
+    _caffe.init_log(0)
+    _caffe.log("100% mine")
+    _caffe.init_log(1)
+    _caffe.log("not heard")
     logger.setLevel(level)
     assert caplog.messages == ["100% mine"]
-    assert re.fullmatch(r"I\d{4} \d\d:\d\d:\d\d\.\d{6} \d+ process\.py:\d+\] 100% mine\n", capsys.readouterr().err)
+    assert re.fullmatch(r"I\d{4} \d\d:\d\d:\d\d\.\d{6} \d+ _caffe\.py:\d+\] 100% mine\n", capsys.readouterr().err)
 
 
 def test_a_timer() -> None:
-    timer = process.Timer()
+    timer = _caffe.Timer()
     assert timer.ms == 0
     timer.start()
     timer.stop()

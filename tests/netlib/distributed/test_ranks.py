@@ -5,8 +5,7 @@ import lmdb
 import numpy as np
 import pytest
 
-from netlib.distributed.ranks import ALONE
-from netlib.distributed.shard import RankOfLayers, Shard
+from netlib.distributed.ranks import ALONE, RankOfLayers, Shard
 from netlib.errors import LayerError, NetlibError
 from netlib.net import Net
 from netlib.proto import prototxt
@@ -44,7 +43,6 @@ def test_a_batch_that_cannot_be_divided(write_rows):
 
 def test_alone():
     y, done = np.ones(3), []
-    ALONE.average([y])
     ALONE.introduce({"data": 1})
     ALONE.at_root(lambda: done.append(1))
     assert done == [1] and y.tolist() == [1, 1, 1] and ALONE.shard == Shard() and ALONE.of_root(5) == 5

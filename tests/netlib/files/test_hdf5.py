@@ -79,7 +79,8 @@ def test_links_within_a_file(tmp_path: Path) -> None:
 
 
 def test_content_that_was_read_before(tmp_path: Path) -> None:
-    content = files.read_content(write_hdf5(tmp_path / "x.h5", a=np.arange(3)), "data")
+    path = write_hdf5(tmp_path / "x.h5", a=np.arange(3))
+    content = files.Content(path, path.read_bytes())
     for _ in range(2):
         with hdf5.opened(content, "data") as file:
             np.testing.assert_array_equal(file["a"][...], [0, 1, 2])
@@ -111,7 +112,7 @@ def test_damage_of_a_sealed_file_is_found_without_hdf5(sealed: Path, as_content:
         damaged = bytearray(good)
         damaged[bit // 8] ^= 1 << bit % 8
         sealed.write_bytes(damaged)
-        source = files.read_content(sealed, "data") if as_content else sealed
+        source = files.Content(sealed, sealed.read_bytes()) if as_content else sealed
         with pytest.raises(DataError, match="damaged: checksum mismatch"), hdf5.opened(source, "data"):
             pass
 

@@ -51,7 +51,7 @@ def test_a_scripts_own_modules_win(run, kind: str, how: str) -> None:
     inside = "layers.stripe" if kind == "folders" else "layers"
     code = f"{begin}import caffe\nfrom {inside} import Stripe\nimport other, fast\nnet = {NET}\n"
     code += "import sys\nprint(other.Stripe is Stripe, Stripe.__module__, net.engine.name, len(net.forward()))\n"
-    code += "print('ours' if 'max_tiles' in dir(fast) else 'theirs')\n"
+    code += "print('ours' if 'slices' in dir(fast) else 'theirs')\n"
     files = {**FILES[kind], "other.py": f"from {inside} import Stripe"}
     argv = ("-m", "netlib.caffe") if how == "python -m netlib.caffe" else ()
     stripe = "layers" if kind == "modules" else "layers.stripe"

@@ -30,8 +30,6 @@ def test_bytes_and_text(tmp_path: Path) -> None:
 @bad_inputs(DataError, {
     "large text": (lambda at: files.read_text(at / "hole", "the list"),
                    ".../hole: 10000000000 bytes, which is too large for the list; at most 268435456 are read"),
-    "large pieces": (lambda at: next(files.read_pieces(at / "hole", "weights")),
-                     ".../hole: 10000000000 bytes, which is too large for weights; at most 2147483647 are read"),
     "no pieces": (lambda at: next(files.read_pieces(at / "none", "weights", WeightsError)), WeightsError,
                   ".../none: cannot read weights: No such file or directory"),
     "no text": (lambda at: files.read_text(at / "bytes", "the log"),

@@ -1,4 +1,4 @@
-"""netlib/training/glog.py: the log; names in messages cannot add lines."""
+"""netlib/training/report.py: the log; names in messages cannot add lines."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from netlib.caffe import process
+from netlib.caffe import _caffe
 from netlib.proto import prototxt
 from netlib.proto.prototxt import Message, Place
-from netlib.training import glog
+from netlib.training import report
 from tests.netlib.test_errors import ANY_TEXT
 
 STAMP = r"I\d{4} \d\d:\d\d:\d\d\.\d{6} \d+ \w+\.py:\d+\] "
@@ -26,13 +26,13 @@ def log() -> Iterator[io.StringIO]:
     """The output of the log in glog's format."""
     text = io.StringIO()
     handler = logging.StreamHandler(text)
-    handler.setFormatter(glog.CaffeFormatter())
-    before = glog.log.level
-    glog.log.addHandler(handler)
-    glog.log.setLevel(logging.INFO)
+    handler.setFormatter(report.CaffeFormatter())
+    before = report.log.level
+    report.log.addHandler(handler)
+    report.log.setLevel(logging.INFO)
     yield text
-    glog.log.removeHandler(handler)
-    glog.log.setLevel(before)
+    report.log.removeHandler(handler)
+    report.log.setLevel(before)
 
 
 def written(log: io.StringIO) -> str:
@@ -49,7 +49,7 @@ def test_a_name_stays_in_its_line(log: io.StringIO, name: str) -> None:
         ("%s: %r", PurePosixPath(name), name),
         (f"no weights for {name}",),
     ):
-        glog.log.info(text, *args)
+        report.log.info(text, *args)
         line = written(log)
         assert re.match(STAMP, line) and line[-1] == "\n" and line[:-1].isprintable()
 
@@ -59,17 +59,17 @@ def test_a_prototxt_has_its_lines(log: io.StringIO, name: str) -> None:
     """A prototxt is logged on its own lines; a quoted name in it cannot start a new one."""
     here = Place("")
     tree = Message([prototxt.Field("net", prototxt.Scalar("string", name, here), here)] * 2, here)
-    glog.log.info("Initializing solver from parameters: \n%s", tree)
+    report.log.info("Initializing solver from parameters: \n%s", tree)
     first, *others = written(log).split("\n")
     assert re.fullmatch(STAMP + "Initializing solver from parameters: ", first)
     assert others == [*str(tree).split("\n")[:2], ""] and all(map(str.isprintable, others))
 
 
 def test_numbers_are_formatted_as_ever(log: io.StringIO) -> None:
-    glog.log.info("%d %.6g %.3g %s", 3, np.float32(0.1), np.array(2.0), None)
+    report.log.info("%d %.6g %.3g %s", 3, np.float32(0.1), np.array(2.0), None)
     assert written(log).endswith("] 3 0.1 2 None\n")
 
 
 def test_pycaffes_log_takes_lines(log: io.StringIO) -> None:
-    process.log("one\ntwo\x1b")
+    _caffe.log("one\ntwo\x1b")
     assert [re.sub(STAMP, "", line) for line in written(log).splitlines()] == ["one", "two\\x1b"]
