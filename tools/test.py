@@ -33,7 +33,7 @@ tools.begin(__name__)
 import numpy as np
 
 import netlib
-from handpose.datasets.examples import spread
+from handpose.datasets.frames import spread
 from handpose.estimate.nets import hand_layer
 from handpose.fit.search import PLANS
 from handpose.output.drawing import sheets
