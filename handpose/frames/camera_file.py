@@ -8,8 +8,7 @@ width, height   px of the frames, both or none
 unit_mm         depth of a stored value of 1 in mm; RealSense's depth_scale is in metres
 rate            frames per second; also fps
 min_range_mm    nearer readings are errors and count as missing; default 200
-distortion      of the lens: as above, or the coefficients alone. RealSense's model and coeffs and Azure's k1 ... p2 may
-                also be keys next to fx
+distortion      of the lens: as above, or the coefficients alone; model, coeffs, k1 ... p2 may also be keys next to fx
 name            of the camera
 time_unit       of the times in the names of the frames or in their file: s, ms, us, ns, or frames for numbers
 
@@ -113,7 +112,7 @@ NOT_OF_A_TABLE = re.compile(r"[^\s\d.,;()\[\]eE+-]")  # a matrix as numpy.savetx
 ENTRY = re.compile(r"""("[^"]*"\s*|'[^']*'\s*|[^\s"'\[{:=][^:=]*)(?::(?=\s|$)|=)\s*(.*)""")
 TAG = re.compile(r"![\w!-]*\s*")
 COMMENT = re.compile(r"""((?:"[^"]*"|'[^']*'|[^"'#]|(?<!\s)#)*?)(?:(?:^|(?<=\s))#.*)?""")
-TOKEN = re.compile(r"""\s*([\[\]{},]|"[^"]*"|'[^']*'|[^\[\]{},]+)""")
+WORD = re.compile(r"""\s*("[^"]*"|'[^']*'|[^\s\[\]{},:](?:[^\[\]{},:]|:(?=\S))*)""")  # between brackets
 MAX_DEPTH = 50  # of collections within each other
 WORDS: dict[str, Any] = {"true": True, "false": False, "null": None, "~": None, "": None}
 
@@ -285,33 +284,10 @@ def _open_brackets(text: str) -> int:
 
 
 def _flow(text: str) -> Any:
-    """The value of a text in one line: [1, 2], {a: 1}, a number or a word."""
+    """The value of a text in one line: [1, 2], {a: 1}, a number or a word. Raises ValueError."""
     if text[0] not in "[{":
         return _scalar(text)
-    tokens = iter(TOKEN.findall(text))
-
-    def collection(end: str, depth: int) -> Any:
-        if depth > MAX_DEPTH:
-            raise ValueError
-        found: list[Any] = []
-        key = None
-        for token in tokens:
-            if token == end:
-                return found if end == "]" else dict(found)
-            if token in ",":
-                continue
-            if end == "}" and key is None:
-                matched = ENTRY.fullmatch(token.strip())
-                if not matched:
-                    raise ValueError
-                key = _unquoted(matched[1])
-                token = matched[2] or next(tokens, "")
-            value = collection("]" if token == "[" else "}", depth + 1) if token in ("[", "{") else _scalar(token)
-            found.append(value if key is None else (key, value))
-            key = None
-        raise ValueError
-
-    return collection("]" if next(tokens) == "[" else "}", 0)
+    return json.loads(WORD.sub(lambda word: json.dumps(_scalar(word[1])), text))
 
 
 def _unquoted(text: str) -> str:

@@ -1,6 +1,6 @@
 """A camera's parameters among plain values, under the names that people and programs give them.
 
-The keys of a camera.json, and their names in RealSense's, Open3D's, Azure's, ROS's, OpenCV's and Kalibr's files, as
+The keys of a camera.json, and their names in RealSense's, Open3D's, ROS's, OpenCV's and Kalibr's files, as
 
     fx, fy, cx, cy  or a matrix: 3 x 3 by rows or by columns, also within 3 x 4 or 4 x 4, or fx, fy, cx, cy in a row
     width, height   or both in a row, as in resolution: [640, 480]
@@ -19,6 +19,8 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple, NoReturn
 
+import numpy as np
+
 from handpose.frames.cameras import MIN_FOCAL_PX, MIN_RANGE_MM, Camera, View
 from handpose.frames.lens import Lens, lens_of
 from handpose.frames.recording import CameraInfo
@@ -32,8 +34,7 @@ MIN_RANGE = "min_range_mm"
 TIME_UNITS = ("s", "ms", "us", "ns", "frames")
 INTRINSICS, SIZE = ("fx", "fy", "u0", "v0"), ("width", "height")
 BROWN = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")  # in OpenCV's order
-IGNORED = ("codx", "cody", "metric_radius")  # Azure's: 0, 0, and the valid radius of its inverse
-LENS = ("distortion", "model", "coefficients", *BROWN, *IGNORED)
+LENS = ("distortion", "model", "coefficients", *BROWN)
 FIELDS = ("unit_mm", "rate", "time_unit")  # those that are fields of CameraInfo
 KNOWN = (*RANGES, "name", *LENS, "time_unit")  # the keys of a camera.json
 MM = {word: mm for mm, words in {1.0: "mm millimeters millimetres", 10.0: "cm", 1000.0: "m meters metres",
@@ -60,12 +61,6 @@ ALIASES = {key.replace("_", ""): key for key in KNOWN} | {alias: key for key, al
 }.items() for alias in (key, *aliases.split())}
 IN_METRES, PER_METRE = 0.01, 100.0  # a depth scale below, and from here on
 OF_DEPTH, OF_COLOUR = re.compile(r"depth|infra|(?<![a-z])ir(?![a-z])", re.I), re.compile(r"colou?r|rgb", re.I)
-AZURE = "CalibrationInformation"
-AZURE_MODEL, AZURE_DEPTH = "CALIBRATION_LensDistortionModel", "CALIBRATION_CameraLocationD0"
-AZURE_MODES = {  # the frames' width and height, those of the whole sensor in their pixels, and the crop's corner
-    (640, 576): ((1024, 1024), (192, 180)), (320, 288): ((512, 512), (96, 90)),
-    (1024, 1024): ((1024, 1024), (0, 0)), (512, 512): ((512, 512), (0, 0)),
-}
 MAX_NAMES = 8  # of unused keys that are named
 MAX_DEPTH = 30  # of objects within each other
 
@@ -101,8 +96,6 @@ def find(document: Any, where: str, replaced: Collection[str] = ()) -> Found:
         numbers = _numbers(document) or []
         is_sized = len(numbers) == 6  # fx, fy, cx, cy, width, height
         document = {"matrix": numbers[:4], "size": numbers[4:]} if is_sized else {"matrix": document}
-    if AZURE in document:
-        return Found(_of_azure(document[AZURE], where), {}, (), f"depth camera in {AZURE}", False)
     chosen = _chosen(document)
     found = [_of_chain(chain, where, replaced) for chain in chosen]
     if not found:
@@ -173,7 +166,7 @@ def _of_chain(chain: _Chain, where: str, replaced: Collection[str]) -> Found:
     said.take(chain[-1][1])
     for _, outer in chain[-2::-1]:
         said.take_around(outer)
-    words = ", ".join(f"{name}{said.notes.get(name, '')}" for name in said.fields)
+    words = ", ".join(said.fields)
     if said.unused:
         words += f"; not used: {', '.join(said.unused[:MAX_NAMES])}{' ...' * (len(said.unused) > MAX_NAMES)}"
     is_own = len(chain) < 2 and all(name in KNOWN for name in said.fields)
@@ -196,13 +189,11 @@ class _Values:
     """Values by the keys of a camera.json.
 
     fields, unused  as in Found
-    notes           how a value was read, by its name
     """
 
     def __init__(self, where: str, replaced: Collection[str] = ()) -> None:
         self.where, self.values = where, dict[str, Any]()
-        self.fields, self.notes = dict[str, str](), dict[str, str]()
-        self.unused: list[str] = []
+        self.fields, self.unused = dict[str, str](), list[str]()
         self._replaced = replaced
 
     def refuse(self, what: str) -> NoReturn:
@@ -240,7 +231,7 @@ class _Values:
         if key == "matrix":
             self.fields[name] = "camera"
             try:
-                numbers, self.notes[name] = _of_matrix(value, f"{self.where}: {name}")
+                numbers = _of_matrix(value, f"{self.where}: {name}")
             except DataError:
                 if "camera" not in self._replaced:
                     raise
@@ -261,8 +252,15 @@ class _Values:
             if isinstance(value, str) and value.lower() not in MM and "unit_mm" not in self._replaced:
                 self.refuse(f"{name} is {value!r}; expected mm, cm, m, um or a number of mm")
             self._set("unit_mm", MM.get(value.lower(), 1.0) if isinstance(value, str) else value, name)
+        elif key == "distortion" and isinstance(value, dict) and not _numbers(value):
+            for inner, number in value.items():
+                if (own := _key(inner)) not in LENS[1:]:
+                    self.refuse(f"{name}: {unknown_key(inner, LENS[1:])}")
+                self._set(own, number, name)
+        elif key == "distortion":
+            self._set("model" if isinstance(value, str) else "coefficients", value, name)
         elif key in KNOWN:
-            self._set("model" if key == "distortion" and isinstance(value, str) else key, value, name)
+            self._set(key, value, name)
         else:
             return False
         return True
@@ -298,32 +296,18 @@ class _Values:
         return CameraInfo(camera, self._lens(), unit, rate, self.where, self._time_unit())
 
     def _lens(self) -> Lens | None:
-        for key in IGNORED:
-            if key in self.values and self._number(key) and key != "metric_radius":
-                self.refuse(f"has {key} {self._number(key):g}; expected 0, a distortion about the middle of the lens")
-        ways = [way for way in (("distortion",), ("coefficients",), BROWN) if any(key in self.values for key in way)]
-        if len(ways) > 1:
-            self.refuse(f"says the distortion twice: {ways[0][0]} and {ways[1][0]}")
-        inner = self.values.get(ways[0][0]) if ways else None
-        if isinstance(inner, dict) and not _numbers(inner):
-            nested = _Values(f"{self.where}: {ways[0][0]}")
-            nested.take(inner)
-            if nested.unused:
-                nested.refuse(unknown_key(nested.unused[0], ("model", "coefficients", *BROWN, *IGNORED)))
-            if "model" in self.values:
-                if "model" in nested.values:
-                    self.refuse("says the model of the distortion, and a distortion that has its own")
-                nested.values["model"] = self.values["model"]
-            return nested._lens()
         model = self._text("model", "brown_conrady")
-        if not ways:
-            return lens_of(model, (), self.where) if "model" in self.values else None
-        if ways[0] is BROWN:
-            values = [self._number(key) if key in self.values else 0.0 for key in BROWN]
-        elif (found := _numbers(inner)) is None:
-            self.refuse(f"{ways[0][0]} is {_shown(inner)}; expected a list of numbers: k1, k2, p1, p2, k3 ...")
-        else:
+        named = any(key in self.values for key in BROWN)
+        values = [self._number(key) if key in self.values else 0.0 for key in BROWN] if named else []
+        if "coefficients" in self.values:
+            if named:
+                self.refuse("says the distortion twice, once as k1 ... or p1 ...")
+            found = _numbers(given := self.values["coefficients"])
+            if found is None:
+                self.refuse(f"distortion is {_shown(given)}; expected a list of numbers: k1, k2, p1, p2, k3 ...")
             values = found
+        elif not named and "model" not in self.values:
+            return None
         return lens_of(model, values, self.where)
 
     def _all_or_none(self, keys: tuple[str, ...]) -> bool:
@@ -360,48 +344,21 @@ class _Values:
         return value
 
 
-def _of_matrix(value: Any, where: str) -> tuple[list[float], str]:
-    """fx, fy, u0, v0 of a matrix or of these four numbers, and how it was read. Raises DataError."""
+def _of_matrix(value: Any, where: str) -> list[float]:
+    """fx, fy, u0, v0 of a matrix by rows or by columns, or of these four numbers. Raises DataError."""
     numbers = _numbers(value) or []
     if len(numbers) == 4:
-        return numbers, ""
+        return numbers
     for width in (3, 4) if len(numbers) in (9, 12, 16) else ():
         if len(numbers) % width:
             continue
-        rows = [numbers[i : i + width] for i in range(0, len(numbers), width)]
-        for matrix, how in ((rows, ""), (list(zip(*rows)), " by columns")):
-            (fx, skew, u0, *_), (zero, fy, v0, *_), last = matrix[:3]
-            extra = [number for row in matrix[:3] for number in row[3:]] + [n for row in matrix[3:] for n in row[:3]]
-            if skew == zero == 0 and tuple(last[:3]) == (0, 0, 1) and not any(extra):
-                return [fx, fy, u0, v0], how
+        rows = np.reshape(numbers, (-1, width))
+        for matrix in (rows, rows.T):
+            expected = np.eye(*matrix.shape)
+            expected[0, [0, 2]], expected[1, [1, 2]] = matrix[0, [0, 2]], matrix[1, [1, 2]]
+            if np.array_equal(matrix, expected):
+                return [float(number) for number in (*expected[[0, 1], [0, 1]], *expected[:2, 2])]
     raise DataError(f"{where} is {_shown(value)}; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], or fx, fy, cx, cy")
-
-
-def _of_azure(calibration: Any, where: str) -> CameraInfo:
-    """The depth camera in a device's own calibration, which is relative to the size of the sensor. Raises DataError."""
-    try:
-        depth = next(camera for camera in calibration["Cameras"] if camera["Location"] == AZURE_DEPTH)
-        model, numbers = depth["Intrinsics"]["ModelType"], depth["Intrinsics"]["ModelParameters"]
-        cx, cy, fx, fy, k1, k2, k3, k4, k5, k6, codx, cody, p2, p1 = (float(number) for number in numbers[:14])
-        kind = str(model).removeprefix(AZURE_MODEL)
-    except (LookupError, TypeError, ValueError, StopIteration, OverflowError) as error:
-        raise DataError(f"{where}: not the calibration of a depth camera: {type(error).__name__} {error}") from error
-    if codx or cody or not all(map(math.isfinite, numbers[:14])) or min(fx, fy) < RANGES["fx"][0]:
-        raise DataError(f"{where}: intrinsics {numbers[:4]}, distortion about ({codx:g}, {cody:g}); expected finite "
-                        "and positive ones, about (0, 0)")
-    if kind == "Rational6KT" and (p1 or p2):  # it halves the mixed terms of p1 and p2
-        raise DataError(f"{where}: the lens is a {kind} with tangential distortion; expected BrownConrady")
-    kind = {"BrownConrady": "brown_conrady", "Rational6KT": "rational_6kt"}.get(kind, kind)
-
-    def sized(width: int, height: int) -> Camera:
-        if (width, height) not in AZURE_MODES:
-            modes = ", ".join(f"{w} x {h}" for w, h in AZURE_MODES)
-            raise DataError(f"{where}: an Azure Kinect has depth frames of {modes} px, found {width} x {height}")
-        (sensor_width, sensor_height), (left, top) = AZURE_MODES[width, height]
-        u0, v0 = cx * sensor_width - left - 0.5, cy * sensor_height - top - 0.5  # a pixel's centre is a whole number
-        return Camera("azure kinect", fx * sensor_width, fy * sensor_height, u0, v0, width, height)
-
-    return CameraInfo(View("azure kinect", sized), lens_of(kind, (k1, k2, p1, p2, k3, k4, k5, k6), where), origin=where)
 
 
 def _numbers(value: Any) -> list[float] | None:

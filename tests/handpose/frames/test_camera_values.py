@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from handpose.frames import camera_file
-from handpose.frames.camera_values import AZURE_MODES, find
+from handpose.frames.camera_values import find
 from handpose.frames.cameras import Camera
 from handpose.frames.lens import Lens
 from handpose.frames.raw import sized
@@ -117,26 +117,18 @@ TRAJECTORY = {"class_name": "PinholeCameraTrajectory", "parameters": [
     {"extrinsic": [1.0] * 16, "intrinsic": json.loads(OPEN3D)} for _ in range(2)]}
 
 
-def azure(parameters: list[float], model: str = "BrownConrady", location: str = "D0") -> dict[str, Any]:
-    """The calibration of a device."""
-    intrinsics = {"ModelType": f"CALIBRATION_LensDistortionModel{model}", "ModelParameters": parameters}
-    cameras = [{"Location": "CALIBRATION_CameraLocationPV0"},
-               {"Location": f"CALIBRATION_CameraLocation{location}", "Intrinsics": intrinsics}]
-    return {"CalibrationInformation": {"Cameras": cameras}}
-
-
 @pytest.mark.parametrize(("text", "camera", "words"), [
-    (OPEN3D, SIZED, "width, height, intrinsic_matrix by columns"),
-    (json.dumps(TRAJECTORY), SIZED, "width, height, intrinsic_matrix by columns"),
+    (OPEN3D, SIZED, "width, height, intrinsic_matrix"),
+    (json.dumps(TRAJECTORY), SIZED, "width, height, intrinsic_matrix"),
     (ROWS, CAMERA, "matrix"),
     ("60 0 31.5\n0 61 23.5\n0 0 1\n", CAMERA, "matrix"),
     ("[[60.   0.  31.5]\n [ 0.  61.  23.5]\n [ 0.   0.   1. ]]", CAMERA, "matrix"),
-    ("6.0e+01,0,0\n0,61,0\n31.5,23.5,1", CAMERA, "matrix by columns"),
+    ("6.0e+01,0,0\n0,61,0\n31.5,23.5,1", CAMERA, "matrix"),
     ("60 0 31.5 0\n0 61 23.5 0\n0 0 1 0\n0 0 0 1", CAMERA, "matrix"),
     ("60 61 31.5 23.5", CAMERA, "matrix"),
     ("60 61 31.5 23.5 64 48", SIZED, "matrix, size"),
     (f'{{"0": {{"cam_K": {BY_COLUMNS}, "cam_t": [1]}}, "1": {{"cam_K": {BY_COLUMNS}, "cam_t": [2]}}}}', CAMERA,
-     "cam_K by columns; not used: cam_t"),
+     "cam_K; not used: cam_t"),
     (f'{{"cameraData": [[2, {{"intrinsicMatrix": {ROWS}, "width": 64, "height": 48}}]]}}', SIZED,
      "intrinsicMatrix, width, height"),
     ("fx_depth = 60\nfy_depth = 61\nmx_depth = 31.5\nmy_depth = 23.5\ndepthWidth = 64\ndepthHeight = 48\n", SIZED,
@@ -145,7 +137,7 @@ def azure(parameters: list[float], model: str = "BrownConrady", location: str = 
      "camera_matrix, image_size; not used: avg_reprojection_error"),
     ('{"fl_x": 60, "fl_y": 61, "cx": 31.5, "cy": 23.5, "w": 64, "h": 48, "frames": []}', SIZED,
      "fl_x, fl_y, cx, cy, w, h; not used: frames"),
-    (f'{{"K": {BY_COLUMNS}, "w": 64, "h": 48, "poses": [[0, 0, 0]]}}', SIZED, "K by columns, w, h; not used: poses"),
+    (f'{{"K": {BY_COLUMNS}, "w": 64, "h": 48, "poses": [[0, 0, 0]]}}', SIZED, "K, w, h; not used: poses"),
 ])
 def test_a_camera_alone(text: str, camera: Camera, words: str) -> None:
     """Open3D's camera and trajectory, tables, ScanNet's, OpenCV's, NeRF's and Record3D's."""
@@ -223,24 +215,6 @@ def test_files_of_numpy(tmp_path: Path) -> None:
     assert (found.camera, found.lens) == (CAMERA, Lens((0.1, 0, 0, 0, 0)))
 
 
-@pytest.mark.parametrize(("size", "f", "middle"), [
-    ((640, 576), 0.5 * 1024, (0.5 * 1024 - 192 - 0.5, 0.5 * 1024 - 180 - 0.5)),
-    ((512, 512), 0.5 * 512, (0.5 * 512 - 0.5, 0.5 * 512 - 0.5)),
-])
-def test_the_calibration_of_an_azure_kinect(
-    size: tuple[int, int], f: float, middle: tuple[float, float]
-) -> None:
-    """Its numbers are relative to the sensor; the size of the frames shows the depth mode."""
-    numbers = [0.5, 0.5, 0.5, 0.5, 1, 2, 3, 4, 5, 6, 0, 0, 0.02, 0.01]
-    found = camera_file.parse(json.dumps(azure(numbers)), "x")
-    assert found.lens == Lens((1, 2, 0.01, 0.02, 3, 4, 5, 6))
-    assert found.camera is not None
-    assert sized(found.camera, size[::-1], "y") == Camera("azure kinect", f, f, *middle, *size)
-    with pytest.raises(DataError, match=r"y: x: an Azure Kinect has depth frames of 640 x 576, .*, found 640 x 480"):
-        sized(found.camera, (480, 640), "y")
-    assert (640, 576) in AZURE_MODES
-
-
 @pytest.mark.parametrize("text", [
     "a:\n- 1\n- b: 2\n  c: [x, {d: 'e: f'}]\n- - 3\n  - 4\nf: # none\ng: \"h # i\" # j\n", "- 1\n-\n  - true\n- ~\n",
 ])
@@ -268,12 +242,6 @@ def test_yaml(text: str) -> None:
     "date: today": "x: unknown key 'date'...; known: fx, ...",
     "<a>": "x: not XML: ...",
     '<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>': "x: XML with declarations; expected that of OpenCV's FileStorage",
-    "an Azure without depth": (json.dumps(azure([], location="D1")),
-                               "x: not the calibration of a depth camera: StopIteration ..."),
-    "an Azure off its middle": (json.dumps(azure([0.5] * 10 + [0.1, 0, 0, 0])),
-                                "x: intrinsics [0.5, 0.5, 0.5, 0.5], distortion about (0.1, 0); expected finite ..."),
-    "an Azure of another lens": (json.dumps(azure([0.5] * 10 + [0, 0, 0.1, 0], "Rational6KT")),
-                                 "x: the lens is a Rational6KT with tangential distortion; expected BrownConrady"),
 })
 def test_what_is_refused(given: str, rejected: Any) -> None:
     with rejected:

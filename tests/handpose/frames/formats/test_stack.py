@@ -283,7 +283,7 @@ def test_what_is_named_like_times(tmp_path: Path) -> None:
 ])
 @pytest.mark.parametrize("name", ["K", "intrinsics", "camera_matrix", "depth_intrinsics", "cam_K", "mtx"])
 def test_intrinsics(tmp_path: Path, name: str, value: Any) -> None:
-    """A matrix by rows or by columns, or four numbers; the size of the frames belongs to it."""
+    """A matrix by rows or, or four numbers; the size of the frames belongs to it."""
     recording = opened(tmp_path, UNKNOWN, **{name: value}, width=64, height=48, unit_mm=0.5)
     assert (recording.camera, recording.unit_mm, recording.warnings) == (CAMERA, 0.5, ())
     assert recording.remarks[0] == f"camera from {name!r}, 'width', 'height'; unit from 'unit_mm'"
