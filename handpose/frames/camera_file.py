@@ -13,8 +13,7 @@ name            of the camera
 time_unit       of the times in the names of the frames or in their file: s, ms, us, ns, or frames for numbers
 
 Files of other programs are read, too: JSON, YAML, OpenCV's XML, NumPy's arrays, and tables of numbers, in which
-``camera_values`` finds the camera. YAML is the part of it in which programs write parameters: mappings, sequences,
-numbers and texts.
+``camera_values`` finds the camera. YAML is the part of it in which programs write parameters.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ import zipfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NoReturn
 from xml.etree import ElementTree
 
 import numpy as np
@@ -110,10 +109,9 @@ NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 NOT_OF_A_TABLE = re.compile(r"[^\s\d.,;()\[\]eE+-]")  # a matrix as numpy.savetxt or print write it
 # key: value, or key = value
 ENTRY = re.compile(r"""("[^"]*"\s*|'[^']*'\s*|[^\s"'\[{:=][^:=]*)(?::(?=\s|$)|=)\s*(.*)""")
-TAG = re.compile(r"![\w!-]*\s*")
+ELEMENT, TAG = re.compile(r"^\s*(?:-(?:\s+|$))*"), re.compile(r"^![\w!-]*\s*")
 COMMENT = re.compile(r"""((?:"[^"]*"|'[^']*'|[^"'#]|(?<!\s)#)*?)(?:(?:^|(?<=\s))#.*)?""")
 WORD = re.compile(r"""\s*("[^"]*"|'[^']*'|[^\s\[\]{},:](?:[^\[\]{},:]|:(?=\S))*)""")  # between brackets
-MAX_DEPTH = 50  # of collections within each other
 WORDS: dict[str, Any] = {"true": True, "false": False, "null": None, "~": None, "": None}
 
 
@@ -138,7 +136,7 @@ def parse_document(text: str, where: str) -> Any:
             return _of_xml(text, where)
         if start in ("", "{", "["):
             return _of_json(text, where)
-        return _Yaml(text, where).document()
+        return _of_lines(text, where)
     except (ValueError, RecursionError):  # numbers of thousands of digits, thousands of brackets
         raise DataError(f"{where}: not the parameters of a camera") from None
 
@@ -181,101 +179,56 @@ def _of_xml(text: str, where: str) -> Any:
         raise DataError(f"{where}: not XML: {error}") from None
 
 
-class _Line(NamedTuple):
-    number: int
-    indent: int
-    text: str
+def _of_lines(text: str, where: str) -> dict[str, Any]:
+    """The value of lines ``key: value`` or ``key = value``.
+
+    Deeper lines below a key without a value are an object, elements of a sequence the list of the key above, and a line
+    without a value is a key, as in the text of rs-enumerate-devices.
+    """
+    document: dict[str, Any] = {}
+    around = [(-1, document)]  # the objects around a line, each with the indent of its key
+    above, inside, key = -1, document, ""  # of the last key: its indent, and the object in which it is
+    for line in _logical(text):
+        content = ELEMENT.sub("", line)
+        indent = len(line) - len(content)
+        matched = ENTRY.fullmatch(content)
+        if not matched and "-" in line[:indent]:
+            if key and inside[key] is None:
+                inside[key] = []
+            if key and isinstance(inside[key], list):
+                inside[key].append(_flow(content))
+            continue
+        if key and indent > above and inside[key] is None:
+            inside[key] = {}
+            around.append((above, inside[key]))
+        while around[-1][0] >= indent:
+            around.pop()
+        above, inside = indent, around[-1][1]
+        key = _unquoted(matched[1]) if matched else content
+        if key in inside:
+            raise DataError(f"{where}: has {key!r} twice")
+        inside[key] = _flow(TAG.sub("", matched[2], count=1)) if matched else None
+    return document
 
 
-class _Yaml:
-    """The lines of a YAML document, read from the first to the last."""
-
-    def __init__(self, text: str, where: str) -> None:
-        self._where = where
-        self._lines = list(self._logical(text))
-        self._at = 0
-
-    def document(self) -> Any:
-        """Its value."""
-        found = self._block(0) if self._lines else None
-        if self._at < len(self._lines):
-            self._refuse("expected a key and a value")
-        return found
-
-    def _logical(self, text: str) -> Iterator[_Line]:
-        """The lines with content, of the first document; one that ends within brackets is continued by the next."""
-        start, parts, opened, any_content = 0, list[str](), 0, False
-        for number, raw in enumerate(text.splitlines(), 1):
-            matched = COMMENT.fullmatch(raw)
-            line = (matched[1] if matched else raw).rstrip()
-            if not parts and any_content and line in ("---", "..."):
-                return
-            if not parts and (not line.strip() or line == "---" or line.startswith("%")):
-                continue
-            start, any_content = start if parts else number, True
-            parts.append(line)
-            opened += _open_brackets(line)
-            if opened <= 0:
-                yield self._joined(start, parts)
-                parts, opened = [], 0
-        if parts:
-            yield self._joined(start, parts)
-
-    @staticmethod
-    def _joined(start: int, parts: list[str]) -> _Line:
-        return _Line(start, len(parts[0]) - len(parts[0].lstrip()), " ".join(map(str.strip, parts)))
-
-    def _block(self, depth: int) -> Any:
-        """The mapping or sequence that begins at the present line, with all lines of the same indent."""
-        indent = self._lines[self._at].indent
-        if depth > MAX_DEPTH:
-            self._refuse("too many levels")
-        items: list[Any] = []
-        pairs: list[tuple[str, Any]] = []
-        while self._at < len(self._lines) and (line := self._lines[self._at]).indent == indent:
-            if line.text == "-" or line.text.startswith("- "):
-                if pairs:
-                    break  # the sequence is the value of the last key above
-                items.append(self._item(line, depth))
-            elif items:
-                break
-            elif matched := ENTRY.fullmatch(line.text):
-                self._at += 1
-                pairs.append((_unquoted(matched[1]), self._value(matched[2], indent, depth)))
-            elif self._is_heading(indent):
-                self._at += 1
-                pairs.append((line.text, self._block(depth + 1)))
-            else:
-                self._refuse("expected a key and a value")
-        return items or unique_keys(self._where)(pairs)
-
-    def _is_heading(self, indent: int) -> bool:
-        """Whether a line without a colon stands above deeper ones, as in the text of rs-enumerate-devices."""
-        following = self._lines[self._at + 1 : self._at + 2]
-        return bool(following) and following[0].indent > indent
-
-    def _item(self, line: _Line, depth: int) -> Any:
-        """An element of a sequence; a mapping or sequence in it may begin in the same line."""
-        rest = line.text[1:].lstrip()
-        if ENTRY.fullmatch(rest) or rest.startswith("- "):
-            self._lines[self._at] = _Line(line.number, line.indent + len(line.text) - len(rest), rest)
-            return self._block(depth + 1)
-        self._at += 1
-        return self._value(rest, line.indent, depth)
-
-    def _value(self, text: str, indent: int, depth: int) -> Any:
-        """The value that begins with this text, or in the lines below it."""
-        text = TAG.sub("", text, count=1) if text.startswith("!") else text
-        if text:
-            return _flow(text)
-        below = self._lines[self._at] if self._at < len(self._lines) else None
-        if below and (below.indent > indent or (below.indent == indent and below.text.startswith("-"))):
-            return self._block(depth + 1)
-        return None
-
-    def _refuse(self, what: str) -> NoReturn:
-        line = self._lines[self._at]
-        raise DataError(f"{self._where}:{line.number}: found {line.text[:40]!r}; {what}")
+def _logical(text: str) -> Iterator[str]:
+    """The lines with content, of the first document; one that ends within brackets is continued by the next."""
+    parts, opened, any_content = list[str](), 0, False
+    for raw in text.splitlines():
+        matched = COMMENT.fullmatch(raw)
+        line = (matched[1] if matched else raw).rstrip()
+        if not parts and any_content and line in ("---", "..."):
+            return
+        if not parts and (not line.strip() or line == "---" or line.startswith("%")):
+            continue
+        any_content = True
+        parts.append(line.strip() if parts else line)
+        opened += _open_brackets(line)
+        if opened <= 0:
+            yield " ".join(parts)
+            parts, opened = [], 0
+    if parts:
+        yield " ".join(parts)
 
 
 def _open_brackets(text: str) -> int:
@@ -285,7 +238,7 @@ def _open_brackets(text: str) -> int:
 
 def _flow(text: str) -> Any:
     """The value of a text in one line: [1, 2], {a: 1}, a number or a word. Raises ValueError."""
-    if text[0] not in "[{":
+    if not text.startswith(("[", "{")):
         return _scalar(text)
     return json.loads(WORD.sub(lambda word: json.dumps(_scalar(word[1])), text))
 

@@ -24,7 +24,7 @@ from numpy.lib import format as npy
 
 from handpose.frames import camera_file
 from handpose.frames.cameras import Camera
-from handpose.frames.opening import BAGS, CONVERTED, PICTURES, STACKS
+from handpose.frames.formats import BAGS, CONVERTED, PICTURES, STACKS
 from handpose.frames.raw import stored
 from handpose.frames.recording import CameraInfo, DepthFrame
 from netlib import files

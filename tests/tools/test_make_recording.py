@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from handpose.frames.cameras import ICVL
-from handpose.frames.opening import open_recording
+from handpose.frames.formats import open_recording
 from handpose.output.tracks.json_file import read_track
 from handpose.scoring.tracks import score
 from handpose.sequences.recordings import SyntheticRecording

@@ -39,15 +39,11 @@ SMALL = 1 << 24  # bytes; maximum size of the other arrays
 PARAMETERS = "biufSUM"  # their kinds: numbers, texts and dates
 
 
-def open_stack(path: Path, given: CameraInfo = UNKNOWN) -> Recording:
-    """The frames of an .npy or .npz file. Raises DataError."""
-    return StackRecording(path, (_Npy if path.suffix.lower() == ".npy" else _Npz)(path), given)
-
-
 class StackRecording(Recording):
-    """The frames of an array."""
+    """The frames of an .npy or .npz file. Raises DataError."""
 
-    def __init__(self, path: Path, frames: _Npy | _Npz, given: CameraInfo) -> None:
+    def __init__(self, path: Path, given: CameraInfo = UNKNOWN) -> None:
+        frames = (_Npy if path.suffix.lower() == ".npy" else _Npz)(path)
         camera_json = camera_file.next_to(path)
         found = recognise(frames.others, frames.names, frames.shape[0], str(path), given, camera_json)
         calibration = calibration_of(given, found.own, camera_json, frames.shape[1:], frames.dtype, str(path))

@@ -1,4 +1,4 @@
-"""handpose/frames/opening.py: the reader for each kind of source."""
+"""handpose/frames/formats/__init__.py: the reader for each kind of source."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from handpose.frames import camera_file, formats
+from handpose.frames.formats import open_recording
 from handpose.frames.formats.folder import FolderRecording
 from handpose.frames.formats.stack import StackRecording
-from handpose.frames.opening import open_recording
 from handpose.frames.recording import UNKNOWN, CameraInfo
 from netlib.errors import DataError
 from tests.handpose.frames.conftest import GIVEN, hand_sized

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from handpose.frames.cameras import Camera
+from handpose.frames.formats import open_recording
 from handpose.frames.images import BadFrameError, read_png
-from handpose.frames.opening import open_recording
 from handpose.frames.recording import CameraInfo
 from netlib.errors import DataError, system_error_of
 from netlib.files import reading

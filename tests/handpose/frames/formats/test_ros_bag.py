@@ -13,10 +13,9 @@ import numpy as np
 import pytest
 
 from handpose.frames.cameras import Camera
-from handpose.frames.formats import ros_bag
+from handpose.frames.formats import open_recording, ros_bag
 from handpose.frames.formats.ros_bag import open_bag
 from handpose.frames.lens import Lens
-from handpose.frames.opening import open_recording
 from handpose.frames.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
 from netlib.errors import DataError, NetlibError
 from tests.support import bags

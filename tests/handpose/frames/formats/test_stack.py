@@ -14,7 +14,7 @@ import pytest
 from handpose.frames import camera_file, camera_values
 from handpose.frames.cameras import Camera
 from handpose.frames.formats import stack
-from handpose.frames.formats.stack import open_stack
+from handpose.frames.formats.stack import StackRecording
 from handpose.frames.inspection import inspect
 from handpose.frames.recording import UNKNOWN, CameraInfo, Recording
 from netlib.errors import DataError
@@ -38,7 +38,7 @@ def save(path: Path, depth: np.ndarray = DEPTH, **others: object) -> Path:
 @pytest.mark.parametrize("suffix", [".npy", ".npz"])
 @pytest.mark.parametrize("dtype", [np.uint16, ">u2", np.float32, np.float64])
 def test_frames(tmp_path: Path, suffix: str, dtype: str) -> None:
-    recording = open_stack(save(tmp_path / f"take{suffix}", DEPTH.astype(dtype)), GIVEN)
+    recording = StackRecording(save(tmp_path / f"take{suffix}", DEPTH.astype(dtype)), GIVEN)
     assert (recording.camera, recording.unit_mm, recording.count, recording.rate) == (CAMERA, 0.5, 3, 10)
     for _ in range(2):
         assert [(frame.number, frame.time) for frame in recording] == [(0, 0), (1, 0.1), (2, 0.2)]
@@ -49,25 +49,25 @@ def test_frames(tmp_path: Path, suffix: str, dtype: str) -> None:
 
 def test_what_stands_beside_the_frames(tmp_path: Path) -> None:
     """Times may start anywhere; the camera is stored as numbers or as the text of a camera.json."""
-    recording = open_stack(save(tmp_path / "a.npz", time=TIMES, **BESIDE))
+    recording = StackRecording(save(tmp_path / "a.npz", time=TIMES, **BESIDE))
     assert [frame.time for frame in recording] == [0, 0.25, 1.5]
     assert (recording.camera, recording.unit_mm, recording.rate) == (CAMERA, 0.5, None)
     assert recording.remarks == ("camera from 'fx', 'fy', 'u0', 'v0'; unit from 'unit_mm'; times from 'time', taken "
                                  "for s; --time-unit if wrong",)
     text = camera_file.to_text(CameraInfo(CAMERA, unit_mm=0.25, rate=20.0))
-    recording = open_stack(save(tmp_path / "b.npz", camera=text))
+    recording = StackRecording(save(tmp_path / "b.npz", camera=text))
     assert (recording.camera, recording.unit_mm, recording.rate) == (CAMERA, 0.25, 20)
-    assert open_stack(tmp_path / "b.npz", CameraInfo(unit_mm=3.0)).unit_mm == 3
+    assert StackRecording(tmp_path / "b.npz", CameraInfo(unit_mm=3.0)).unit_mm == 3
 
 
 def test_times_of_a_given_unit(tmp_path: Path) -> None:
     save(tmp_path / "a.npz", time=np.array([7000, 7040, 7080]), **BESIDE)
-    recording = open_stack(tmp_path / "a.npz", CameraInfo(time_unit="ms"))
+    recording = StackRecording(tmp_path / "a.npz", CameraInfo(time_unit="ms"))
     assert [frame.time for frame in recording] == pytest.approx([0, 0.04, 0.08])
     with pytest.raises(DataError, match=r"c\.npy: has no times, so --time-unit has no meaning"):
-        open_stack(save(tmp_path / "c.npy"), replace(GIVEN, time_unit="ms"))
+        StackRecording(save(tmp_path / "c.npy"), replace(GIVEN, time_unit="ms"))
     save(tmp_path / "b.npz", time=np.array([3, 4, 6]), rate=20.0, time_unit="frames", **BESIDE)
-    assert [frame.time for frame in open_stack(tmp_path / "b.npz", CameraInfo())] == pytest.approx([0, 0.05, 0.15])
+    assert [frame.time for frame in StackRecording(tmp_path / "b.npz", CameraInfo())] == pytest.approx([0, 0.05, 0.15])
 
 
 def test_every_word_of_a_camera_json(tmp_path: Path) -> None:
@@ -77,20 +77,20 @@ def test_every_word_of_a_camera_json(tmp_path: Path) -> None:
         "depth_units": 0.000125, "model": "brown_conrady", "coeffs": [-0.2, 0.0, 0.0, 0.0, 0.0],
     }
     depth = np.random.default_rng(0).integers(4000, 8000, DEPTH.shape).astype(np.uint16)
-    recording = open_stack(save(tmp_path / "a.npz", depth, **said))
+    recording = StackRecording(save(tmp_path / "a.npz", depth, **said))
     expected = camera_values.find(said, "").info
     assert (recording.camera, recording.unit_mm, recording.rate) == (expected.camera, 0.125, 20)
     straight = {key: value for key, value in said.items() if key not in ("model", "coeffs")}
-    plain = open_stack(save(tmp_path / "b.npz", depth, **straight))
+    plain = StackRecording(save(tmp_path / "b.npz", depth, **straight))
     assert not np.array_equal(next(iter(recording)).depth, next(iter(plain)).depth)
-    found = open_stack(save(tmp_path / "c.npz", name="a take", model="D435", width=3.0), GIVEN)  # another meaning
+    found = StackRecording(save(tmp_path / "c.npz", name="a take", model="D435", width=3.0), GIVEN)  # another meaning
     assert all(name in found.warnings[0].partition(" are not used")[0] for name in ("'name'", "'model'", "'width'"))
 
 
 @pytest.mark.parametrize("suffix", [".npy", ".npz"])
 def test_one_image(tmp_path: Path, suffix: str) -> None:
     for time in ({}, {} if suffix == ".npy" else {"time": TIMES[:1]}):
-        recording = open_stack(save(tmp_path / f"one{suffix}", DEPTH[0], **time), GIVEN)
+        recording = StackRecording(save(tmp_path / f"one{suffix}", DEPTH[0], **time), GIVEN)
         (frame,) = recording
         assert (recording.count, frame.number, frame.time) == (1, 0, 0)
         np.testing.assert_array_equal(frame.depth, DEPTH[0] / np.float32(2))
@@ -98,7 +98,7 @@ def test_one_image(tmp_path: Path, suffix: str) -> None:
 
 def test_a_stack_by_another_name(tmp_path: Path) -> None:
     np.savez(tmp_path / "other.npz", frames=DEPTH, joints=np.zeros((3, 2)))
-    assert open_stack(tmp_path / "other.npz", GIVEN).count == 3
+    assert StackRecording(tmp_path / "other.npz", GIVEN).count == 3
 
 
 EXPECTED = "expected an array depth (frames, height, width)"
@@ -156,7 +156,7 @@ def cut(path: Path, size: int | None = None, flip: int = 0) -> Path:
 def test_what_is_no_stack(tmp_path: Path, given: Callable[[Path], Path], rejected: Any) -> None:
     path = given(tmp_path)
     with rejected:
-        list(open_stack(path, GIVEN))
+        list(StackRecording(path, GIVEN))
 
 
 @bad_inputs(DataError, {
@@ -172,7 +172,7 @@ def test_what_is_no_stack(tmp_path: Path, given: Callable[[Path], Path], rejecte
 def test_what_is_wrong_beside_the_frames(tmp_path: Path, given: dict[str, object], rejected: Any) -> None:
     path = save(tmp_path / "take.npz", **given)
     with rejected:
-        open_stack(path, GIVEN)
+        StackRecording(path, GIVEN)
 
 
 def test_only_small_arrays_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -193,7 +193,7 @@ ROW = [60, 61, 31.5, 23.5]
 def opened(folder: Path, given: CameraInfo = GIVEN, **others: Any) -> Recording:
     """The recording in an archive with these arrays, which has already been read once."""
     np.savez(folder / "take.npz", depth=FOUR, **others)
-    return open_stack(folder / "take.npz", given)
+    return StackRecording(folder / "take.npz", given)
 
 
 def times_of(recording: Recording) -> list[float]:
@@ -317,7 +317,7 @@ def test_distortion(tmp_path: Path, name: str) -> None:
     recording = opened(tmp_path, CameraInfo(unit_mm=0.5), K=MATRIX, **{name: [[-0.2, 0, 0, 0, 0]]})
     assert recording.remarks[0] == f"camera from 'K'; distortion from {name!r}"
     assert "the distortion of the lens is taken out" in recording.remarks
-    assert not any(f"from {name!r}" in line for line in open_stack(tmp_path / "take.npz", GIVEN).remarks)
+    assert not any(f"from {name!r}" in line for line in StackRecording(tmp_path / "take.npz", GIVEN).remarks)
 
 
 def test_precedence(tmp_path: Path) -> None:
