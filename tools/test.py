@@ -36,7 +36,7 @@ import netlib
 from handpose.datasets.frames import spread
 from handpose.estimate.nets import hand_layer
 from handpose.fit.search import PLANS
-from handpose.output.drawing import sheets
+from handpose.output.drawing import hands
 from handpose.scoring.held_out import (
     Predictions,
     centers_of,
@@ -136,7 +136,7 @@ def _draw(path: Path, net: Net, found: Predictions) -> None:
     hand = hand_layer(net)
     chosen = spread(len(found.joints), DRAWN)
     errors = joint_errors(found.joints[chosen], found.truth[chosen]).mean(axis=1) * found.half_cube[chosen]
-    sheet = sheets.two_views(
+    sheet = hands.two_views(
         crops_of(net, chosen),
         (found.joints if found.skeleton is None else found.skeleton)[chosen],
         found.truth[chosen],

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from handpose.output.drawing.sheets import ContactSheet
+from handpose.output.drawing.strokes import ContactSheet
 from handpose.output.tracks.json_file import JsonWriter
 from netlib.errors import NetlibError
 from tests.support.running import run_tool

@@ -12,7 +12,7 @@ from handpose.body.model import Surface
 from handpose.body.render import CLEAR_MM, Capsules, in_front, render_crop
 from handpose.fit.body import CapsuleModel
 from handpose.frames.cameras import KINECT2, NYU, Camera
-from handpose.output.hand_page.content import skeleton_values
+from handpose.output.hand_page.assembly import skeleton_values
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
