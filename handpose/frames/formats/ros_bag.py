@@ -142,13 +142,17 @@ class _BagRecording(Recording):
 
     def __iter__(self) -> Iterator[DepthFrame]:
         self.cut, self.remarks = "", self._assumed
-        clock = Clock(self.name)
-        number = -1
+        number, last, late = -1, -math.inf, 0
         try:
             for number, (time, raw) in enumerate(self._stored()):
-                seconds = clock(time)
-                if seconds is not None:
-                    yield DepthFrame(number, seconds, self._decode(raw, f"{self.name}: frame {number}"))
+                if time < last - MAX_DISTANCE_BACK:
+                    raise DataError(f"{self.name}: the clock goes back from {last:.3f} s to {time:.3f} s; expected one "
+                                    "recording")
+                if time <= last:
+                    late += 1
+                    continue
+                last = time
+                yield DepthFrame(number, time, self._decode(raw, f"{self.name}: frame {number}"))
         except NetlibError:
             raise
         except Exception as error:  # for a damaged bag the library may raise any exception
@@ -157,8 +161,8 @@ class _BagRecording(Recording):
             if number < 0:
                 raise DataError(f"{self.name}: not one frame can be read: {reason_of(error)}") from error
             self.cut = f"damaged or cut after frame {number}: {reason_of(error)}"
-        if clock.late:
-            self.remarks += (f"frames left out because they are not later than the one before: {clock.late}",)
+        if late:
+            self.remarks += (f"frames left out because they are not later than the one before: {late}",)
 
     def _stored(self) -> Iterator[tuple[float, NDArray[Any]]]:
         """Seconds by the images' clock, or if they have none by the bag's, and stored values."""
@@ -171,33 +175,6 @@ class _BagRecording(Recording):
                     first = taken if stamped else received
                 seconds = ((taken if stamped else received) - first) / 1e9
                 yield seconds, values_of(image, f"{self.name}: {self._topic}")
-
-
-class Clock:
-    """Seconds since the first frame; raises DataError where the clock was set back or forward.
-
-    late  number of frames that were not later than the one before them
-    """
-
-    def __init__(self, where: str) -> None:
-        self.late = 0
-        self._where = where
-        self._first: float | None = None
-        self._last = 0.0
-
-    def __call__(self, time: float) -> float | None:
-        """The time of a frame; None if it is not later than the one before."""
-        if self._first is None:
-            self._first = self._last = time
-            return 0.0
-        if time < self._last - MAX_DISTANCE_BACK:
-            raise DataError(f"{self._where}: the clock goes back from {self._last:.3f} s to {time:.3f} s; "
-                            "expected one recording")
-        if time - self._first <= self._last - self._first:
-            self.late += 1
-            return None
-        self._last = time
-        return time - self._first
 
 
 def _depth_topic(bag: Bag, asked: str) -> str:
@@ -336,9 +313,8 @@ def nanoseconds_of(message: Any) -> int:
 def given_by(info: Any, topic: str, shape: tuple[int, ...], where: str) -> CameraInfo:
     """Camera and lens of a CameraInfo for a topic; unknown if the camera is not calibrated. Raises DataError.
 
-    Images whose topic contains "rect" are undistorted: the matrix P holds for them, K and D for all others. Both are
-    those of the complete sensor. The images may show a region of it, with binned pixels; ``shape`` is their height and
-    width.
+    Images whose topic contains "rect" are undistorted: the matrix P holds for them, K and D for all others. Images of
+    another ``shape``, height and width, than the CameraInfo's show a region of the sensor, or binned pixels.
     """
     k, d, p = (list(map(float, getattr(info, name, getattr(info, name.lower(), ())))) for name in "KDP")
     straight = "rect" in topic.rpartition("/")[2] and len(p) == 12 and p[0] > 0
@@ -348,21 +324,10 @@ def given_by(info: Any, topic: str, shape: tuple[int, ...], where: str) -> Camer
     if not (math.isfinite(fx + fy + u0 + v0) and min(fx, fy) > 0):
         raise DataError(f"{where}: focal lengths {fx:g}, {fy:g}, middle {u0:g}, {v0:g}; expected finite ones")
     lens = Lens() if straight else lens_of(info.distortion_model, d, where)
-    full = (info.height, info.width)
-    if shape == full or not any(full):  # whatever the region and the binning are, these are all pixels
-        return CameraInfo(Camera("ros", fx, fy, u0, v0, *shape[::-1]), lens, origin=where)
-    roi, (bin_x, bin_y) = info.roi, (max(1, int(info.binning_x)), max(1, int(info.binning_y)))
-    left, top = int(roi.x_offset), int(roi.y_offset)
-    height, width = int(roi.height) or full[0] - top, int(roi.width) or full[1] - left
-    if shape != (height // bin_y, width // bin_x):
-        raise DataError(
-            f"{where}: the camera has {full[1]} x {full[0]} pixels, of which a region of {width} x {height} at {left}, "
-            f"{top} is read with a binning of {bin_x} x {bin_y}; expected images of that size, found {shape[1]} x "
-            f"{shape[0]}; --camera with the parameters of these images replaces it"
-        )
-    # As image_geometry computes them: pixel coordinates are divided, without a shift of half a pixel.
-    camera = Camera("ros", fx / bin_x, fy / bin_y, (u0 - left) / bin_x, (v0 - top) / bin_y, *shape[::-1])
-    return CameraInfo(camera, lens, origin=where)
+    if any(full := (info.height, info.width)) and shape != full:
+        raise DataError(f"{where}: the camera has {full[1]} x {full[0]} pixels, the images have {shape[1]} x "
+                        f"{shape[0]}; expected the same; of a region or binned pixels give the parameters by --camera")
+    return CameraInfo(Camera("ros", fx, fy, u0, v0, *shape[::-1]), lens, origin=where)
 
 
 def metres_of(message: Any, where: str) -> float:

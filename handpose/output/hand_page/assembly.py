@@ -7,7 +7,7 @@ order in which they import each other:
     export function forward(skeleton) {         function forward(skeleton) {   ...   return { forward };
 
 A Content-Security-Policy allows only this script and this style, by their hashes, and no requests. The data are JSON
-with all characters escaped that are special in HTML. Lengths are in half-cubes and angles in radians, unless they say mm:
+with all characters escaped that are special in HTML. Lengths are in half-cubes, angles in radians, unless they say mm:
 
 bodies    to choose from; the page opens with the first one
     name      in the list and in addresses

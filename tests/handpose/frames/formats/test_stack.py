@@ -52,8 +52,8 @@ def test_what_stands_beside_the_frames(tmp_path: Path) -> None:
     recording = StackRecording(save(tmp_path / "a.npz", time=TIMES, **BESIDE))
     assert [frame.time for frame in recording] == [0, 0.25, 1.5]
     assert (recording.camera, recording.unit_mm, recording.rate) == (CAMERA, 0.5, None)
-    assert recording.remarks == ("camera from 'fx', 'fy', 'u0', 'v0'; unit from 'unit_mm'; times from 'time', taken "
-                                 "for s; --time-unit if wrong",)
+    assert recording.remarks == ("parameters from 'fx', 'fy', 'u0', 'v0', 'unit_mm'; times from 'time', taken for s; "
+                                 "--time-unit if wrong",)
     text = camera_file.to_text(CameraInfo(CAMERA, unit_mm=0.25, rate=20.0))
     recording = StackRecording(save(tmp_path / "b.npz", camera=text))
     assert (recording.camera, recording.unit_mm, recording.rate) == (CAMERA, 0.25, 20)
@@ -283,10 +283,10 @@ def test_what_is_named_like_times(tmp_path: Path) -> None:
 ])
 @pytest.mark.parametrize("name", ["K", "intrinsics", "camera_matrix", "depth_intrinsics", "cam_K", "mtx"])
 def test_intrinsics(tmp_path: Path, name: str, value: Any) -> None:
-    """A matrix by rows or, or four numbers; the size of the frames belongs to it."""
+    """A matrix by rows or by columns, or four numbers; the size of the frames belongs to it."""
     recording = opened(tmp_path, UNKNOWN, **{name: value}, width=64, height=48, unit_mm=0.5)
     assert (recording.camera, recording.unit_mm, recording.warnings) == (CAMERA, 0.5, ())
-    assert recording.remarks[0] == f"camera from {name!r}, 'width', 'height'; unit from 'unit_mm'"
+    assert recording.remarks[0] == f"parameters from {name!r}, 'width', 'height', 'unit_mm'"
 
 
 @pytest.mark.parametrize(("cx", "cy"), [("u0", "v0"), ("cx", "cy"), ("ppx", "ppy")])
@@ -308,16 +308,16 @@ def test_a_unit_of_something_else(tmp_path: Path) -> None:
 def test_rates(tmp_path: Path, name: str) -> None:
     recording = opened(tmp_path, CameraInfo(CAMERA, unit_mm=1.0), **{name: 20})
     assert recording.rate == 20 and times_of(recording) == pytest.approx([0, 0.05, 0.1, 0.15])
-    assert f"rate from {name!r}" in recording.remarks
+    assert f"parameters from {name!r}" in recording.remarks
 
 
 @pytest.mark.parametrize("name", ["distortion", "coeffs", "dist", "dist_coeffs", "distortion_coefficients", "D"])
 def test_distortion(tmp_path: Path, name: str) -> None:
     """Also as OpenCV's calibration returns it, (1, 5); that of another camera is not removed."""
     recording = opened(tmp_path, CameraInfo(unit_mm=0.5), K=MATRIX, **{name: [[-0.2, 0, 0, 0, 0]]})
-    assert recording.remarks[0] == f"camera from 'K'; distortion from {name!r}"
+    assert recording.remarks[0] == f"parameters from 'K', {name!r}"
     assert "the distortion of the lens is taken out" in recording.remarks
-    assert not any(f"from {name!r}" in line for line in StackRecording(tmp_path / "take.npz", GIVEN).remarks)
+    assert not any(name in line.split("'") for line in StackRecording(tmp_path / "take.npz", GIVEN).remarks)
 
 
 def test_precedence(tmp_path: Path) -> None:
@@ -327,12 +327,12 @@ def test_precedence(tmp_path: Path) -> None:
     mine: dict[str, Any] = {"K": MATRIX, "depth_scale": 0.002, "fps": 20.0}
     found = opened(tmp_path, UNKNOWN, **mine)
     assert (found.camera, found.unit_mm, found.rate) == (replace(CAMERA), 2, 20)
-    assert found.remarks == ("camera from 'K'; unit from 'depth_scale'; rate from 'fps'",)
+    assert found.remarks == ("parameters from 'K', 'depth_scale', 'fps'",)
     without = opened(tmp_path, UNKNOWN)
     assert (without.camera, without.unit_mm, without.rate) == (other, 4, 40)
     found = opened(tmp_path, GIVEN, **mine, width=64, height=48, min_range_mm=100)
     assert (found.camera, found.unit_mm, found.rate, found.warnings) == (CAMERA, 0.5, 10, ())
-    assert not any("from 'K'" in line or "from 'fps'" in line for line in found.remarks)
+    assert not any("'K'" in line or "'fps'" in line for line in found.remarks)
     assert opened(tmp_path, GIVEN, K=np.zeros((4, 3, 3))).camera == CAMERA  # of each frame: replaced, not refused
 
 
