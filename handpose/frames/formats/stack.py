@@ -6,7 +6,7 @@ memory. The other arrays of an .npz file are recognised by their usual names:
 
 times    time, times, t, ts, timestamp, timestamps, stamp, stamps, also after ``depth_`` or ``frame_``; a name may end
          with its unit, as in ``timestamps_us``
-others   the names of ``camera_values``; ``camera``, the whole text of a camera.json
+others   the names of ``camera_file``; ``camera``, the whole text of a camera.json
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from handpose.frames import camera_file, camera_values
+from handpose.frames import camera_file
 from handpose.frames.formats.folder import FRAMES, TICKS, since_1970
 from handpose.frames.raw import RATE, calibration_of, check_values
 from handpose.frames.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
@@ -177,7 +177,7 @@ ENDINGS = {word: unit for unit, words in {
     "ns": "ns nsec nanos nanoseconds"}.items() for word in words.split()}
 TIMES = re.compile(rf"(?:depth_|frame_)?(?:t|ts|times?|time_?stamps?|stamps?)(?:_({'|'.join(ENDINGS)}))?", re.I)
 IN_SECONDS = "time"  # the one name whose times are seconds unless they are times since 1970 in another unit
-OF_ANYTHING = ("name", "model", *camera_values.SIZE)  # ambiguous keys, used only with a camera
+OF_ANYTHING = ("name", "model", *camera_file.SIZE)  # ambiguous keys, used only with a camera
 TEXT = "camera"  # the name of the whole text of a camera.json
 MAX_VALUES = 1000  # in an array of parameters
 MAX_NAMES = 8  # number of unused arrays that are named
@@ -221,11 +221,11 @@ def _not_used(names: list[str]) -> str:
 
 def _parameters(found: Mapping[str, NDArray[Any]], where: str, given: CameraInfo) -> tuple[CameraInfo, dict[str, str]]:
     """The parameters in the arrays, and the field of CameraInfo for each array that is used. Raises DataError."""
-    has_camera = camera_values.has_camera({name: value.tolist() for name, value in found.items() if value.size <= 16})
-    values = {name: _plain(value, f"{where}: {name}") for name, value in found.items() if camera_values.is_known(name)
+    has_camera = camera_file.has_camera({name: value.tolist() for name, value in found.items() if value.size <= 16})
+    values = {name: _plain(value, f"{where}: {name}") for name, value in found.items() if camera_file.is_known(name)
               and (has_camera or name not in OF_ANYTHING)}
     replaced = [field for field, value in vars(given).items() if value is not None]
-    own, fields, *_ = camera_values.find(values, where, replaced) if values else (UNKNOWN, {})
+    own, fields, *_ = camera_file.find(values, where, replaced) if values else (UNKNOWN, {})
     if TEXT not in found:
         return own, {**fields}
     if found[TEXT].size != 1:

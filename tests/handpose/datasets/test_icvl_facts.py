@@ -77,16 +77,6 @@ def test_it_is_the_nyu_hand_in_a_mirror(hand: Skeleton) -> None:
     np.testing.assert_allclose(ours, among_model_joints(posed) * (-1, 1, 1), atol=1e-12)
 
 
-def test_joints_among_the_models() -> None:
-    """Joints of the model are selected by name; the middle finger's mid lies between its two points."""
-    joints = np.random.default_rng(0).normal(size=(3, 31, 3))
-    few, name = among_model_joints(joints), skeleton.load().joint_names.index
-    assert few.shape == (3, 16, 3)
-    np.testing.assert_array_equal(few[:, 0], joints[:, name("palm")])
-    np.testing.assert_array_equal(few[:, 15], joints[:, name("little_dip")])
-    np.testing.assert_allclose(few[:, 8], (joints[:, name("middle_pip_a")] + joints[:, name("middle_pip_b")]) / 2)
-
-
 def handedness(joints: np.ndarray) -> np.ndarray:
     """The side of the palm's plane (index, little, palm) to which the fingers bend: opposite for a mirrored hand."""
     normal = np.cross(joints[:, 4] - joints[:, 0], joints[:, 13] - joints[:, 0])

@@ -1,4 +1,4 @@
-"""handpose/frames/camera_values.py and camera_file.py: cameras in the files of other programs."""
+"""handpose/frames/camera_file.py: cameras in the files of other programs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from handpose.frames import camera_file
-from handpose.frames.camera_values import find
+from handpose.frames.camera_file import find
 from handpose.frames.cameras import Camera
 from handpose.frames.lens import Lens
 from handpose.frames.raw import sized
@@ -226,6 +226,7 @@ def test_yaml(text: str) -> None:
 
 @bad_inputs(DataError, {
     "K: [1, 2, 3]": "x: K is [1, 2, 3]; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], or fx, fy, cx, cy",
+    "K: [60, 1, 31, 0, 61, 23, 0, 0, 1]": "x: K is [60, 1, 31, 0, 61, 23, 0, 0, 1]; expected [[fx, 0, cx], ...",
     "K: [0, 0, 0, 0, 0, 0, 0, 0, 1]": "x: fx is 0.0; expected a number more than 1e-06 and at most 1e+06",
     "K: [60, 61, 31, 23]\nD: [0.1, 0, 0, 0]\ndistortion_model: equidistant":
         "x: distortion model 'equidistant' is not known; known: brown_conrady (OpenCV's), ...",
