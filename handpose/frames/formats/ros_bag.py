@@ -268,8 +268,6 @@ def values_of(message: Any, where: str) -> NDArray[Any]:
     if not hasattr(message, "encoding"):
         return _unpacked(message, encoding, where)
     dtype = np.dtype((">" if message.is_bigendian else "<") + ENCODINGS[encoding])
-    if message.width * message.height > pictures.MAX_PIXELS:
-        raise DataError(f"{where}: {message.width} x {message.height} pixels; expected those of a depth camera")
     height, step, row = message.height, message.step, message.width * dtype.itemsize
     if not (row and height) or step < row or len(message.data) < step * height:
         raise DataError(f"{where}: {len(message.data)} bytes in rows of {step}, which are no {message.width} x "

@@ -167,41 +167,24 @@ def times_of(recording: Recording) -> list[float]:
     return [frame.time for frame in recording]
 
 
-@pytest.mark.parametrize("name", [
-    "time", "times", "t", "ts", "timestamp", "timestamps", "Timestamps", "time_stamps", "stamp", "stamps",
-    "frame_times", "depth_timestamps",
+DATES = np.datetime64("2026-11-28T04:00:00", "us") + (10**6 * SECONDS).astype("timedelta64[us]")
+
+
+@pytest.mark.parametrize(("name", "times", "how"), [
+    *((name, 1_700_000_000 + SECONDS, "in s since 1970") for name in (
+        "time", "times", "t", "ts", "timestamp", "Timestamps", "time_stamps", "stamps", "frame_times",
+        "depth_timestamps")),
+    *(("timestamps", ticks * (1_700_000_000 + SECONDS), f"in {unit} since 1970")
+      for unit, ticks in (("ms", 10**3), ("us", 10**6), ("ns", 10**9))),
+    *((f"{name}_{ending}", 5 + ticks * SECONDS, f"in {unit} by its name")
+      for name in ("time", "t", "timestamps") for ending, unit, ticks in (
+        ("s", "s", 1), ("seconds", "s", 1), ("ms", "ms", 10**3), ("usec", "us", 10**6), ("ns", "ns", 10**9))),
+    ("stamps", DATES, "in ns as stored"),
 ])
-def test_names_of_times(tmp_path: Path, name: str) -> None:
-    recording = opened(tmp_path, **{name: 1_700_000_000 + SECONDS})
+def test_names_and_units_of_times(tmp_path: Path, name: str, times: Any, how: str) -> None:
+    recording = opened(tmp_path, **{name: times})
     assert times_of(recording) == pytest.approx(SECONDS, abs=1e-6)
-    assert recording.remarks[0] == f"times from {name!r}, in s since 1970" and recording.warnings == ()
-
-
-@pytest.mark.parametrize(("ending", "unit", "ticks"), [
-    ("s", "s", 1), ("seconds", "s", 1), ("ms", "ms", 10**3), ("us", "us", 10**6), ("usec", "us", 10**6),
-    ("ns", "ns", 10**9),
-])
-@pytest.mark.parametrize("name", ["time", "t", "timestamps"])
-def test_a_unit_at_the_end_of_the_name(tmp_path: Path, name: str, ending: str, unit: str, ticks: int) -> None:
-    """It holds also for steps that no camera has."""
-    slow = 100 * SECONDS
-    recording = opened(tmp_path, **{f"{name}_{ending}": 5 + ticks * slow})
-    assert times_of(recording) == pytest.approx(slow)
-    assert recording.remarks[0] == f"times from '{name}_{ending}', in {unit} by its name"
-
-
-@pytest.mark.parametrize(("unit", "ticks"), [("s", 1), ("ms", 10**3), ("us", 10**6), ("ns", 10**9)])
-def test_times_since_1970(tmp_path: Path, unit: str, ticks: int) -> None:
-    recording = opened(tmp_path, timestamps=ticks * (1_700_000_000 + SECONDS))
-    assert times_of(recording) == pytest.approx(SECONDS, abs=1e-6)
-    assert recording.remarks[0] == f"times from 'timestamps', in {unit} since 1970"
-
-
-def test_dates(tmp_path: Path) -> None:
-    stamps = np.datetime64("2026-11-28T04:00:00", "us") + (10**6 * SECONDS).astype("timedelta64[us]")
-    recording = opened(tmp_path, stamps=stamps)
-    assert times_of(recording) == pytest.approx(SECONDS, abs=1e-6)
-    assert recording.remarks[0] == "times from 'stamps', in ns as stored"
+    assert recording.remarks[0] == f"times from {name!r}, {how}" and recording.warnings == ()
 
 
 def test_times_of_no_known_unit(tmp_path: Path) -> None:
