@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
@@ -48,16 +47,12 @@ def read_nyu_depth(path: str | Path) -> NDArray[np.float32]:
 # ------------------------------------------------------------------------------------------ the annotation
 
 
-@dataclass(frozen=True)
-class NyuAnnotation:
+class NyuAnnotation(NamedTuple):
     """The joints of one split in the first of the three cameras."""
 
     uvd: Array  # (N, 36, 3) px, px, mm
     xyz: Array  # (N, 36, 3) mm, camera axes: x right, y up, z away
     made_from: str  # "NYU"
-
-    def __len__(self) -> int:
-        return len(self.uvd)
 
 
 def read_annotation(path: Path) -> NyuAnnotation:
@@ -142,7 +137,7 @@ def read_split(root: Path, split: str, centers: Path | None = None) -> Published
     """The frames of a split. ``centers`` is a file of crop centres; without it joint 34. Raises DataError."""
     folder = folder_of(root, split)
     annotation = read_annotation(folder / ANNOTATION)
-    count = len(annotation)
+    count = len(annotation.uvd)
     cubes = cube_of_test_frame(np.arange(count)) if split == "test" else np.full(count, CUBE_MM)
     return PublishedFrames(
         split=split,
@@ -172,13 +167,14 @@ def check_split(root: Path, split: str) -> tuple[list[str], list[Flaw]]:
     except DataError as error:
         flaws.append(Flaw(str(error)))
         return [f"{folder}: {len(numbers)} depth frames of camera 1, no readable labels"], flaws
-    labelled = f"{len(annotation)} labelled frames ({annotation.made_from})"
+    count = len(annotation.uvd)
+    labelled = f"{count} labelled frames ({annotation.made_from})"
     if annotation.made_from != SYNTHETIC:
-        flaws += _count_flaws(folder, split, len(annotation))
-    missing = sorted(set(range(len(annotation))) - numbers)
+        flaws += _count_flaws(folder, split, count)
+    missing = sorted(set(range(count)) - numbers)
     if numbers and missing:
         first = frame_name(missing[0])
-        text = f"{folder}: {len(missing)} of {len(annotation)} depth frames are missing, the first is {first}"
+        text = f"{folder}: {len(missing)} of {count} depth frames are missing, the first is {first}"
         flaws.append(Flaw(text, fatal=False))
     if numbers and not missing:
         flaws += first_frame_flaws(folder / frame_name(0), read_nyu_depth, NYU)

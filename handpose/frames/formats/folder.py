@@ -39,7 +39,6 @@ from netlib.errors import DataError, did_you_mean, reason_of, system_error_of
 from netlib.files.paths import exists, list_folder, names_in
 
 PICTURES = (".png", ".tif", ".tiff")
-OTHERS = (".jpg", ".jpeg", ".bmp", ".exr", ".pgm", ".raw")  # named in an error message
 
 
 def open_folder(source: Path, given: CameraInfo = UNKNOWN) -> FolderRecording:
@@ -124,15 +123,10 @@ def _is_frame(name: str) -> bool:
 
 def _no_frames(folder: Path) -> str:
     """The error for a folder without frames, with what it contains."""
-    names = sorted(names_in(folder))
-    inner = [name for name in names if any(map(_is_frame, names_in(folder / name)))]
-    others = sorted({suffix for name in names if (suffix := Path(name).suffix.lower()) in OTHERS})
-    if inner:
-        found = f"; {', '.join(inner[:6])} in it {'do' if len(inner) > 1 else 'does'}: name one"
-    else:
-        found = f", but {', '.join(others)}" if others else ""
-        found += f": {HEADERLESS}" if ".raw" in others else ""
-    return f"{folder}: holds no depth frames (16-bit grey PNG or TIFF){found}"
+    names = sorted(name for name in names_in(folder) if not name.startswith("."))
+    shown = f"{', '.join(names[:MAX_SHOWN])}{' ...' * (len(names) > MAX_SHOWN)}" or "nothing"
+    advice = f": {HEADERLESS}" if any(name.lower().endswith(".raw") for name in names) else ""
+    return f"{folder}: holds no depth frames (16-bit grey PNG or TIFF); found {shown}{advice}"
 
 
 def _first_whole(folder: Path, frames: NamedFrames) -> tuple[Path, NDArray[Any]]:
@@ -170,7 +164,7 @@ SINCE_1970 = re.compile(r"(?<!\d)(\d{9,19})(?:\.(\d+)|(?<=(?<!\d)\d{10})[_-](\d{
 DATE = re.compile(r"(?<!\d)20\d\d\D?[01]\d\D?[0-3]\d(?:\D{0,4}[0-2]\d\D?[0-5]\d\D?[0-5]\d(?:\.\d+)?)?")
 NUMBER, DECIMAL = re.compile(r"\d+"), re.compile(r"\d+(?:[.,]\d+)?")
 SPARSE = 10  # times as many numbers as frames are no count if the names have a date
-MAX_SHOWN = 6  # maximum number of sequences in a message
+MAX_SHOWN = 6  # maximum number of names or sequences in a message
 
 
 class NamedFrames(NamedTuple):

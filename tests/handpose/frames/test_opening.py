@@ -156,7 +156,7 @@ def test_the_line_that_converts_raw_values(tmp_path: Path, monkeypatch: pytest.M
     values = np.arange(2 * 480 * 640, dtype=np.uint16).reshape(2, 480, 640)
     for number, frame in enumerate(values):
         frame.tofile(f"{number}.raw")
-    with pytest.raises(DataError, match=r"holds no depth frames .*, but \.raw: values without a header") as error:
+    with pytest.raises(DataError, match=r"holds no depth frames .*; found 0\.raw, 1\.raw: values without") as error:
         open_recording(tmp_path)
     code = str(error.value).partition(' -c "')[2].removesuffix('"')
     run_python("-c", code, cwd=tmp_path)

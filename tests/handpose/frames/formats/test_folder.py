@@ -131,11 +131,11 @@ def tiff(path: Path, count: int) -> None:
 
 
 @bad_inputs(DataError, {
-    "an empty folder": (((), ""), "...: holds no depth frames (16-bit grey PNG or TIFF)"),
+    "an empty folder": (((), ""), "...: holds no depth frames (16-bit grey PNG or TIFF); found nothing"),
     "other pictures": ((("a.jpg", "b.JPG", ".1.png"), ""),
-                       "...: holds no depth frames (16-bit grey PNG or TIFF), but .jpg"),
+                       "...: holds no depth frames (16-bit grey PNG or TIFF); found a.jpg, b.JPG"),
     "folders": ((("depth/1.png", "rgb/1.png"), ""),
-                "...: holds no depth frames (16-bit grey PNG or TIFF); depth, rgb in it do: name one"),
+                "...: holds no depth frames (16-bit grey PNG or TIFF); found depth, rgb"),
     "another pattern": ((("left_1.png",), "lefts_*.png"),
                         ".../lefts_*.png: no picture has such a name (did you mean 'left_1.png'?)"),
     "another name": ((("frames_a/1.png",), "frame_a"),
