@@ -161,26 +161,3 @@ def test_a_repaired_frame_is_taken_in(tmp_path: Path) -> None:
         split = PreparedSplit(split_of(tmp_path, bad), tmp_path)
         assert len(split.missing) == missing
         assert sorted(split.write(1, lambda count: None, lambda i, error: None).index) == index
-
-
-@pytest.mark.usefixtures("small")
-def test_a_split_without_good_frames(tmp_path: Path) -> None:
-    (tmp_path / "test.txt").write_text("old.h5\n")
-    split = PreparedSplit(split_of(tmp_path, range(7)), tmp_path)
-    outcome = split.write(1, lambda count: None, lambda i, error: None)
-    with pytest.raises(DataError, match="none of the 7 test frames can be used"):
-        split.write_list(outcome)
-    assert not split.list.exists()
-
-
-@pytest.mark.usefixtures("small")
-def test_the_first_bad_frame_may_end_the_run(tmp_path: Path) -> None:
-    """An error raised by ``on_bad`` ends the run; finished files stay."""
-
-    def strict(i: int, error: BadFrameError) -> None:
-        raise error
-
-    split = PreparedSplit(split_of(tmp_path, range(4, 5)), tmp_path)
-    with pytest.raises(BadFrameError, match=r"4\.png: no such file"):
-        split.write(1, lambda count: None, strict)
-    assert [path.name for path in tmp_path.iterdir()] == ["test_000.h5"]
