@@ -58,13 +58,13 @@ def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording
         return StackRecording(path, given)
     if suffix in BAGS:
         _refuse_time_unit(name, given)
-        from handpose.frames.formats.ros_bag import open_bag
+        from handpose.frames.formats.ros_bag import BagRecording
 
-        return open_bag(path, given)
+        return BagRecording(path, given)
     if suffix in PICTURES or not exists(path):
-        from handpose.frames.formats.folder import open_folder
+        from handpose.frames.formats.folder import FolderRecording
 
-        return open_folder(path, given)
+        return FolderRecording(path, given)
     if suffix == ".raw":
         raise DataError(f"{source}: {HEADERLESS}")
     raise DataError(f"{source}: not a recording; expected {EXPECTED}")

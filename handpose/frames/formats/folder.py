@@ -1,7 +1,7 @@
 """Folders of depth frames: 16-bit grey images (PNG or TIFF), ordered and timed by their names.
 
-open_folder(Path("frames"), given)          # all images in it, which must be one sequence
-open_folder(Path("frames/left_*.png"), given)    # those of one
+FolderRecording(Path("frames"), given)          # all images in it, which must be one sequence
+FolderRecording(Path("frames/left_*.png"), given)    # those of one
 
     000000033333us.png                      us, ms or ns as named, as ``tools/record.py`` writes
     1616799936125.png 1616799936.125.png    s, ms, us or ns since 1970, by their size, also with a fraction
@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from handpose.frames import camera_file
 from handpose.frames.cameras import NYU
 from handpose.frames.images import read_picture, unpack_depth
-from handpose.frames.raw import HEADERLESS, Calibration, calibration_of
+from handpose.frames.raw import HEADERLESS, calibration_of
 from handpose.frames.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
 from netlib.errors import DataError, did_you_mean, reason_of, system_error_of
 from netlib.files.paths import exists, list_folder, names_in
@@ -41,39 +41,32 @@ from netlib.files.paths import exists, list_folder, names_in
 PICTURES = (".png", ".tif", ".tiff")
 
 
-def open_folder(source: Path, given: CameraInfo = UNKNOWN) -> FolderRecording:
-    """The frames in a folder, or those matching a pattern of names, or one name. Raises DataError."""
-    folder, names = _frames_in(source)
-    camera_json = camera_file.next_to(folder)
-    known = given.or_else(camera_json)
-    packed = known.camera == NYU
-    frames = in_order(names, str(folder), known.time_unit)
-    path, image = _first_whole(folder, frames)
-    raw = _grey(image, packed, path)
-    if path.suffix.lower() in (".tif", ".tiff") and (pictures := cv2.imcount(str(path))) > 1:
-        raise DataError(f"{path}: a TIFF of {pictures} pictures; expected one for each frame, or all in an .npy")
-    calibration = calibration_of(given, UNKNOWN, camera_json, raw.shape, raw.dtype, str(path))
-    return FolderRecording(source, folder, frames, calibration, packed)
-
-
 class FolderRecording(Recording):
-    """One image per frame. Damaged ones are left out, and ``remarks`` counts them.
+    """The images in a folder, those that match a pattern of names, or one, in the order of time. Raises DataError.
+
+    Damaged ones are left out, and ``remarks`` counts them.
 
     folder  of the frames
     """
 
-    def __init__(
-        self, source: Path, folder: Path, frames: NamedFrames, calibration: Calibration, packed: bool
-    ) -> None:
-        self.name = str(source)
-        self.camera, self.unit_mm, self.count = calibration.camera, calibration.unit_mm, len(frames.names)
-        self.rate = calibration.rate
-        remarks = [frames.interpretation, *calibration.remarks]
-        if not frames.ticks and len(frames.names) > 1:
+    def __init__(self, source: Path, given: CameraInfo = UNKNOWN) -> None:
+        self.folder, names = _frames_in(source)
+        camera_json = camera_file.next_to(self.folder)
+        known = given.or_else(camera_json)
+        self._packed = known.camera == NYU
+        self._frames = in_order(names, str(self.folder), known.time_unit)
+        path, image = _first_whole(self.folder, self._frames)
+        raw = _grey(image, self._packed, path)
+        if path.suffix.lower() in (".tif", ".tiff") and (pictures := cv2.imcount(str(path))) > 1:
+            raise DataError(f"{path}: a TIFF of {pictures} pictures; expected one for each frame, or all in an .npy")
+        calibration = calibration_of(given, UNKNOWN, camera_json, raw.shape, raw.dtype, str(path))
+        self.name, self.count, self.rate = str(source), len(names), calibration.rate
+        self.camera, self.unit_mm = calibration.camera, calibration.unit_mm
+        remarks = [self._frames.interpretation, *calibration.remarks]
+        if not self._frames.ticks and len(names) > 1:
             self.rate, assumed = calibration.paced()
             remarks += assumed
         self.remarks = self._remarks = tuple(remarks)
-        self.folder, self._frames, self._packed = folder, frames, packed
         self._decode = calibration.decoder(self.name)
 
     def __iter__(self) -> Iterator[DepthFrame]:

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from handpose.frames import camera_file
 from handpose.frames.cameras import Camera
 from handpose.frames.lens import Lens, lens_of
-from handpose.frames.raw import Calibration, calibration_of
+from handpose.frames.raw import calibration_of
 from handpose.frames.recording import CameraInfo, DepthFrame, Recording
 from netlib.errors import DataError, NetlibError, did_you_mean, reason_of, system_error_of
 from netlib.files import pictures
@@ -116,29 +116,26 @@ def _opened(path: Path) -> Iterator[Bag]:
         yield Bag(reader, is_ros1, str(path))
 
 
-def open_bag(path: Path, given: CameraInfo) -> Recording:
-    """The depth of a bag. Raises DataError, and NetlibError without rosbags."""
-    name, _, asked = str(path).partition("#")
-    if asked and not exists(path):
-        path = Path(name)
-    with _opened(path) as bag:
-        topic = _depth_topic(bag, asked)
-        where = f"{path}: {topic}"
-        image = bag.first(topic, *IMAGES)
-        values = values_of(image, where)
-        own = _own(bag, topic, encoding_of(image), values.shape, given.camera is not None)
-        calibration = calibration_of(given, own, camera_file.next_to(path), values.shape, values.dtype, where)
-        return _BagRecording(path, calibration, topic, bag.topics(*IMAGES)[topic])
+class BagRecording(Recording):
+    """The images of one topic, until the end of the bag or of its intact part. Every iteration opens it again.
 
+    Raises DataError, and NetlibError without rosbags.
+    """
 
-class _BagRecording(Recording):
-    """The images of one topic, until the end of the bag or of its intact part. Every iteration opens it again."""
-
-    def __init__(self, path: Path, calibration: Calibration, topic: str, count: int) -> None:
-        self.name, self.count = str(path), count
+    def __init__(self, path: Path, given: CameraInfo) -> None:
+        name, _, asked = str(path).partition("#")
+        self._path = Path(name) if asked and not exists(path) else path
+        with _opened(self._path) as bag:
+            self._topic = _depth_topic(bag, asked)
+            where = f"{self._path}: {self._topic}"
+            image = bag.first(self._topic, *IMAGES)
+            values = values_of(image, where)
+            own = _own(bag, self._topic, encoding_of(image), values.shape, given.camera is not None)
+            calibration = calibration_of(given, own, camera_file.next_to(self._path), values.shape, values.dtype, where)
+            self.name, self.count = str(self._path), bag.topics(*IMAGES)[self._topic]
         self.camera, self.unit_mm, self.rate = calibration.camera, calibration.unit_mm, calibration.rate
         self.remarks = self._assumed = calibration.remarks
-        self._path, self._topic, self._decode = path, topic, calibration.decoder(self.name)
+        self._decode = calibration.decoder(self.name)
 
     def __iter__(self) -> Iterator[DepthFrame]:
         self.cut, self.remarks = "", self._assumed

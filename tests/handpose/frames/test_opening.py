@@ -28,7 +28,7 @@ from tests.support.running import run_python
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, object, CameraInfo]]:
     """The calls of readers that need packages; the readers themselves are replaced."""
     found: list[tuple[str, object, CameraInfo]] = []
-    for module, name in (("ros_bag", "open_bag"), ("realsense", "open_live")):
+    for module, name in (("ros_bag", "BagRecording"), ("realsense", "open_live")):
 
         def opened(source: object, given: CameraInfo, name: str = name) -> None:
             found.append((name, source, given))
@@ -54,7 +54,7 @@ def test_stacks(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "reader"),
-    [("a.bag", "open_bag"), ("A.MCAP", "open_bag")],
+    [("a.bag", "BagRecording"), ("A.MCAP", "BagRecording")],
 )
 def test_containers(tmp_path: Path, asked: list[tuple[str, object, CameraInfo]], name: str, reader: str) -> None:
     """Containers are opened by readers that are imported on demand."""
@@ -66,7 +66,7 @@ def test_containers(tmp_path: Path, asked: list[tuple[str, object, CameraInfo]],
 def test_a_bag_that_is_a_folder(tmp_path: Path, asked: list[tuple[str, object, CameraInfo]]) -> None:
     (tmp_path / "metadata.yaml").touch()
     open_recording(tmp_path)
-    assert asked == [("open_bag", tmp_path, UNKNOWN)]
+    assert asked == [("BagRecording", tmp_path, UNKNOWN)]
 
 
 def test_a_live_camera(asked: list[tuple[str, object, CameraInfo]]) -> None:

@@ -14,7 +14,7 @@ import pytest
 
 from handpose.frames.cameras import Camera
 from handpose.frames.formats import open_recording, ros_bag
-from handpose.frames.formats.ros_bag import open_bag
+from handpose.frames.formats.ros_bag import BagRecording
 from handpose.frames.lens import Lens
 from handpose.frames.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
 from netlib.errors import DataError, NetlibError
@@ -52,7 +52,7 @@ def images(*messages: tuple[bytes, int], topic: str = bags.TOPIC, **info: Any) -
 
 
 def read(path: Path, given: CameraInfo = UNKNOWN) -> tuple[Recording, list[DepthFrame]]:
-    recording = open_bag(path, given)
+    recording = BagRecording(path, given)
     return recording, list(recording)
 
 
@@ -155,8 +155,8 @@ def test_a_camera_of_another_size(tmp_path: Path) -> None:
     """Images of a region of the sensor, or of binned pixels, raise an error; a given camera replaces it."""
     path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=functools.partial(bags.driver, sensor=(100, 200)))
     with pytest.raises(DataError, match="camera_info: the camera has 200 x 100 pixels, the images have 64 x 48; exp"):
-        open_bag(path, UNKNOWN)
-    assert open_bag(path, GIVEN).camera.fx == 60
+        BagRecording(path, UNKNOWN)
+    assert BagRecording(path, GIVEN).camera.fx == 60
     unknown = functools.partial(bags.driver, sensor=(0, 0))
     assert read(bags.write_ros1(tmp_path / "b.bag", DEPTH, make=unknown))[0].camera.width == 64
 
@@ -190,7 +190,7 @@ def test_rectified_images(tmp_path: Path) -> None:
 def test_a_camera_that_is_not_calibrated(tmp_path: Path) -> None:
     path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=functools.partial(bags.driver, k=[0] * 9, p=[0] * 12))
     with pytest.raises(DataError, match="the camera of these frames is unknown"):
-        open_bag(path, UNKNOWN)
+        BagRecording(path, UNKNOWN)
     assert read(path, GIVEN)[0].camera.fx == 60
 
 
@@ -205,12 +205,12 @@ class TestTopics:
         path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=self.two)
         both = "depth of 2 topics: /camera/aligned_depth_to_color/image_raw, /camera/depth/image_raw; name one by"
         with pytest.raises(DataError, match=both):
-            open_bag(path, UNKNOWN)
+            BagRecording(path, UNKNOWN)
         recording, frames = read(Path(f"{path}#/camera/aligned_depth_to_color/image_raw"))
         assert open_recording(f"{path}#/camera/aligned_depth_to_color/image_raw").camera == recording.camera
         assert (recording.camera.fx, recording.count, len(frames)) == (90, 2, 2)
         with pytest.raises(DataError, match=r"no images of '/camera/depth/image_rw' \(did you mean"):
-            open_bag(Path(f"{path}#/camera/depth/image_rw"), CameraInfo())
+            BagRecording(Path(f"{path}#/camera/depth/image_rw"), CameraInfo())
 
     def test_infrared_and_colour_are_no_depth(self, tmp_path: Path) -> None:
         def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
@@ -255,13 +255,13 @@ def test_a_cut_bag(tmp_path: Path, name: str, expected: str) -> None:
     file = path if path.is_file() else next(file for file in path.iterdir() if file.suffix != ".yaml")
     file.write_bytes(file.read_bytes()[:1000])
     with pytest.raises(DataError, match=expected):
-        open_bag(file, UNKNOWN)
+        BagRecording(file, UNKNOWN)
 
 
 def test_a_bag_that_is_cut_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The frames before the damage are read, and ``cut`` says why there are no more."""
     path = KINDS["plain.bag"](tmp_path / "a.bag", DEPTH)
-    recording = open_bag(path, UNKNOWN)
+    recording = BagRecording(path, UNKNOWN)
     values_of, calls = ros_bag.values_of, iter(range(9))
 
     def failing(message: Any, where: str) -> Any:
@@ -326,10 +326,10 @@ def test_depth_units_that_are_no_number(tmp_path: Path, given: str, rejected: An
         return [(topic, kind, ns, of.text(given) if "option" in topic else it) for topic, kind, ns, it in content]
 
     with rejected:
-        open_bag(bags.write_ros2(tmp_path / "a", DEPTH, make=make), UNKNOWN)
+        BagRecording(bags.write_ros2(tmp_path / "a", DEPTH, make=make), UNKNOWN)
 
 
 def test_without_rosbags(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(sys.modules, "rosbags", None)
     with pytest.raises(NetlibError, match="pip install rosbags"):
-        open_bag(tmp_path / "a.bag", CameraInfo())
+        BagRecording(tmp_path / "a.bag", CameraInfo())
