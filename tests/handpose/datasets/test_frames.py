@@ -10,7 +10,6 @@ import pytest
 
 from handpose.datasets.frames import Frames, empty_frames, examples_of, spread
 from handpose.frames.cameras import NYU
-from netlib.errors import DataError
 from netlib.files.paths import ROOT
 from tests.support.hdf5_files import write_hdf5
 
@@ -75,8 +74,3 @@ def test_frames_of_a_list_come_from_all_its_files(tmp_path: Path) -> None:
     assert crop.shape == (8, 8) and none is None
     assert (crop[0, 0], other[0, 0]) == (0.25, 0.5)
     assert joints is not None and joints.tolist() == [6, 7, 8, 9, 10, 11]
-
-
-def test_a_folder_without_pictures(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match="no PNG pictures in this folder"):
-        examples_of(tmp_path, 3)
