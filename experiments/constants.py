@@ -102,7 +102,7 @@ def labels_of(path: Path) -> Array:
 
 def followed(source: str, labels: Array, seed: int, mirrored: bool) -> Iterator[Seen | None]:
     """Track a recording; for every labelled frame its nearest hand, None without one. Raises NetlibError."""
-    from handpose.frames.opening import open_recording  # imported here, after constants are set
+    from handpose.frames.formats import open_recording  # imported here, after constants are set
     from handpose.tracking.tracker import load_tracker
 
     with open_recording(source) as recording:

@@ -29,7 +29,7 @@ from handpose.estimate.finder import Finder, FoundHand
 from handpose.estimate.nets import trained
 from handpose.estimate.packaged import HAND_FINDER
 from handpose.frames.cameras import KINECT2, NYU, SR305, Camera
-from handpose.frames.opening import open_recording
+from handpose.frames.formats import open_recording
 from handpose.synthetic.prior_file import RangeParameter
 from handpose.synthetic.scenes import draw_scenes, prior_of
 from handpose.synthetic.sensor import sensor_of

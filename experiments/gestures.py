@@ -18,8 +18,7 @@ import numpy as np
 
 from handpose import CAMERAS, Tracker, load_predictor
 from handpose.body.gestures import GESTURES, GestureReader
-from handpose.sequences.movements import Movement
-from handpose.sequences.person import fingers_of
+from handpose.sequences.movements import Movement, fingers_of
 from handpose.sequences.recordings import SHOWING, SyntheticRecording
 from handpose.tracking.track import TrackedFrame, TrackHeader
 from tools.common.arguments import add_engine, seconds, seed

@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from handpose.frames.cameras import NYU as NYU
     from handpose.frames.cameras import SR305 as SR305
     from handpose.frames.cameras import Camera as Camera
+    from handpose.frames.formats import open_recording as open_recording
     from handpose.frames.lens import Lens as Lens
     from handpose.frames.live import DeviceFrame as DeviceFrame
     from handpose.frames.live import open_device as open_device
-    from handpose.frames.opening import open_recording as open_recording
     from handpose.frames.recording import CameraInfo as CameraInfo
     from handpose.frames.recording import DepthFrame as DepthFrame
     from handpose.frames.recording import Recording as Recording
@@ -50,9 +50,9 @@ if any(spec and spec.origin and Path(spec.origin).resolve() not in _OURS for spe
 _MODULES = {
     "frames.cameras": ("CAMERAS", "ICVL", "KINECT2", "MSRA15", "NYU", "SR305", "Camera"),
     "frames.recording": ("CameraInfo", "DepthFrame", "Recording"),
+    "frames.formats": ("open_recording",),
     "frames.lens": ("Lens",),
     "frames.live": ("DeviceFrame", "open_device"),
-    "frames.opening": ("open_recording",),
     "frames.writing": ("RecordingWriter",),
     "estimate.packaged": ("load_predictor",),
     "tracking.tracker": ("Tracker", "load_tracker"),

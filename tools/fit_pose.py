@@ -31,7 +31,7 @@ import numpy as np
 
 from handpose import NYU
 from handpose.body import nyu
-from handpose.datasets.examples import spread
+from handpose.datasets.frames import spread
 from handpose.fit.joints.absolute_joints import fit_absolute, write_fit
 from handpose.fit.joints.companions import fit_list
 from handpose.fit.joints.fit_joints import fit_joints

@@ -12,8 +12,7 @@ SCRIPT is one of
     two_hands  both hands of one person
     left       a left hand
     body       a person is visible behind the hand
-    desk       both hands of a person at a table, seen from above
-    minute     all of these but desk
+    minute     all of these
 
 --out is a folder of 16-bit PNG or FILE.npz, as written by tools/record.py. The ground truth is a track in
 OUT.truth.json, as written by tools/track.py. Frames where it reports a hand as lost because it is "partly in sight"

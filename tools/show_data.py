@@ -25,7 +25,7 @@ tools.begin(__name__)
 
 import numpy as np
 
-from handpose.datasets.examples import Example, examples_of
+from handpose.datasets.frames import Example, examples_of
 from handpose.output.drawing import hands, strokes
 from layers.hand import skeleton as skeletons
 from netlib import files

@@ -33,10 +33,10 @@ tools.begin(__name__)
 import numpy as np
 
 import netlib
-from handpose.datasets.examples import spread
+from handpose.datasets.frames import spread
 from handpose.estimate.nets import hand_layer
 from handpose.fit.search import PLANS
-from handpose.output.drawing import sheets
+from handpose.output.drawing import hands
 from handpose.scoring import held_out
 from handpose.scoring.held_out import data_layer, errors_by_joint, figures_of
 from handpose.scoring.metrics import joint_errors
@@ -127,7 +127,7 @@ def _draw(path: Path, net: Net, found: held_out.Predictions) -> None:
     hand = hand_layer(net)
     chosen = spread(len(found.joints), DRAWN)
     errors = joint_errors(found.joints[chosen], found.truth[chosen]).mean(axis=1) * found.half_cube[chosen]
-    sheet = sheets.two_views(
+    sheet = hands.two_views(
         held_out.crops_of(net, chosen), (found.joints if found.skeleton is None else found.skeleton)[chosen],
         found.truth[chosen], hand.skeleton if hand else skeletons.load(),
         [(f"frame {i}", f"{error:.0f} mm") for i, error in zip(chosen, errors)],

@@ -12,9 +12,8 @@ import numpy as np
 
 import netlib
 from docs.making.figures import drawing
-from handpose.output.hand_page.assembly import assembled, page, script_of, source
-from handpose.output.hand_page.content import body, content
-from handpose.sequences.person import poses
+from handpose.output.hand_page.assembly import assembled, body, content, page, script_of, source
+from handpose.sequences.movements import poses
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons

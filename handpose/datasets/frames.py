@@ -1,4 +1,4 @@
-"""Labelled crops, as the HDF5 files of a data set hold them: one array per data set, one row per frame.
+"""Labelled crops, as the HDF5 files of a data set hold them: one array per data set, one row per frame; examples.
 
 depth       (n, 1, 128, 128) float32  the crop in [-1, 1]; crops.py
 joint       (n, 3 K) float32          joints x, y, z in half-cubes from the crop centre, clipped to [-1, 1]
@@ -12,14 +12,20 @@ half_cube   (n,) float32              mm
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from handpose.frames.cameras import NYU, Camera
 from handpose.frames.crops import SIZE
+from handpose.frames.images import read_crop
 from netlib.blob import Array
+from netlib.errors import DataError
+from netlib.files.hdf5 import File, read_list
 
 Floats = NDArray[np.float32]
 
@@ -85,3 +91,56 @@ def empty_frames(joints: int, dofs: int | None = None, bones: bool = False) -> F
     inputs = None if dofs is None else np.zeros((0, dofs))
     return Frames.of(np.zeros((0, SIZE, SIZE)), np.zeros((0, joints, 3)), np.zeros((0, 3)), NYU, none,
                      np.zeros(0, np.int64), inputs, np.zeros((0, joints)) if bones else None)
+
+
+# ---------------------------------------------------------------------------------------------- examples
+
+
+class Example(NamedTuple):
+    """One frame.
+
+    crop    (size, size) in [-1, 1]
+    joints  half-cubes, if the data set has them
+    where   its file, and its row in it
+    """
+
+    crop: NDArray[np.float32]
+    joints: NDArray[np.float64] | None
+    where: str
+
+
+def examples_of(path: Path, count: int) -> list[Example]:
+    """At most ``count`` frames, spread evenly over a data set, for display. Raises DataError.
+
+    path  a list of HDF5 files, one such file, or a folder of crops
+    """
+    if path.is_dir():
+        crops = sorted(p for p in path.iterdir() if p.suffix.lower() == ".png")
+        if not crops:
+            raise DataError(f"{path}: no PNG pictures in this folder; expected crops")
+        return [Example(read_crop(crops[i]), None, str(crops[i])) for i in spread(len(crops), count)]
+    files = [path] if path.suffix == ".h5" else read_list(str(path), None)
+    rows = [(file, row) for file in map(_open, files) for row in range(file.rows)]
+    return [_example(*rows[i]) for i in spread(len(rows), count)]
+
+
+def spread(total: int, count: int) -> NDArray[np.int_]:
+    """At most ``count`` of ``total`` numbers from 0 on, spread evenly, the first and the last among them."""
+    return np.linspace(0, total - 1, min(total, count)).astype(int)
+
+
+def _open(path: Path) -> File:
+    """A file of crops, with joints if it has them. Raises DataError."""
+    file = File(path, ("depth",))
+    shape = file.datasets[0].shape
+    if len(shape) < 3 or shape[-1] != shape[-2] or math.prod(shape[1:]) != shape[-1] * shape[-2]:
+        raise DataError(f"{path}: data set 'depth' has shape {shape}, expected square crops (N, 1, size, size)")
+    return File(path, ("depth", "joint")) if "joint" in file.names else file
+
+
+def _example(file: File, row: int) -> Example:
+    crop, *joints = (dataset[row] for dataset in file.datasets)
+    with np.errstate(all="ignore"):  # other number types; pixels that are not finite are drawn as missing
+        depth = crop.reshape(crop.shape[-2:]).astype(np.float32)
+        found = joints[0].astype(np.float64) if joints else None
+    return Example(depth, found, f"{file.path}: frame {row}")

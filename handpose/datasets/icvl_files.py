@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.datasets.published_frames import Flaw, PublishedFrames, first_frame_flaws, read_centers, recognise
+from handpose.datasets.published_frames import Flaw, PublishedFrames, first_frame_flaws, missing_folder, read_centers
 from handpose.frames.cameras import ICVL
 from handpose.frames.images import WRONG_SIZE, BadFrameError, read_png
 from netlib.blob import Array
@@ -34,19 +34,6 @@ CENTER_JOINT = 0  # the palm, at which crops are centred unless other centres ar
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 JOINTS = ("palm", *(f"{finger}_{part}" for finger in FINGERS for part in ("root", "mid", "tip")))
-
-# For each joint, the one or two joints of the model's 31 in whose middle it is. A "tip" of ICVL lies in the last
-# phalanx: along NYU's fingers, scaled to ICVL's, it is the DIP point, and not the tip.
-MODEL_JOINTS: dict[str, tuple[str, ...]] = {
-    "palm": ("palm",),
-    "thumb_root": ("thumb_pip",),
-    "thumb_mid": ("thumb_dip",),
-    "thumb_tip": ("thumb_tip",),
-}
-for _finger in FINGERS[1:]:
-    MODEL_JOINTS[f"{_finger}_root"] = (f"{_finger}_base",)
-    MODEL_JOINTS[f"{_finger}_mid"] = (f"{_finger}_pip_a", f"{_finger}_pip_b")
-    MODEL_JOINTS[f"{_finger}_tip"] = (f"{_finger}_dip",)
 
 ANNOTATION: dict[str, tuple[str, ...]] = {
     "train": ("Training/labels.txt",),
@@ -127,13 +114,13 @@ def read_split(root: Path, split: str, centers: Path | None = None) -> Published
 
 def check_split(root: Path, split: str) -> tuple[list[str], list[Flaw]]:
     """The content of a split, and its errors, one line each."""
-    if not root.is_dir():
-        return [], [Flaw(f"{root}: no such folder")]
     paths = [root / name for name in ANNOTATION[split]]
     there = [path for path in paths if path.is_file()]
     folder = paths[0].parent
+    if flaws := missing_folder(root, folder.name, f"{paths[0].name} and Depth"):
+        return [], flaws
     if not there:
-        return [], [Flaw(_no_labels(root, folder, paths[0]))]
+        return [], [Flaw(f"{paths[0]}: no such file; it holds the joints, and comes with the folder Depth")]
     try:
         annotation = read_annotation(there)
     except DataError as error:
@@ -158,16 +145,3 @@ def check_split(root: Path, split: str) -> tuple[list[str], list[Flaw]]:
     else:
         flaws += first_frame_flaws(annotation.files[0], read_icvl_depth, ICVL)
     return [f"{folder}: {count} labelled frames, {count - len(missing)} of their depth frames"], flaws
-
-
-def _no_labels(root: Path, folder: Path, labels: Path) -> str:
-    if folder.is_dir():
-        return f"{labels}: no such file; it holds the joints, and comes with the folder Depth"
-    held = recognise(root)
-    if held == "the ICVL data set":
-        return f"{root}: no folder {folder.name!r}; the data set has Training and Testing"
-    if (root / "Depth").is_dir() or (root / labels.name).is_file():
-        return f"{root}: is itself a split; give the folder above it, which holds Training and Testing"
-    advice = "; use the command prepare_nyu" if held and "NYU" in held else ""
-    guess = f"looks like {held}{advice}" if held else "does not look like any data set known here"
-    return f"{root}: no folder {folder.name!r} with ICVL labels; it {guess}"

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
@@ -21,7 +20,7 @@ from handpose.body.nyu import (
     cube_of_test_frame,
     frame_name,
 )
-from handpose.datasets.published_frames import Flaw, PublishedFrames, first_frame_flaws, read_centers, recognise
+from handpose.datasets.published_frames import Flaw, PublishedFrames, first_frame_flaws, missing_folder, read_centers
 from handpose.frames.cameras import NYU
 from handpose.frames.images import WRONG_SIZE, BadFrameError, read_png, unpack_depth
 from netlib.blob import Array
@@ -48,16 +47,12 @@ def read_nyu_depth(path: str | Path) -> NDArray[np.float32]:
 # ------------------------------------------------------------------------------------------ the annotation
 
 
-@dataclass(frozen=True)
-class NyuAnnotation:
+class NyuAnnotation(NamedTuple):
     """The joints of one split in the first of the three cameras."""
 
     uvd: Array  # (N, 36, 3) px, px, mm
     xyz: Array  # (N, 36, 3) mm, camera axes: x right, y up, z away
     made_from: str  # "NYU"
-
-    def __len__(self) -> int:
-        return len(self.uvd)
 
 
 def read_annotation(path: Path) -> NyuAnnotation:
@@ -142,7 +137,7 @@ def read_split(root: Path, split: str, centers: Path | None = None) -> Published
     """The frames of a split. ``centers`` is a file of crop centres; without it joint 34. Raises DataError."""
     folder = folder_of(root, split)
     annotation = read_annotation(folder / ANNOTATION)
-    count = len(annotation)
+    count = len(annotation.uvd)
     cubes = cube_of_test_frame(np.arange(count)) if split == "test" else np.full(count, CUBE_MM)
     return PublishedFrames(
         split=split,
@@ -159,27 +154,28 @@ def read_split(root: Path, split: str, centers: Path | None = None) -> Published
 
 def check_split(root: Path, split: str) -> tuple[list[str], list[Flaw]]:
     """The content of a split, and its errors, one line each."""
-    if not root.is_dir():
-        return [], [Flaw(f"{root}: no such folder")]
     folder = folder_of(root, split)
-    if not folder.is_dir():
-        return [], [Flaw(_no_split(root, split))]
+    if flaws := missing_folder(root, str(folder.relative_to(root)), f"{frame_name(0)} ... and {ANNOTATION}"):
+        return [], flaws
     names = names_in(folder)
     numbers = {i for i in map(_number, names) if i is not None}
-    flaws = []
     if not numbers:
-        flaws.append(Flaw(_no_frames(folder, names)))
+        others = ", ".join(sorted(names - {ANNOTATION})[:1]) or "none"
+        flaws.append(Flaw(f"{folder}: no depth frames of camera 1 such as {frame_name(0)}; found {others}"))
     try:
         annotation = read_annotation(folder / ANNOTATION)
     except DataError as error:
         flaws.append(Flaw(str(error)))
         return [f"{folder}: {len(numbers)} depth frames of camera 1, no readable labels"], flaws
-    labelled = f"{len(annotation)} labelled frames ({annotation.made_from})"
+    count = len(annotation.uvd)
+    labelled = f"{count} labelled frames ({annotation.made_from})"
     if annotation.made_from != SYNTHETIC:
-        flaws += _count_flaws(folder, split, len(annotation))
-    missing = sorted(set(range(len(annotation))) - numbers)
+        flaws += _count_flaws(folder, split, count)
+    missing = sorted(set(range(count)) - numbers)
     if numbers and missing:
-        flaws.append(Flaw(_missing(folder, split, len(annotation), missing), fatal=False))
+        first = frame_name(missing[0])
+        text = f"{folder}: {len(missing)} of {count} depth frames are missing, the first is {first}"
+        flaws.append(Flaw(text, fatal=False))
     if numbers and not missing:
         flaws += first_frame_flaws(folder / frame_name(0), read_nyu_depth, NYU)
     return [f"{folder}: {labelled}, {len(numbers)} depth frames of camera 1"], flaws
@@ -189,30 +185,6 @@ def _number(name: str) -> int | None:
     """0-based number of a depth frame of camera 1, or None for any other name."""
     digits = name[len("depth_1_") : -len(".png")]
     return int(digits) - 1 if digits.isascii() and digits.isdigit() and name == frame_name(int(digits) - 1) else None
-
-
-def _no_split(root: Path, split: str) -> str:
-    if (root / ANNOTATION).is_file() or any(_number(name) is not None for name in names_in(root)):
-        return f"{root}: is itself a split; give the folder above it, which holds train and test"
-    held = recognise(root)
-    if held == "the NYU hand pose data set":
-        return f"{root}: no folder {split!r}; the data set has train and test"
-    advice = "; use the command prepare_icvl" if held and "ICVL" in held else ""
-    guess = f"looks like {held}{advice}" if held else "does not look like any data set known here"
-    return f"{root}: no folder {split!r} with NYU frames; it {guess}"
-
-
-def _no_frames(folder: Path, names: set[str]) -> str:
-    kinds = {
-        "synthdepth_1_": "rendered depth (synthdepth_1_*.png); the real frames are needed",
-        "rgb_1_": "colour images (rgb_1_*.png); the depth frames are needed",
-        "depth_2_": "frames of camera 2; those of camera 1 are needed",
-        "depth_3_": "frames of camera 3; those of camera 1 are needed",
-    }
-    only = next(
-        (content for start, content in kinds.items() if any(name.startswith(start) for name in names)), "none of them"
-    )
-    return f"{folder}: no depth frames such as {frame_name(0)}; found {only}"
 
 
 def _count_flaws(folder: Path, split: str, labelled: int) -> list[Flaw]:
@@ -225,14 +197,3 @@ def _count_flaws(folder: Path, split: str, labelled: int) -> list[Flaw]:
     if split == "test" and labelled == TEST_FRAMES - SECOND_SUBJECT:
         return [Flaw(f"{text}; these may be the second test subject only, whose cube goes by the frame's number")]
     return [Flaw(text, fatal=labelled > expected)]
-
-
-def _missing(folder: Path, split: str, labelled: int, missing: list[int]) -> str:
-    text = f"{folder}: {len(missing)} of {labelled} depth frames are missing, the first is {frame_name(missing[0])}"
-    if split == "test" and labelled == TEST_FRAMES:
-        subjects = [range(SECOND_SUBJECT), range(SECOND_SUBJECT, TEST_FRAMES)]
-        gone = set(missing)
-        for subject, which in zip(subjects, ("first", "second")):
-            if gone.issuperset(subject):
-                return f"{text}; all of the {which} test subject's are"
-    return text

@@ -26,7 +26,6 @@ from netlib.files.paths import exists, find, names_in
 Columns = Mapping[str, Array]  # data sets by name; rows first
 
 FRAMES_PER_FILE = 2500  # the last file may have fewer
-_COPY = 64  # rows copied at a time
 _PAGE = 1 << 16  # approximate size of a file beyond its rows
 
 
@@ -175,8 +174,6 @@ def _shorten(path: Path, rows: int, columns: Columns) -> None:
         with h5py.File(path, "r") as whole, _created(short, rows, columns) as file:
             file.attrs.update(whole.attrs)
             for name in columns:
-                for first in range(0, rows, _COPY):
-                    last = min(first + _COPY, rows)
-                    file[name][first:last] = whole[name][first:last]
+                file[name][...] = whole[name][:rows]
 
     atomic.replace(path, fill, sync=False)

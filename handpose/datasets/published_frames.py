@@ -1,17 +1,17 @@
-"""The frames of a published data set, and the labelled crops made from them.
+"""The frames of a published data set, and the files that nets read: parts, their list, and a list of bad frames.
 
-A frame that cannot be used is named, counted and left out.
+Crops are made on threads. A frame that cannot be used is named, counted and left out.
 """
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
-import os
 import warnings
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
 from io import BufferedReader
 from pathlib import Path
 from typing import Any
@@ -19,13 +19,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from handpose.datasets import parts
 from handpose.datasets.frames import Frames, empty_frames
+from handpose.datasets.parts import Columns, Part, is_whole, write_part
 from handpose.frames.cameras import Camera
-from handpose.frames.crops import crop, normalise_joints
+from handpose.frames.crops import SIZE, crop, normalise_joints
 from handpose.frames.images import EMPTY, OUTSIDE, UNLABELLED, WRONG_SIZE, BadFrameError
 from netlib import files
 from netlib.blob import Array
-from netlib.errors import DataError, reason_of
+from netlib.errors import DataError, printable, reason_of
+from netlib.files import atomic, hdf5
+from netlib.files.paths import exists, names_in
 
 
 @dataclass(frozen=True)
@@ -36,35 +40,18 @@ class Flaw:
     fatal: bool = True  # the run cannot continue
 
 
-def recognise(root: Path) -> str | None:
-    """A description of the folder's likely content, or None if it is unknown."""
-    try:
-        names = {entry.name for entry in root.iterdir()}
-    except OSError:
-        return None
-    below = {f"{a}/{b}" for a in names & {"train", "test", "Training", "Testing", "P0", "P1"} for b in _some(root / a)}
-    if any(b.endswith("/joint_data.mat") or "/depth_1_" in b for b in below):
-        return "the NYU hand pose data set"
-    if {"Training", "Testing"} & names or "Training/labels.txt" in below:
-        return "the ICVL data set"
-    if {"P0", "P1"} & names:
-        return "the MSRA15 data set"
-    if any(name.endswith(".h5") for name in names):
-        return "HDF5 files that are prepared already"
-    packed = sorted(name for name in names if name.lower().endswith((".zip", ".tar", ".gz", ".7z", ".rar", ".tgz")))
-    if packed:
-        return f"an archive that is not unpacked ({packed[0]})"
-    if names and all(name.endswith((".txt", ".md")) for name in names):
-        return "only text files, as of published predictions and ground truth, no depth frames"
-    return None if names else "nothing"
+MAX_SHOWN = 6  # names in a message
 
 
-def _some(folder: Path) -> list[str]:
-    """Some names in a folder, including those of labels."""
-    found = [name for name in ("joint_data.mat", "labels.txt") if (folder / name).is_file()]
-    with contextlib.suppress(OSError), os.scandir(folder) as entries:
-        found += [entry.name for entry, _ in zip(entries, range(1000))]
-    return found
+def missing_folder(root: Path, name: str, holds: str) -> list[Flaw]:
+    """The flaw of a data set without the folder ``name``, which ``holds`` something; empty if it is there."""
+    if not root.is_dir():
+        return [Flaw(f"{root}: no such folder")]
+    if (root / name).is_dir():
+        return []
+    there = sorted(names_in(root))
+    shown = f"{', '.join(there[:MAX_SHOWN])}{' ...' * (len(there) > MAX_SHOWN)}" or "nothing"
+    return [Flaw(f"{root}: no folder {name!r}, which holds {holds}; found {shown}")]
 
 
 def first_frame_flaws(path: Path, read: Callable[[Path], NDArray[Any]], camera: Camera) -> list[Flaw]:
@@ -184,40 +171,168 @@ def read_centers(path: Path, frames: int) -> Array:
 
     In an .npz file the array is called center_uvd, or is the only one.
     """
-    if path.suffix in (".npy", ".npz"):
-        found = _array_in(path)
-    else:
-        lines = files.read_text(path, "the centres").split("\n")
-        lines = lines[:-1] if lines and not lines[-1].strip() else lines
-        found = np.array([_numbers(path, i, line, 3) for i, line in enumerate(lines, 1)]).reshape(-1, 3)
+    with BufferedReader(files.opened(path, "the centres")) as stream, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # NumPy's, for unusual headers and empty texts
+        try:
+            if path.suffix in (".npy", ".npz"):
+                found = np.load(stream, allow_pickle=False)
+            else:
+                found = np.loadtxt(stream.read().decode().replace(",", " ").splitlines(), ndmin=2)
+            if not isinstance(found, np.ndarray):
+                names = found.files
+                found = found["center_uvd" if "center_uvd" in names or len(names) != 1 else names[0]]
+            found = found.astype(np.float64)
+        except Exception as error:  # for a damaged file NumPy's readers may raise any exception
+            raise DataError(f"{path}: cannot read the centres: {reason_of(error)}; expected u v d for each frame, in "
+                            "lines of a text, or in an array center_uvd") from None
     if found.shape != (frames, 3):
         raise DataError(f"{path}: found centres of shape {found.shape}, expected ({frames}, 3): u v d for each frame")
     return found
 
 
-def _array_in(path: Path) -> Array:
-    """The array in an .npy or .npz file. Raises DataError."""
-    with BufferedReader(files.opened(path, "the centres")) as stream, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # NumPy's, for unusual headers
+# ---------------------------------------------------------------------------------------------- the files
+
+_CHUNK = 16  # frames that a thread crops at a time
+
+
+@dataclass
+class Outcome:
+    """The result of preparing a split."""
+
+    index: list[int] = field(default_factory=list)  # numbers of the good frames
+    bad: dict[int, str] = field(default_factory=dict)  # kind by index
+    made: int = 0  # number of new good frames
+
+
+def is_current(frames: PublishedFrames, part: Part) -> bool:
+    """True if a part is complete and every frame that it leaves out still has the same error.
+
+    The recipe has the images' sizes only, so a repaired image may not change it.
+    """
+    return is_whole(part) and all(frames.flaw(i) == kind for i, kind in _left_out(part))
+
+
+def _left_out(part: Part) -> list[tuple[int, str]]:
+    """The frames that a complete part leaves out: index and kind of error."""
+    with hdf5.opened(part.path, "the data") as file:
+        kinds = json.loads(file.attrs["bad"])
+    return [(i, kind) for kind, indices in kinds.items() for i in indices]
+
+
+class PreparedSplit:
+    """One split in a folder.
+
+    frames   to prepare
+    parts    the HDF5 files; ``missing`` are those to be written, all if ``force``
+    list     the text file that names them: SPLIT.txt
+    bad      the text file that names the bad frames, if there are any: bad_SPLIT.txt
+    """
+
+    def __init__(self, frames: PublishedFrames, out: Path, force: bool = False) -> None:
+        self.frames = frames
+        self.parts = []
+        for i, start in enumerate(range(0, len(frames), parts.FRAMES_PER_FILE)):
+            stop = min(start + parts.FRAMES_PER_FILE, len(frames))
+            self.parts.append(Part(out / f"{frames.split}_{i:03d}.h5", stop - start, frames.recipe(start, stop)))
+        self.missing = [part for part in self.parts if force or not is_current(frames, part)]
+        self.list, self.bad = out / f"{frames.split}.txt", out / f"bad_{frames.split}.txt"
+
+    def write(
+        self, workers: int, advance: Callable[[int], None], on_bad: Callable[[int, BadFrameError], None]
+    ) -> Outcome:
+        """Write the missing parts, and name the bad frames.
+
+        workers  number of threads
+        advance  is called with the number of further frames
+        on_bad   is called for every bad frame with its index, for those of parts that were kept, too
+
+        An exception of ``advance`` or ``on_bad`` ends the run and keeps whole parts only.
+        """
+        outcome, named, start = Outcome(), list[str](), 0
+
+        def report(i: int, error: BadFrameError) -> None:
+            on_bad(i, error)
+            outcome.bad[i] = error.kind
+            named.append(f"frame {i}: {error}\n")
+
+        if self.missing:
+            self.list.unlink(missing_ok=True)  # no list may name files of two kinds
+        pool = ThreadPoolExecutor(workers, "prepare")
         try:
-            loaded = np.load(stream, allow_pickle=False)
-            if isinstance(loaded, np.ndarray):
-                return loaded.astype(np.float64)
-            names = loaded.files
-            name = "center_uvd" if "center_uvd" in names else names[0] if len(names) == 1 else ""
-            if name:
-                return np.asarray(loaded[name], dtype=np.float64)
-        except Exception as error:  # for a damaged file NumPy's reader and the one of archives may raise any exception
-            raise DataError(f"{path}: cannot read the centres: {reason_of(error)}") from None
-    raise DataError(f"{path}: holds {', '.join(names) or 'nothing'}; expected an array center_uvd")
+            for part in self.parts:
+                if part in self.missing:
+                    index = self._write_part(part, pool, start, advance, report)
+                    outcome.made += len(index)
+                else:
+                    with hdf5.opened(part.path, "the data") as file:
+                        index = file["index"][...].tolist()
+                    for i, kind in _left_out(part):
+                        report(i, BadFrameError(self.frames.files[i], kind))
+                outcome.index += index
+                start += part.rows
+        finally:
+            pool.shutdown(cancel_futures=True)
+        if named:
+            atomic.replace_text(self.bad, "".join(named))
+        else:
+            self.bad.unlink(missing_ok=True)
+        return outcome
+
+    def _write_part(
+        self, part: Part, pool: ThreadPoolExecutor, start: int, advance: Callable[[int], None],
+        on_bad: Callable[[int, BadFrameError], None],
+    ) -> list[int]:
+        """Write the part of the frames from ``start`` on; returns the numbers of its frames."""
+        frames, index, bad = self.frames, list[int](), dict[str, list[int]]()
+        firsts = range(start, start + part.rows, _CHUNK)
+        stops = [min(first + _CHUNK, start + part.rows) for first in firsts]
+
+        def pieces() -> Iterator[Columns]:
+            for first, stop, (good, failed) in zip(firsts, stops, pool.map(frames.crops, firsts, stops)):
+                for i, error in failed:
+                    bad.setdefault(error.kind, []).append(i)
+                    on_bad(i, error)
+                index.extend(good.index.tolist())
+                yield good.arrays()
+                advance(stop - first)
+
+        def attributes() -> dict[str, object]:
+            description = (
+                f"{frames.made_from} {frames.split} frames; crops {SIZE} x {SIZE} in [-1, 1] about {frames.centre}, "
+                "joints in half-cubes from there (camera axes, x right, y up, z away); lengths in mm."
+            )
+            # "bad": the frames that were left out
+            return {"made_from": frames.made_from, "description": description, "bad": json.dumps(bad)}
+
+        write_part(part, frames.columns(), pieces(), attributes)
+        return index
+
+    def write_list(self, outcome: Outcome) -> None:
+        """Write the list of the parts that have frames. Raises DataError if none has."""
+        if not outcome.index:
+            folder, split = self.frames.files[0].parent, self.frames.split
+            raise DataError(f"{folder}: none of the {len(self.frames)} {split} frames can be used")
+        used = {i // parts.FRAMES_PER_FILE for i in outcome.index}
+        some = [part.path for n, part in enumerate(self.parts) if n in used]  # HDF5Data rejects files without rows
+        atomic.replace_text(self.list, parts.list_text(some))
+
+    def report(self, outcome: Outcome) -> str:
+        """The result of the preparation, in two lines."""
+        counts = ", ".join(f"{count} {kind}" for kind, count in sorted(Counter(outcome.bad.values()).items()))
+        bad = f", {len(outcome.bad)} bad frames left out: {counts}" if counts else ", none bad"
+        split = self.frames.split
+        head = f"{split}: {len(outcome.index)} frames ({printable(self.frames.made_from)}){bad}"
+        return f"{head}\n{split}: {statistics(self.frames, outcome.index)}"
 
 
-def _numbers(path: Path, line: int, text: str, count: int) -> list[float]:
-    """The numbers of a line. Raises DataError."""
-    try:
-        values = [float(word) for word in text.replace(",", " ").split()]
-    except ValueError:
-        values = []
-    if len(values) != count:
-        raise DataError(f"{path}:{line}: expected {count} numbers, found {text.strip()[:60]!r}")
-    return values
+def refuse_foreign(splits: Sequence[PreparedSplit], own: Sequence[str], force: bool = False) -> None:
+    """Raise DataError if a file to be replaced holds data of an origin that is not in ``own``, or rendered frames.
+
+    With ``force`` only folders and devices raise.
+    """
+    every = [part.path for split in splits for part in split.parts]
+    parts.refuse_foreign(every, [split.list for split in splits], own, force)
+    rendered = [path for path in every if exists(path) and "bad" not in (parts.attributes(path) or {})]
+    if rendered and not force:  # rendered ones have no frames that were left out
+        raise DataError(f"{rendered[0]}: holds rendered frames (make_synthetic); choose another --out, or use --force "
+                        "to replace it")

@@ -8,23 +8,29 @@ width, height   px of the frames, both or none
 unit_mm         depth of a stored value of 1 in mm; RealSense's depth_scale is in metres
 rate            frames per second; also fps
 min_range_mm    nearer readings are errors and count as missing; default 200
-distortion      of the lens: as above, or the coefficients alone. RealSense's model and coeffs and Azure's k1 ... p2 may
-                also be keys next to fx
+distortion      of the lens: as above, or the coefficients alone; model, coeffs, k1 ... p2 may also be keys next to fx
 name            of the camera
 time_unit       of the times in the names of the frames or in their file: s, ms, us, ns, or frames for numbers
 
-Files of other programs are read, too: JSON, YAML, OpenCV's XML, NumPy's arrays, and tables of numbers, in which
-``camera_values`` finds the camera. YAML is the part of it in which programs write parameters: mappings, sequences,
-numbers and texts.
+Files of other programs are read, too: JSON, YAML (the part in which programs write parameters), OpenCV's XML, NumPy's
+arrays, and tables of numbers. In them these keys have the names of RealSense, Open3D, ROS, OpenCV and Kalibr, and
+
+    fx, fy, cx, cy  are also a matrix: 3 x 3 by rows or by columns, within 3 x 4 or 4 x 4, or fx, fy, cx, cy in a row
+    width, height   both in a row, as in resolution: [640, 480]
+    depth_scale     of a stored value of 1: m, if it is less than 0.01; otherwise mm; from 100 on stored values per m
+
+They may lie within other objects and lists, and have names such as Camera.fx. Of several cameras that of the depth is
+taken, by the names around it; of those for frames of several sizes the one that fits.
 """
 
 from __future__ import annotations
 
 import io
 import json
+import math
 import re
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
@@ -32,13 +38,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from handpose.frames import camera_values
-from handpose.frames.camera_values import INTRINSICS, MIN_RANGE, SIZE
-from handpose.frames.cameras import MIN_RANGE_MM, Camera
+from handpose.frames.cameras import MIN_FOCAL_PX, MIN_RANGE_MM, Camera, View
 from handpose.frames.json_fields import unique_keys
+from handpose.frames.lens import Lens, lens_of
 from handpose.frames.recording import CameraInfo
 from netlib import files
-from netlib.errors import DataError, reason_of
+from netlib.errors import DataError, did_you_mean, reason_of
 from netlib.files import atomic
 from netlib.files.paths import exists
 
@@ -96,11 +101,11 @@ def parse(text: str, where: str) -> CameraInfo:
 
 def _of(document: Any, where: str) -> CameraInfo:
     try:
-        found = camera_values.find(document, where)
+        found = find(document, where)
     except RecursionError:  # thousands of brackets
         raise DataError(f"{where}: not the parameters of a camera") from None
     if found.unused and (found.is_own or found.info.camera is None):
-        raise DataError(f"{where}: {camera_values.unknown_key(found.unused[0])}")
+        raise DataError(f"{where}: {unknown_key(found.unused[0])}")
     return found.info if found.is_own else replace(found.info, origin=f"{where} ({found.words})")
 
 
@@ -111,10 +116,9 @@ NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 NOT_OF_A_TABLE = re.compile(r"[^\s\d.,;()\[\]eE+-]")  # a matrix as numpy.savetxt or print write it
 # key: value, or key = value
 ENTRY = re.compile(r"""("[^"]*"\s*|'[^']*'\s*|[^\s"'\[{:=][^:=]*)(?::(?=\s|$)|=)\s*(.*)""")
-TAG = re.compile(r"![\w!-]*\s*")
+ELEMENT, TAG = re.compile(r"^\s*(?:-(?:\s+|$))*"), re.compile(r"^![\w!-]*\s*")
 COMMENT = re.compile(r"""((?:"[^"]*"|'[^']*'|[^"'#]|(?<!\s)#)*?)(?:(?:^|(?<=\s))#.*)?""")
-TOKEN = re.compile(r"""\s*([\[\]{},]|"[^"]*"|'[^']*'|[^\[\]{},]+)""")
-MAX_DEPTH = 50  # of collections within each other
+WORD = re.compile(r"""\s*("[^"]*"|'[^']*'|[^\s\[\]{},:](?:[^\[\]{},:]|:(?=\S))*)""")  # between brackets
 WORDS: dict[str, Any] = {"true": True, "false": False, "null": None, "~": None, "": None}
 
 
@@ -139,7 +143,7 @@ def parse_document(text: str, where: str) -> Any:
             return _of_xml(text, where)
         if start in ("", "{", "["):
             return _of_json(text, where)
-        return _Yaml(text, where).document()
+        return _of_lines(text, where)
     except (ValueError, RecursionError):  # numbers of thousands of digits, thousands of brackets
         raise DataError(f"{where}: not the parameters of a camera") from None
 
@@ -182,101 +186,56 @@ def _of_xml(text: str, where: str) -> Any:
         raise DataError(f"{where}: not XML: {error}") from None
 
 
-class _Line(NamedTuple):
-    number: int
-    indent: int
-    text: str
+def _of_lines(text: str, where: str) -> dict[str, Any]:
+    """The value of lines ``key: value`` or ``key = value``.
+
+    Deeper lines below a key without a value are an object, elements of a sequence the list of the key above, and a line
+    without a value is a key, as in the text of rs-enumerate-devices.
+    """
+    document: dict[str, Any] = {}
+    around = [(-1, document)]  # the objects around a line, each with the indent of its key
+    above, inside, key = -1, document, ""  # of the last key: its indent, and the object in which it is
+    for line in _logical(text):
+        content = ELEMENT.sub("", line)
+        indent = len(line) - len(content)
+        matched = ENTRY.fullmatch(content)
+        if not matched and "-" in line[:indent]:
+            if key and inside[key] is None:
+                inside[key] = []
+            if key and isinstance(inside[key], list):
+                inside[key].append(_flow(content))
+            continue
+        if key and indent > above and inside[key] is None:
+            inside[key] = {}
+            around.append((above, inside[key]))
+        while around[-1][0] >= indent:
+            around.pop()
+        above, inside = indent, around[-1][1]
+        key = _unquoted(matched[1]) if matched else content
+        if key in inside:
+            raise DataError(f"{where}: has {key!r} twice")
+        inside[key] = _flow(TAG.sub("", matched[2], count=1)) if matched else None
+    return document
 
 
-class _Yaml:
-    """The lines of a YAML document, read from the first to the last."""
-
-    def __init__(self, text: str, where: str) -> None:
-        self._where = where
-        self._lines = list(self._logical(text))
-        self._at = 0
-
-    def document(self) -> Any:
-        """Its value."""
-        found = self._block(0) if self._lines else None
-        if self._at < len(self._lines):
-            self._refuse("expected a key and a value")
-        return found
-
-    def _logical(self, text: str) -> Iterator[_Line]:
-        """The lines with content, of the first document; one that ends within brackets is continued by the next."""
-        start, parts, opened, any_content = 0, list[str](), 0, False
-        for number, raw in enumerate(text.splitlines(), 1):
-            matched = COMMENT.fullmatch(raw)
-            line = (matched[1] if matched else raw).rstrip()
-            if not parts and any_content and line in ("---", "..."):
-                return
-            if not parts and (not line.strip() or line == "---" or line.startswith("%")):
-                continue
-            start, any_content = start if parts else number, True
-            parts.append(line)
-            opened += _open_brackets(line)
-            if opened <= 0:
-                yield self._joined(start, parts)
-                parts, opened = [], 0
-        if parts:
-            yield self._joined(start, parts)
-
-    @staticmethod
-    def _joined(start: int, parts: list[str]) -> _Line:
-        return _Line(start, len(parts[0]) - len(parts[0].lstrip()), " ".join(map(str.strip, parts)))
-
-    def _block(self, depth: int) -> Any:
-        """The mapping or sequence that begins at the present line, with all lines of the same indent."""
-        indent = self._lines[self._at].indent
-        if depth > MAX_DEPTH:
-            self._refuse("too many levels")
-        items: list[Any] = []
-        pairs: list[tuple[str, Any]] = []
-        while self._at < len(self._lines) and (line := self._lines[self._at]).indent == indent:
-            if line.text == "-" or line.text.startswith("- "):
-                if pairs:
-                    break  # the sequence is the value of the last key above
-                items.append(self._item(line, depth))
-            elif items:
-                break
-            elif matched := ENTRY.fullmatch(line.text):
-                self._at += 1
-                pairs.append((_unquoted(matched[1]), self._value(matched[2], indent, depth)))
-            elif self._is_heading(indent):
-                self._at += 1
-                pairs.append((line.text, self._block(depth + 1)))
-            else:
-                self._refuse("expected a key and a value")
-        return items or unique_keys(self._where)(pairs)
-
-    def _is_heading(self, indent: int) -> bool:
-        """Whether a line without a colon stands above deeper ones, as in the text of rs-enumerate-devices."""
-        following = self._lines[self._at + 1 : self._at + 2]
-        return bool(following) and following[0].indent > indent
-
-    def _item(self, line: _Line, depth: int) -> Any:
-        """An element of a sequence; a mapping or sequence in it may begin in the same line."""
-        rest = line.text[1:].lstrip()
-        if ENTRY.fullmatch(rest) or rest.startswith("- "):
-            self._lines[self._at] = _Line(line.number, line.indent + len(line.text) - len(rest), rest)
-            return self._block(depth + 1)
-        self._at += 1
-        return self._value(rest, line.indent, depth)
-
-    def _value(self, text: str, indent: int, depth: int) -> Any:
-        """The value that begins with this text, or in the lines below it."""
-        text = TAG.sub("", text, count=1) if text.startswith("!") else text
-        if text:
-            return _flow(text)
-        below = self._lines[self._at] if self._at < len(self._lines) else None
-        if below and (below.indent > indent or (below.indent == indent and below.text.startswith("-"))):
-            return self._block(depth + 1)
-        return None
-
-    def _refuse(self, what: str) -> NoReturn:
-        line = self._lines[self._at]
-        raise DataError(f"{self._where}:{line.number}: found {line.text[:40]!r}; {what}")
+def _logical(text: str) -> Iterator[str]:
+    """The lines with content, of the first document; one that ends within brackets is continued by the next."""
+    parts, opened, any_content = list[str](), 0, False
+    for raw in text.splitlines():
+        matched = COMMENT.fullmatch(raw)
+        line = (matched[1] if matched else raw).rstrip()
+        if not parts and any_content and line in ("---", "..."):
+            return
+        if not parts and (not line.strip() or line == "---" or line.startswith("%")):
+            continue
+        any_content = True
+        parts.append(line.strip() if parts else line)
+        opened += _open_brackets(line)
+        if opened <= 0:
+            yield " ".join(parts)
+            parts, opened = [], 0
+    if parts:
+        yield " ".join(parts)
 
 
 def _open_brackets(text: str) -> int:
@@ -285,33 +244,10 @@ def _open_brackets(text: str) -> int:
 
 
 def _flow(text: str) -> Any:
-    """The value of a text in one line: [1, 2], {a: 1}, a number or a word."""
-    if text[0] not in "[{":
+    """The value of a text in one line: [1, 2], {a: 1}, a number or a word. Raises ValueError."""
+    if not text.startswith(("[", "{")):
         return _scalar(text)
-    tokens = iter(TOKEN.findall(text))
-
-    def collection(end: str, depth: int) -> Any:
-        if depth > MAX_DEPTH:
-            raise ValueError
-        found: list[Any] = []
-        key = None
-        for token in tokens:
-            if token == end:
-                return found if end == "]" else dict(found)
-            if token in ",":
-                continue
-            if end == "}" and key is None:
-                matched = ENTRY.fullmatch(token.strip())
-                if not matched:
-                    raise ValueError
-                key = _unquoted(matched[1])
-                token = matched[2] or next(tokens, "")
-            value = collection("]" if token == "[" else "}", depth + 1) if token in ("[", "{") else _scalar(token)
-            found.append(value if key is None else (key, value))
-            key = None
-        raise ValueError
-
-    return collection("]" if next(tokens) == "[" else "}", 0)
+    return json.loads(WORD.sub(lambda word: json.dumps(_scalar(word[1])), text))
 
 
 def _unquoted(text: str) -> str:
@@ -329,3 +265,364 @@ def _scalar(text: str) -> Any:
         return int(text) if re.fullmatch(r"[-+]?\d+", text) else float(text)
     words = text.split()
     return [float(word) for word in words] if all(map(NUMBER.fullmatch, words)) else text  # a row of numbers
+
+
+# ---------------------------------------------------------------------------------------------- values
+
+RANGES = {  # exclusive lower and inclusive upper bounds
+    "fx": (MIN_FOCAL_PX, 1e6), "fy": (MIN_FOCAL_PX, 1e6), "u0": (-1e6, 1e6), "v0": (-1e6, 1e6), "unit_mm": (1e-6, 1e4),
+    "rate": (1e-6, 1e4), "width": (0, 1 << 14), "height": (0, 1 << 14), "min_range_mm": (0, 1e4),
+}
+MIN_RANGE = "min_range_mm"
+TIME_UNITS = ("s", "ms", "us", "ns", "frames")
+INTRINSICS, SIZE = ("fx", "fy", "u0", "v0"), ("width", "height")
+BROWN = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")  # in OpenCV's order
+LENS = ("distortion", "model", "coefficients", *BROWN)
+FIELDS = ("unit_mm", "rate", "time_unit")  # those that are fields of CameraInfo
+KNOWN = (*RANGES, "name", *LENS, "time_unit")  # the keys of a camera.json
+MM = {word: mm for mm, words in {1.0: "mm millimeters millimetres", 10.0: "cm", 1000.0: "m meters metres",
+                                 0.001: "um"}.items() for word in words.split()}
+# Other names, without capitals and without what is no letter or digit.
+ALIASES = {key.replace("_", ""): key for key in KNOWN} | {alias: key for key, aliases in {
+    "fx": "flx focalx focallengthx fxdepth depthfx",
+    "fy": "fly focaly focallengthy fydepth depthfy",
+    "u0": "cx ppx principalpointx mxdepth cxdepth depthcx",
+    "v0": "cy ppy principalpointy mydepth cydepth depthcy",
+    "width": "imagewidth imgwidth w depthwidth",
+    "height": "imageheight imgheight h depthheight",
+    "size": "resolution imagesize imgsize framesize",
+    "matrix": "k intrinsics intrinsic intrinsicmatrix cameramatrix cameraintrinsics cameraintrinsic depthintrinsics "
+              "depthintrinsic camk camerak depthk kdepth mtx intrinsicsmatrix intrinsicparameters "
+              "depthintrinsicmatrix depthcameramatrix",
+    "rate": "fps framerate",
+    "scale": "depthscale depthunits pngdepthscale depthmapfactor",
+    "unit": "units depthunit",
+    "coefficients": "coeffs d dist distcoeff distcoeffs distcoefs distcoef distortioncoefficients distortioncoeffs "
+                    "distortioncoeff distortionparameters distortionparams depthdistortion",
+    "model": "distortionmodel",
+    "name": "cameraname",
+}.items() for alias in (key, *aliases.split())}
+IN_METRES, PER_METRE = 0.01, 100.0  # a depth scale below, and from here on
+OF_DEPTH, OF_COLOUR = re.compile(r"depth|infra|(?<![a-z])ir(?![a-z])", re.I), re.compile(r"colou?r|rgb", re.I)
+MAX_NAMES = 8  # of unused keys that are named
+MAX_DEPTH = 30  # of objects within each other
+
+
+class Found(NamedTuple):
+    """What was found.
+
+    info    the parameters
+    fields  for each used key the field of CameraInfo that it gives
+    unused  the other keys of the same object
+    words   both, for people
+    is_own  whether all used keys are those of a camera.json
+    """
+
+    info: CameraInfo
+    fields: Mapping[str, str]
+    unused: tuple[str, ...]
+    words: str
+    is_own: bool
+
+
+def find(document: Any, where: str, replaced: Collection[str] = ()) -> Found:
+    """The camera in a document of plain values; ``where`` begins errors.
+
+    replaced  fields of CameraInfo that the user gives, so that the document's matrix or unit need not be valid
+
+    Raises DataError.
+    """
+    if not isinstance(document, dict):
+        if not isinstance(document, list) or not _numbers(document):
+            form = '{"fx": ..., "fy": ..., "u0": ..., "v0": ...}'
+            raise DataError(f"{where}: found {_shown(document)}; expected {form}")
+        numbers = _numbers(document) or []
+        is_sized = len(numbers) == 6  # fx, fy, cx, cy, width, height
+        document = {"matrix": numbers[:4], "size": numbers[4:]} if is_sized else {"matrix": document}
+    chosen = _chosen(document)
+    found = [_of_chain(chain, where, replaced) for chain in chosen]
+    if not found:
+        return _of_chain((("", document),), where, replaced)
+    different = dict.fromkeys(one.info for one in found)
+    if len(different) == 1:
+        return found[0]
+    cameras = [info.camera for info in different if isinstance(info.camera, Camera)]
+    sizes = {(camera.width, camera.height): camera for camera in cameras if camera.width}
+    if len(sizes) < len(different) or len({info.lens for info in different}) > 1:
+        names = ", ".join(dict.fromkeys(map(_name_of, chosen)))
+        raise DataError(f"{where}: has several cameras: {names}; expected one, or one of depth")
+
+    def at(width: int, height: int) -> Camera:
+        if (width, height) not in sizes:
+            raise DataError(f"{where}: has cameras of {', '.join(f'{w} x {h}' for w, h in sizes)} px, found {width} x "
+                            f"{height}")
+        return sizes[width, height]
+
+    first = found[0].info  # with a lens the camera is no guess
+    return found[0]._replace(info=replace(first, camera=View(cameras[0].name, at), lens=first.lens or Lens()))
+
+
+_Chain = tuple[tuple[str, dict[str, Any]], ...]  # names and objects, from the document to one within it
+
+
+def _objects(value: Any, outer: _Chain, name: str = "") -> Iterator[_Chain]:
+    """All objects in a value, each with those around it."""
+    if len(outer) > MAX_DEPTH:
+        return
+    if isinstance(value, dict):
+        inner = (*outer, (name, value))
+        yield inner
+        for key, child in value.items():
+            yield from _objects(child, inner, str(key))
+    elif isinstance(value, list):
+        for child in value:
+            yield from _objects(child, outer, name)
+
+
+def has_camera(values: Mapping[str, Any]) -> bool:
+    """True for a focal length, or for numbers in the place of a matrix."""
+    return any((key := _key(name)) == "fx" or (key == "matrix" and _numbers(value)) for name, value in values.items())
+
+
+def is_known(name: str) -> bool:
+    """True for a name that is read in an object with a camera."""
+    return _key(name) in {*KNOWN, *ALIASES.values()}
+
+
+def _chosen(document: Any) -> list[_Chain]:
+    """The cameras of depth; if none is called so, those that are not of colour, or all."""
+    cameras = [chain for chain in _objects(document, ()) if has_camera(chain[-1][1])]
+    names = [_name_of(chain) for chain in cameras]
+    of_depth = [bool(OF_DEPTH.search(name)) for name in names]
+    others = [not OF_COLOUR.search(name) for name in names]
+    wanted = of_depth if any(of_depth) else others if any(others) else [True] * len(names)
+    return [chain for chain, is_wanted in zip(cameras, wanted) if is_wanted]
+
+
+def _name_of(chain: _Chain) -> str:
+    return ".".join(name for name, _ in chain if name)
+
+
+def _of_chain(chain: _Chain, where: str, replaced: Collection[str]) -> Found:
+    """The camera in the last object, with what those around it say. Raises DataError."""
+    said = _Values(where, replaced)
+    said.take(chain[-1][1])
+    for _, outer in chain[-2::-1]:
+        said.take_around(outer)
+    words = ", ".join(said.fields)
+    if said.unused:
+        words += f"; not used: {', '.join(said.unused[:MAX_NAMES])}{' ...' * (len(said.unused) > MAX_NAMES)}"
+    is_own = len(chain) < 2 and all(name in KNOWN for name in said.fields)
+    return Found(said.info(), said.fields, tuple(said.unused), words, is_own)
+
+
+def _key(name: str) -> str:
+    """The key of a camera.json, or "matrix", "size", "scale", "unit", for a name; itself if it is unknown."""
+    if name in KNOWN:
+        return name
+    return ALIASES.get(re.sub(r"[\W_]", "", name.rpartition(".")[2]).lower(), name)
+
+
+def unknown_key(key: str, known: Collection[str] = KNOWN) -> str:
+    """What is wrong with an unknown key."""
+    return f"unknown key {key!r}{did_you_mean(key, known)}; known: {', '.join(known)}"
+
+
+class _Values:
+    """Values by the keys of a camera.json.
+
+    fields, unused  as in Found
+    """
+
+    def __init__(self, where: str, replaced: Collection[str] = ()) -> None:
+        self.where, self.values = where, dict[str, Any]()
+        self.fields, self.unused = dict[str, str](), list[str]()
+        self._replaced = replaced
+
+    def refuse(self, what: str) -> NoReturn:
+        raise DataError(f"{self.where}: {what}")
+
+    def take(self, values: Mapping[str, Any]) -> None:
+        """Take the values of the object with the camera. Raises DataError."""
+        keys = {_key(name) for name in values}
+        for name, value in values.items():
+            key = _key(name)
+            is_second = key == "matrix" and ("fx" in keys or "fx" in self.values)
+            is_other = key == "unit" and bool(keys & {"unit_mm", "scale"})
+            if is_second or is_other or value is None or not self._is_taken(name, key, value):
+                self._leave(name, value)
+        self._check_region(values)
+
+    def _leave(self, name: str, value: Any) -> None:
+        """Name a value that is not used. Raises DataError for a distortion."""
+        if re.search("distort", name, re.IGNORECASE) and any(_numbers(value) or ()):
+            self.refuse(f"{name} is {_shown(value)}, which is not understood; expected distortion_coefficients, k1 k2 "
+                        "p1 p2 [k3 [k4 k5 k6]], or k1, k2 ... by their names")
+        self.unused.append(name)
+
+    def take_around(self, values: Mapping[str, Any]) -> None:
+        """Take what an object around it says of the size, the lens and the frames. Raises DataError."""
+        size = {"size", *SIZE} if "width" not in self.values else set()
+        lens = set(LENS) if self.values.keys().isdisjoint(LENS) else set()
+        wanted = (size | lens | {"scale", "unit_mm", "rate", "time_unit"}) - self.values.keys()
+        for name, value in values.items():
+            if _key(name) in wanted and value is not None:
+                self._is_taken(name, _key(name), value)
+
+    def _is_taken(self, name: str, key: str, value: Any) -> bool:
+        """Take a value, if its key is known. Raises DataError."""
+        if key == "matrix":
+            self.fields[name] = "camera"
+            try:
+                numbers = _of_matrix(value, f"{self.where}: {name}")
+            except DataError:
+                if "camera" not in self._replaced:
+                    raise
+                return True
+            for own, number in zip(INTRINSICS, numbers):
+                self._set(own, number, name)
+        elif key == "size":
+            pair = [value.get(one) for one in SIZE] if isinstance(value, dict) else value
+            if not isinstance(pair, list) or len(pair) != 2:
+                return False
+            for own, number in zip(SIZE, pair):
+                self._set(own, number, name)
+        elif key == "scale":
+            if _is_number(value):
+                value = 1000 / value if value >= PER_METRE else 1000 * value if value < IN_METRES else value
+            self._set("unit_mm", value, name)
+        elif key == "unit":
+            if isinstance(value, str) and value.lower() not in MM and "unit_mm" not in self._replaced:
+                self.refuse(f"{name} is {value!r}; expected mm, cm, m, um or a number of mm")
+            self._set("unit_mm", MM.get(value.lower(), 1.0) if isinstance(value, str) else value, name)
+        elif key == "distortion" and isinstance(value, dict) and not _numbers(value):
+            for inner, number in value.items():
+                if (own := _key(inner)) not in LENS[1:]:
+                    self.refuse(f"{name}: {unknown_key(inner, LENS[1:])}")
+                self._set(own, number, name)
+        elif key == "distortion":
+            self._set("model" if isinstance(value, str) else "coefficients", value, name)
+        elif key in KNOWN:
+            self._set(key, value, name)
+        else:
+            return False
+        return True
+
+    def _set(self, key: str, value: Any, name: str) -> None:
+        if key in self.values:
+            self.refuse(f"says {key} twice" + (f", once as {name}" if key != name else ""))
+        self.values[key] = value
+        self.fields[name] = "lens" if key in LENS else key if key in FIELDS else "camera"
+
+    def _check_region(self, values: Mapping[str, Any]) -> None:
+        """Refuse ROS's binning and region of interest, because the matrix holds for the whole sensor."""
+        roi = values.get("roi")
+        parts = {**(roi if isinstance(roi, dict) else {}), **values}
+        wrong = [name for name, least in (("binning_x", 1), ("binning_y", 1), ("x_offset", 0), ("y_offset", 0))
+                 if _is_number(number := parts.get(name, 0)) and number > least]
+        if wrong:
+            self.refuse(f"{wrong[0]} is {parts[wrong[0]]}, so the frames are a part of what the matrix describes; give "
+                        "the numbers of the frames, --camera FX,FY,U0,V0")
+
+    def info(self) -> CameraInfo:
+        """The parameters. Raises DataError."""
+        camera = None
+        if self._all_or_none(INTRINSICS):
+            fx, fy, u0, v0 = (self._number(key) for key in INTRINSICS)
+            sized = self._all_or_none(SIZE)
+            width, height = (self._whole(key) if sized else 0 for key in SIZE)
+            min_range = self._number(MIN_RANGE) if MIN_RANGE in self.values else MIN_RANGE_MM
+            camera = Camera(self._text("name", "own"), fx, fy, u0, v0, width, height, min_range)
+        elif stray := [key for key in (*SIZE, "name", MIN_RANGE) if key in self.values]:
+            self.refuse(f"has {stray[0]}, but not fx, fy, u0, v0")
+        unit, rate = (self._number(key) if key in self.values else None for key in ("unit_mm", "rate"))
+        return CameraInfo(camera, self._lens(), unit, rate, self.where, self._time_unit())
+
+    def _lens(self) -> Lens | None:
+        model = self._text("model", "brown_conrady")
+        named = any(key in self.values for key in BROWN)
+        values = [self._number(key) if key in self.values else 0.0 for key in BROWN] if named else []
+        if "coefficients" in self.values:
+            if named:
+                self.refuse("says the distortion twice, once as k1 ... or p1 ...")
+            found = _numbers(given := self.values["coefficients"])
+            if found is None:
+                self.refuse(f"distortion is {_shown(given)}; expected a list of numbers: k1, k2, p1, p2, k3 ...")
+            values = found
+        elif not named and "model" not in self.values:
+            return None
+        return lens_of(model, values, self.where)
+
+    def _all_or_none(self, keys: tuple[str, ...]) -> bool:
+        """True if all of the keys are present, False if none is; raises DataError otherwise."""
+        missing = [key for key in keys if key not in self.values]
+        if missing and len(missing) < len(keys):
+            there = next(key for key in keys if key in self.values)
+            self.refuse(f"has {there}, but not {' and '.join(missing)}")
+        return not missing
+
+    def _number(self, key: str) -> float:
+        value = self.values[key]
+        low, high = RANGES.get(key, (-math.inf, math.inf))
+        if not _is_number(value) or not low < value <= high:
+            expected = f"more than {low:g} and at most {high:g}" if key in RANGES else "that is finite"
+            self.refuse(f"{key} is {_shown(value)}; expected a number {expected}")
+        return float(value)
+
+    def _whole(self, key: str) -> int:
+        if self._number(key) % 1:
+            self.refuse(f"{key} is {self.values[key]}; expected a whole number")
+        return int(self.values[key])
+
+    def _text(self, key: str, default: str) -> str:
+        value = self.values.get(key, default)
+        if not isinstance(value, str):
+            self.refuse(f"{key} is {_shown(value)}; expected a text")
+        return value
+
+    def _time_unit(self) -> str | None:
+        value = self.values.get("time_unit")
+        if value not in (None, *TIME_UNITS):
+            self.refuse(f"time_unit is {_shown(value)}; expected {', '.join(TIME_UNITS)}")
+        return value
+
+
+def _of_matrix(value: Any, where: str) -> list[float]:
+    """fx, fy, u0, v0 of a matrix by rows or by columns, or of these four numbers. Raises DataError."""
+    numbers = _numbers(value) or []
+    if len(numbers) == 4:
+        return numbers
+    for width in (3, 4) if len(numbers) in (9, 12, 16) else ():
+        if len(numbers) % width:
+            continue
+        rows = np.reshape(numbers, (-1, width))
+        for matrix in (rows, rows.T):
+            expected = np.eye(*matrix.shape)
+            expected[0, [0, 2]], expected[1, [1, 2]] = matrix[0, [0, 2]], matrix[1, [1, 2]]
+            if np.array_equal(matrix, expected):
+                return [float(number) for number in (*expected[[0, 1], [0, 1]], *expected[:2, 2])]
+    raise DataError(f"{where} is {_shown(value)}; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], or fx, fy, cx, cy")
+
+
+def _numbers(value: Any) -> list[float] | None:
+    """The numbers in lists, or in the data of an object with rows and columns; None for anything else."""
+    if isinstance(value, dict):
+        return _numbers(value["data"]) if isinstance(value.get("data"), list) else None
+    if not isinstance(value, list):
+        return None
+    found: list[float] = []
+    for one in value:
+        inner = [float(one)] if _is_number(one) else _numbers(one)
+        if inner is None:
+            return None
+        found += inner
+    return found
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < 1e300
+
+
+def _shown(value: object) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 40 else f"{text[:40]} ..."

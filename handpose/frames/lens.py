@@ -30,7 +30,7 @@ MIN_SHOWN = 0.25  # minimum share of the image that remains; with less, the coef
 
 # Other names of the models, in lower case and with single spaces. RealSense uses "modified Brown Conrady" for
 # colour cameras. Fisheye models are not supported, because depth cameras do not use them.
-FORWARD = {"brown conrady", "plumb bob", "rational polynomial", "rational 6kt", "opencv", "radtan", "radial tangential"}
+FORWARD = {"brown conrady", "plumb bob", "rational polynomial", "opencv", "radtan", "radial tangential"}
 INVERSE = {"inverse brown conrady"}
 NONE = {"none", ""}
 
@@ -94,7 +94,7 @@ class Lens:
 
 
 def lens_of(model: str, coefficients: Sequence[float], where: str) -> Lens:
-    """The lens for a model name of RealSense, Azure, ROS or OpenCV. Raises DataError for other names."""
+    """The lens for a model name of RealSense, ROS or OpenCV. Raises DataError for other names."""
     name = " ".join(re.split(r"[\W_]+", model.lower().removeprefix("distortion.").strip()))
     numbers = tuple(float(number) for number in coefficients)
     if not any(numbers):

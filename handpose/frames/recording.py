@@ -1,6 +1,6 @@
 """The interface of all sources of depth frames.
 
-with open_recording("my_frames") as recording:     # handpose.frames.opening
+with open_recording("my_frames") as recording:     # handpose.frames.formats
     for frame in recording:
         frame.time, frame.depth                    # s; (height, width) in mm, 0 where there is no reading
 

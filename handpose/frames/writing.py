@@ -21,10 +21,11 @@ from types import TracebackType
 import cv2
 import numpy as np
 from numpy.lib import format as npy
+from numpy.typing import NDArray
 
 from handpose.frames import camera_file
 from handpose.frames.cameras import Camera
-from handpose.frames.opening import BAGS, CONVERTED, PICTURES, STACKS
+from handpose.frames.formats import BAGS, CONVERTED, PICTURES, STACKS
 from handpose.frames.raw import stored
 from handpose.frames.recording import CameraInfo, DepthFrame
 from netlib import files
@@ -62,21 +63,23 @@ class RecordingWriter:
         if not self._is_folder and path.exists() and not replace:
             raise NetlibError(f"{path}: is there already; name a new file or replace it by --force")
         self.path, self.camera, self.unit_mm, self.count = path, camera, unit_mm, 0
-        self._rate, self._replace = rate, replace
-        self._stack = contextlib.ExitStack()
+        self._rate, self._replace, self._last = rate, replace, -1
 
     def __enter__(self) -> RecordingWriter:
         given = CameraInfo(self.camera, unit_mm=self.unit_mm, rate=self._rate)
-        writer = FolderWriter(self.path, given, self._replace) if self._is_folder else StackWriter(self.path, given)
-        self._writer = self._stack.enter_context(contextlib.closing(writer))
+        self._writer = _Folder(self.path, given, self._replace) if self._is_folder else _Stack(self.path, given)
         return self
 
     def write(self, frame: DepthFrame) -> None:
-        """Add a frame; times must ascend."""
+        """Add a frame; times must ascend, in microseconds."""
+        where, micro = f"{self.path}: frame {frame.number}", round(frame.time * MICRO)
         if frame.depth.shape != (self.camera.height, self.camera.width):
-            raise DataError(f"{self.path}: frame {frame.number} has the shape {frame.depth.shape}, expected "
+            raise DataError(f"{where} has the shape {frame.depth.shape}, expected "
                             f"{(self.camera.height, self.camera.width)}")
-        self._writer.write(frame)
+        if micro <= self._last:
+            raise DataError(f"{where}: at {frame.time:.6f} s, which is not after the frame before")
+        self._writer.write(frame.time, stored(frame.depth, self.unit_mm, where))
+        self._last = micro
         self.count += 1
 
     def discard(self) -> None:
@@ -86,10 +89,10 @@ class RecordingWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
     ) -> None:
-        self._stack.__exit__(kind, error, where)
+        self._writer.close()
 
 
-class FolderWriter:
+class _Folder:
     """Writes each frame at once, completely or not at all; times are rounded to microseconds.
 
     given    the parameters in camera.json
@@ -97,7 +100,7 @@ class FolderWriter:
     """
 
     def __init__(self, path: Path, given: CameraInfo, replace: bool = False) -> None:
-        self._path, self._given, self._last = path, given, -1
+        self._path, self._given, self._has_frames = path, given, False
         old = sorted(name for name in names_in(path) if not name.startswith("."))
         foreign = [name for name in old if not self._is_ours(name)]
         if old and (foreign or not replace):
@@ -106,30 +109,27 @@ class FolderWriter:
         self._is_new = not exists(path)
         files.make_folder(path)
 
-    def write(self, frame: DepthFrame) -> None:
-        """Add a frame. Raises DataError, OSError."""
-        micro = round(frame.time * MICRO)
-        where = f"{self._path}: frame {frame.number}"
-        if micro <= self._last:
-            raise DataError(f"{where}: at {frame.time:.6f} s, which is not after the frame before")
-        content = cv2.imencode(".png", stored(frame.depth, self._given.unit_mm or 1.0, where))[1].tobytes()
-        if self._last < 0:
+    def write(self, time: float, values: NDArray[np.uint16]) -> None:
+        """Add a frame. Raises OSError."""
+        content = cv2.imencode(".png", values)[1].tobytes()
+        if not self._has_frames:
             with atomic.error_names(self._path):
                 self._remove()
                 camera_file.write(self._path / camera_file.NAME, self._given)
-        atomic.replace(self._path / f"{micro:012d}us.png", lambda fresh: fresh.write_bytes(content), sync=False)
-        self._last = micro
+        name = f"{round(time * MICRO):012d}us.png"
+        atomic.replace(self._path / name, lambda fresh: fresh.write_bytes(content), sync=False)
+        self._has_frames = True
 
     def discard(self) -> None:
         """Remove the frames so far, and the folder if it is new."""
-        if self._last >= 0:
+        if self._has_frames:
             self._remove()
-        self._last = -1
+        self._has_frames = False
 
     def close(self) -> None:
         """Sync the names to the disk; a new folder without frames is removed."""
         with atomic.error_names(self._path):
-            if self._last >= 0:
+            if self._has_frames:
                 atomic.sync_directory(self._path)
             elif self._is_new:
                 self._path.rmdir()
@@ -144,7 +144,7 @@ class FolderWriter:
         return bool(OURS.fullmatch(name) or name == camera_file.NAME) and (path.is_symlink() or not path.is_dir())
 
 
-class StackWriter:
+class _Stack:
     """Keeps frames in a hidden file next to ``path``, and writes ``path`` from them at the end, if there are any.
 
     Both need disk space. If there is not enough for the second, the frames are lost: there is no file, or the old one.
@@ -159,15 +159,11 @@ class StackWriter:
             self._kept = stack.enter_context(stack.enter_context(atomic.temporary(path)).open("w+b"))
             self._stack = stack.pop_all()
 
-    def write(self, frame: DepthFrame) -> None:
-        """Add a frame. Raises DataError, OSError."""
-        where = f"{self._path}: frame {frame.number}"
-        if self._times and frame.time <= self._times[-1]:
-            raise DataError(f"{where}: at {frame.time:.6f} s, which is not after the frame before")
-        values = stored(frame.depth, self._given.unit_mm or 1.0, where)
+    def write(self, time: float, values: NDArray[np.uint16]) -> None:
+        """Add a frame. Raises OSError."""
         with atomic.error_names(self._path):
             self._kept.write(values.astype("<u2").tobytes())
-        self._times.append(frame.time)
+        self._times.append(time)
 
     def discard(self) -> None:
         """Drop the frames so far, without writing a file."""

@@ -1,18 +1,17 @@
-"""The acts of a hand in a synthetic recording, and the movements they consist of."""
+"""The acts of a hand in a synthetic recording, the movements they consist of, and the volume in which it moves."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from handpose.body.sides import Side, mirror_of
-from handpose.sequences.movements import OVERLAP, TOP_SPEED, Movement, Strokes, posed
-from handpose.sequences.person import Person, fingers_of
-from handpose.sequences.surroundings import Volume
+from handpose.frames.cameras import Camera
+from handpose.sequences.movements import OVERLAP, TOP_SPEED, Movement, Person, Strokes, fingers_of, posed
 from handpose.synthetic.pose_prior import BodySampler
 from netlib.blob import Array
 
@@ -23,63 +22,46 @@ CANDIDATES = 16  # the first possible one is taken, otherwise the best
 ON_THE_WAY = 5  # poses on the way, including the last, at which fingers are checked
 
 
-class Choices:
-    """Draws the next pose of one hand.
+MARGIN_MM = 155.0  # from the middle of a crop to the border of the volume
+GONE_MM = 330.0  # from the border of the image to the middle of a hand that is away
 
-    side     "right" or "left"
-    outward  -1 or 1: the side, along x, on which its elbow stays; 0 for none
-    """
 
-    def __init__(
-        self, rng: np.random.Generator, sampler: BodySampler, person: Person, side: Side, outward: float
-    ) -> None:
-        self.rng, self.sampler, self.person, self.side, self.outward = rng, sampler, person, side, outward
+class Volume(NamedTuple):
+    """The volume of a moving hand: a part of the image, and depths in mm."""
 
-    def fingers(self, before: Array) -> Array:
-        """Finger inputs (D,) that can be reached from ``before`` without collisions."""
-        drawn = self.sampler.draw(self.rng, CANDIDATES).inputs
-        drawn[:, [*self.sampler.rotation, *self.sampler.translation]] = 0
-        depth = self.depth_between(before, drawn)
-        return np.asarray(drawn[_first(depth, self.sampler.prior.penetration)])
+    camera: Camera
+    left: float = 0.0  # 0 to 1 of the image's width
+    right: float = 1.0
+    near: float = 450.0
+    far: float = 850.0
 
-    def depth_between(self, before: Array, after: Array) -> Array:
-        """The penetration (N,) of fingers in mm on the way from one pose (D,) to others (N, D)."""
-        way = before + np.linspace(0, 1, ON_THE_WAY + 1)[1:, None, None] * (after - before)
-        whole = np.zeros((way[..., 0].size, len(self.person.surface.whole.initial)))
-        whole[:, : way.shape[-1]] = way.reshape(len(whole), -1)
-        return np.asarray(self.person.penetration_mm(whole).reshape(len(way), -1).max(axis=0))
+    def roomy(self) -> Volume:
+        """The volume, starting far enough from the camera for a hand and its movement."""
+        c = self.camera
+        needed = 1.15 * 2 * MARGIN_MM * max(c.fx / ((self.right - self.left) * c.width), c.fy / c.height)
+        return self._replace(near=max(self.near, needed), far=max(self.far, 1.4 * needed))
 
-    def palm(self, before: Rotation | None, facing: float = 1.0) -> tuple[Rotation, Array]:
-        """A palm rotation and the inputs of its forearm, such that the arm can be that of a person at the camera.
+    def place(self, rng: np.random.Generator) -> Array:
+        """A place (3,) for the middle of a hand, in mm."""
+        c, z = self.camera, rng.uniform(self.near, self.far)
+        across, down = MARGIN_MM * c.fx / z, MARGIN_MM * c.fy / z
+        u = rng.uniform(self.left * c.width + across, self.right * c.width - across)
+        return c.unproject((u, rng.uniform(down, c.height - down), z))
 
-        before  the palm rotation to start from, if there is one
-        facing  factor of pitch and yaw
-        """
-        sampler, surface = self.sampler, self.sampler.surface
-        own = len(sampler.skeleton.initial)
-        palms = Rotation.from_euler("ZXY", sampler.rotations(self.rng, CANDIDATES) * (1, facing, -facing))
-        free = own + np.flatnonzero(~surface.whole.fixed[own:])
-        arms = np.zeros((CANDIDATES, len(surface.whole.initial)))
-        arms[:, free] = ARM_DEVIATION * surface.deviation[free] * self.rng.standard_normal((CANDIDATES, len(free)))
-        arms = np.clip(arms, surface.whole.lower, surface.whole.upper)[:, own:]
-        chosen = _first(self._strain(before, palms, arms), 0.0)
-        return palms[chosen], arms[chosen]
+    def kept(self, place: Array) -> Array:
+        """The place (3,) within the volume that is nearest to another, about."""
+        c, z = self.camera, float(np.clip(place[2], self.near, self.far))
+        across, down = MARGIN_MM * c.fx / z, MARGIN_MM * c.fy / z
+        u, v, _ = c.project([place[0], place[1], z])
+        u = np.clip(u, self.left * c.width + across, self.right * c.width - across)
+        return c.unproject((u, np.clip(v, down, c.height - down), z))
 
-    def _strain(self, before: Rotation | None, palms: Rotation, arms: Array) -> Array:
-        """The implausibility (N,) of palms and forearms, also on the way; 0 is plausible."""
-        surface, count = self.sampler.surface, len(arms)
-        steps = np.zeros((count, 3)) if before is None else (before.inv() * palms).as_rotvec()
-        over = np.zeros(count)
-        for left in (0.0, 0.5):
-            way = palms * Rotation.from_rotvec(-left * steps)
-            none = np.zeros((count, len(self.sampler.skeleton.initial)))
-            ends = self.person.ends(posed(self.sampler, self.person, none, way, arms))
-            limb = (ends[:, surface.end[surface.limbs]] - ends[:, surface.start[surface.limbs]])[:, 0]
-            limb = limb / np.linalg.norm(limb, axis=1, keepdims=True) * mirror_of(self.side)
-            x, y, z = limb.T
-            too_far = np.stack([-z - TOWARDS, y - UPWARDS, -x * self.outward - INWARDS])
-            over = np.maximum(over, np.maximum(too_far, 0).sum(axis=0))
-        return np.asarray(over + np.maximum(np.linalg.norm(steps, axis=1) - MAX_TURN, 0))
+    def outside(self, place: Array) -> Array:
+        """The position (3,) outside the image next to another one, at the closer side."""
+        c, z = self.camera, place[2]
+        u, v, _ = c.project(place)
+        margin = GONE_MM * c.fx / z
+        return c.unproject((-margin if u < (c.width - 1) / 2 else c.width + margin, v, z))
 
 
 def _first(found: Array, most: float) -> int:
@@ -124,11 +106,10 @@ class Actor:
     def __init__(
         self, rng: np.random.Generator, sampler: BodySampler, person: Person, side: Side, volume: Volume, outward: float
     ) -> None:
-        self.rng, self.sampler, self.person, self.volume = rng, sampler, person, volume
-        self.choices = Choices(rng, sampler, person, side, outward)
-        self.time = 0.0
+        self.rng, self.sampler, self.person, self.side, self.volume = rng, sampler, person, side, volume
+        self.outward, self.time = outward, 0.0
         fingers = fingers_of("relaxed", person, sampler)
-        palm, arm = self.choices.palm(None, FACING)
+        palm, arm = self.next_palm(None, FACING)
         self.movement = Movement(sampler, person, side, fingers, palm, arm, volume.place(rng))
 
     def act(self, acts: Sequence[Act], seconds: float) -> Movement:
@@ -154,7 +135,7 @@ class Actor:
 
     def _gestures(self, of: tuple[str, ...], end: float) -> None:
         names: list[str] = []
-        self._turn(*self.choices.palm(self.movement.palm.keys[-1], FACING), self.rng.uniform(*STROKE), end)
+        self._turn(*self.next_palm(self.movement.palm.keys[-1], FACING), self.rng.uniform(*STROKE), end)
         middle = self.movement.place.keys[-1]
         while self.time < end:
             names = names or [str(name) for name in self.rng.permutation(list(of or self.sampler.poses))]
@@ -177,10 +158,10 @@ class Actor:
         """Fingers, palm and position have movements at different times."""
         while self.time < end:
             began, bout = self.time, min(self.time + self.rng.uniform(*BOUT), end)
-            while self._show(self.choices.fingers(self.movement.fingers.keys[-1]), bout):
+            while self._show(self.next_fingers(self.movement.fingers.keys[-1]), bout):
                 pass
             self.time = began
-            while self._turn(*self.choices.palm(self.movement.palm.keys[-1]), self.rng.uniform(*STROKE), bout):
+            while self._turn(*self.next_palm(self.movement.palm.keys[-1]), self.rng.uniform(*STROKE), bout):
                 pass
             self.time = began
             while self._go(self.volume.place(self.rng), self.time, bout):
@@ -204,7 +185,7 @@ class Actor:
         """Move the fingers, through the open hand if they would collide; False if ``end`` is too early."""
         values = self.movement.fingers
         ways = [fingers]
-        if self.choices.depth_between(values.keys[-1], fingers[None])[0] > self.sampler.prior.penetration:
+        if self.depth_between(values.keys[-1], fingers[None])[0] > self.sampler.prior.penetration:
             ways.insert(0, fingers_of("open", self.person, self.sampler))
         for way in ways:
             angle = float(np.abs(way - values.keys[-1]).max())
@@ -240,6 +221,54 @@ class Actor:
         place.move(begin, lasts, to)
         self.time = max(self.time, begin + lasts)
         return True
+
+    # ------------------------------------------------------------------------------------------ choices
+
+    def next_fingers(self, before: Array) -> Array:
+        """Finger inputs (D,) that can be reached from ``before`` without collisions."""
+        drawn = self.sampler.draw(self.rng, CANDIDATES).inputs
+        drawn[:, [*self.sampler.rotation, *self.sampler.translation]] = 0
+        depth = self.depth_between(before, drawn)
+        return np.asarray(drawn[_first(depth, self.sampler.prior.penetration)])
+
+    def depth_between(self, before: Array, after: Array) -> Array:
+        """The penetration (N,) of fingers in mm on the way from one pose (D,) to others (N, D)."""
+        way = before + np.linspace(0, 1, ON_THE_WAY + 1)[1:, None, None] * (after - before)
+        whole = np.zeros((way[..., 0].size, len(self.person.surface.whole.initial)))
+        whole[:, : way.shape[-1]] = way.reshape(len(whole), -1)
+        return np.asarray(self.person.penetration_mm(whole).reshape(len(way), -1).max(axis=0))
+
+    def next_palm(self, before: Rotation | None, facing: float = 1.0) -> tuple[Rotation, Array]:
+        """A palm rotation and the inputs of its forearm, such that the arm can be that of a person at the camera.
+
+        before  the palm rotation to start from, if there is one
+        facing  factor of pitch and yaw
+        """
+        sampler, surface = self.sampler, self.sampler.surface
+        own = len(sampler.skeleton.initial)
+        palms = Rotation.from_euler("ZXY", sampler.rotations(self.rng, CANDIDATES) * (1, facing, -facing))
+        free = own + np.flatnonzero(~surface.whole.fixed[own:])
+        arms = np.zeros((CANDIDATES, len(surface.whole.initial)))
+        arms[:, free] = ARM_DEVIATION * surface.deviation[free] * self.rng.standard_normal((CANDIDATES, len(free)))
+        arms = np.clip(arms, surface.whole.lower, surface.whole.upper)[:, own:]
+        chosen = _first(self._strain(before, palms, arms), 0.0)
+        return palms[chosen], arms[chosen]
+
+    def _strain(self, before: Rotation | None, palms: Rotation, arms: Array) -> Array:
+        """The implausibility (N,) of palms and forearms, also on the way; 0 is plausible."""
+        surface, count = self.sampler.surface, len(arms)
+        steps = np.zeros((count, 3)) if before is None else (before.inv() * palms).as_rotvec()
+        over = np.zeros(count)
+        for left in (0.0, 0.5):
+            way = palms * Rotation.from_rotvec(-left * steps)
+            none = np.zeros((count, len(self.sampler.skeleton.initial)))
+            ends = self.person.ends(posed(self.sampler, self.person, none, way, arms))
+            limb = (ends[:, surface.end[surface.limbs]] - ends[:, surface.start[surface.limbs]])[:, 0]
+            limb = limb / np.linalg.norm(limb, axis=1, keepdims=True) * mirror_of(self.side)
+            x, y, z = limb.T
+            too_far = np.stack([-z - TOWARDS, y - UPWARDS, -x * self.outward - INWARDS])
+            over = np.maximum(over, np.maximum(too_far, 0).sum(axis=0))
+        return np.asarray(over + np.maximum(np.linalg.norm(steps, axis=1) - MAX_TURN, 0))
 
 
 def _still(end: float) -> None:

@@ -22,20 +22,19 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from handpose.body.nyu import CUBE_MM
-from handpose.body.render import Floats, in_front, joined
+from handpose.body.render import Capsules, Floats, in_front, joined
 from handpose.body.sides import Side, other_side
 from handpose.frames.cameras import NYU, UNIT_MM, Camera
 from handpose.frames.recording import DepthFrame, Recording
-from handpose.sequences.acts import Act, Actor
-from handpose.sequences.movements import HandPose, Movement
-from handpose.sequences.person import SHOWN, Person
-from handpose.sequences.surroundings import NOWHERE_MM, Volume, draw_desk, draw_surroundings
+from handpose.sequences.acts import Act, Actor, Volume
+from handpose.sequences.movements import SHOWN, HandPose, Movement, Person
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.prior_file import PoseParameter
-from handpose.synthetic.scenes import render_image
+from handpose.synthetic.scenes import BODY, render_image
 from handpose.synthetic.sensor import Sensor, sense, sensor_of
 from handpose.tracking.track import HIDDEN, LEFT, PARTLY, LostHand, TrackedFrame, TrackedHand, TrackHeader
+from netlib.blob import Array
 from netlib.errors import DataError, did_you_mean
 
 
@@ -58,7 +57,6 @@ class Script:
     seconds  default length
     roles    the hands; their indices are their ids
     body     True if the body is visible behind the hands, False for arms only
-    desk     True if the person sits at a table and is seen from above
     apart    True if each of two hands keeps to its half of the image, False if one may occlude the other
     poses    replace those of the prior file with the same names
     """
@@ -66,7 +64,6 @@ class Script:
     seconds: float
     roles: tuple[Role, ...]
     body: bool = False
-    desk: bool = False
     apart: bool = True
     poses: tuple[PoseParameter, ...] = ()
 
@@ -84,7 +81,6 @@ SCRIPTS = {
     "two_hands": Script(20, (Role("right", _LIVELY), Role("left", (*_LIVELY[2:], *_LIVELY[:2])))),
     "left": Script(20, (Role("left", _LIVELY),)),
     "body": Script(20, (Role("right", _LIVELY),), body=True),
-    "desk": Script(20, (Role("right", _LIVELY), Role("left", (*_LIVELY[2:], *_LIVELY[:2]))), desk=True),
     "minute": Script(
         60,
         (
@@ -98,12 +94,48 @@ SCRIPTS = {
 SHOWING = Script(30, (Role("right", (Act("gestures", 30, tuple(pose.name for pose in SHOWN)),)),), poses=SHOWN)
 
 
+NOWHERE_MM = 1e4  # beyond the range of any camera
+BEHIND_MM = 300.0  # from the farthest place of a hand to the middle between the shoulders
+SHOULDER_MM = 170.0  # from that middle
 BODY_FAR = 700.0  # mm: maximum distance of hands in front of a body
 MOSTLY, HARDLY = 0.9, 0.1  # share of the joints in the image: visible from the first on, lost up to the second
 SEEN, COVERED = 0.5, 0.05  # share of the surface that is not hidden: visible from the first on, hidden below the second
 PERSON, HANDS, SURROUNDINGS = range(3)  # purposes of random numbers
 
 Numbers = Callable[..., np.random.Generator]
+
+
+class Surroundings(NamedTuple):
+    """Everything in the image except hands and arms.
+
+    image   (height, width) mm, ``NOWHERE_MM`` without a reading
+    middle  (3,) mm between the person's shoulders
+    """
+
+    image: Floats
+    middle: Array
+
+    def upper_arm(self, elbow: Array, side: Side) -> Capsules:
+        """The capsule (1, 1) from an elbow (3,) to the shoulder of the person, who faces the camera."""
+        right = -1.0 if side == "right" else 1.0
+        shoulder = self.middle + (right * SHOULDER_MM, -20.0, 0.0)
+        return Capsules(elbow[None, None], shoulder[None, None], np.array([[40.0]]), np.array([[55.0]]))
+
+
+def draw_surroundings(rng: np.random.Generator, camera: Camera, farthest: float, body: bool) -> Surroundings:
+    """A wall, beyond the range of half of the cameras, and a body in front of it or none.
+
+    farthest  depth in mm that the middles of hands do not exceed
+    """
+    middle = np.array([rng.uniform(-60, 60), rng.uniform(-120, 40), farthest + BEHIND_MM])
+    wall = float(rng.uniform(middle[2] + 300, middle[2] + 1500))
+    image = np.full((camera.height, camera.width), wall if rng.random() < 0.5 else NOWHERE_MM, dtype=np.float32)
+    if body:
+        ends = np.array([(a, b) for a, b, _, _ in BODY], dtype=np.float64) + middle
+        radii = np.array([(ra, rb) for _, _, ra, rb in BODY], dtype=np.float64)
+        trunk = in_front(Capsules(ends[None, :, 0], ends[None, :, 1], radii[None, :, 0], radii[None, :, 1]))
+        np.minimum(image, render_image(trunk, camera, np.inf)[0], out=image)
+    return Surroundings(image, middle)
 
 
 class Shot(NamedTuple):
@@ -140,16 +172,12 @@ class Stage:
             actor = Actor(numbers(HANDS, n), self.sampler, self.person, role.side, volume, outward)
             self.movements.append(actor.act(role.acts, seconds))
         farthest = max(volume.far for volume, _ in volumes)
-        self.surroundings = (
-            draw_desk(numbers(SURROUNDINGS), camera, farthest)
-            if script.desk
-            else draw_surroundings(numbers(SURROUNDINGS), camera, farthest, script.body)
-        )
+        self.surroundings = draw_surroundings(numbers(SURROUNDINGS), camera, farthest, script.body)
 
     def _volume(self, n: int) -> tuple[Volume, float]:
         """The volume in which a role's hand moves, and the side of its elbow; the person faces the camera."""
         roles, own = self.script.roles, self.script.roles[n].side
-        volume = Volume(self.camera, far=BODY_FAR) if self.script.body or self.script.desk else Volume(self.camera)
+        volume = Volume(self.camera, far=BODY_FAR) if self.script.body else Volume(self.camera)
         if not self.script.apart or len(roles) == 1:
             return volume.roomy(), 0.0
         if own == "right":

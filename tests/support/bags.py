@@ -69,21 +69,17 @@ class Messages:
     def info(
         self, shape: tuple[int, int], model: str = "plumb_bob", d: tuple[float, ...] = (0,) * 5, **more: Any
     ) -> bytes:
-        """Return a CameraInfo with K, D and P; ``k`` and ``p`` replace the usual ones.
-
-        ``region`` is x, y, width and height, ``binning`` one number for each axis.
-        """
+        """Return a CameraInfo with K, D and P; ``k`` and ``p`` replace the usual ones."""
         name = str.upper if self.is_ros1 else str.lower
         k = more.get("k", K)
         p = more.get("p", [k[0], 0, k[2], 0, 0, k[4], k[5], 0, 0, 0, 1, 0])
         arrays = {"d": d, "k": k, "r": np.eye(3).ravel(), "p": p}
-        (left, top, width, height), (bin_x, bin_y) = more.get("region", (0, 0, 0, 0)), more.get("binning", (0, 0))
         roi = self.store.types["sensor_msgs/msg/RegionOfInterest"](
-            x_offset=left, y_offset=top, height=height, width=width, do_rectify=False
+            x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
         )
         message = self.store.types["sensor_msgs/msg/CameraInfo"](
-            header=self.header(START_NS), height=shape[0], width=shape[1], distortion_model=model, binning_x=bin_x,
-            binning_y=bin_y, roi=roi, **{name(key): np.array(value, np.float64) for key, value in arrays.items()},
+            header=self.header(START_NS), height=shape[0], width=shape[1], distortion_model=model, binning_x=0,
+            binning_y=0, roi=roi, **{name(key): np.array(value, np.float64) for key, value in arrays.items()},
         )
         return self.encode("sensor_msgs/msg/CameraInfo", message)
 

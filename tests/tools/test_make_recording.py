@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from handpose.frames.cameras import ICVL
-from handpose.frames.opening import open_recording
+from handpose.frames.formats import open_recording
 from handpose.output.tracks.json_file import read_track
 from handpose.scoring.tracks import score
 from handpose.sequences.recordings import SyntheticRecording
@@ -84,9 +84,9 @@ def contents() -> dict[str, bytes]:
 
 
 PLACES = {
-    "a frame of a folder": ("a", "handpose.frames.writing.FolderWriter.write", 3),
-    "a frame of a stack": ("a.npz", "handpose.frames.writing.StackWriter.write", 3),
-    "the end of a stack": ("a.npz", "handpose.frames.writing.StackWriter._fill", 1),
+    "a frame of a folder": ("a", "handpose.frames.writing._Folder.write", 3),
+    "a frame of a stack": ("a.npz", "handpose.frames.writing._Stack.write", 3),
+    "the end of a stack": ("a.npz", "handpose.frames.writing._Stack._fill", 1),
     "a frame of the truth": ("a.npz", "handpose.output.tracks.growing.GrowingFile.append", 3),
 }
 
@@ -103,10 +103,10 @@ def test_a_full_disk_leaves_no_truth_of_another_recording(monkeypatch: pytest.Mo
             Path(file).write_bytes(content)
         calls = iter(range(1, 100))
 
-        def failing(self: object, argument: object, calls: Iterator[int] = calls) -> object:
+        def failing(self: object, *arguments: object, calls: Iterator[int] = calls) -> object:
             if next(calls) == at:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), name)
-            return function(self, argument)
+            return function(self, *arguments)
 
         monkeypatch.setattr(owner, method, failing)
         done = run_tool("make_recording", "rest", *SHORT, "--out", name, "--force", status=1)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from handpose.frames.opening import open_recording
+from handpose.frames.formats import open_recording
 from tests.support.running import run_tool
 from tools import record
 

@@ -19,8 +19,8 @@ import pytest
 from handpose.estimate.predictor import Predictor
 from handpose.fit import depth_fit
 from handpose.frames.cameras import ICVL
+from handpose.frames.formats import open_recording
 from handpose.frames.formats.stack import StackRecording
-from handpose.frames.opening import open_recording
 from handpose.frames.recording import DepthFrame
 from handpose.frames.writing import RecordingWriter
 from handpose.output.tracks.json_file import read_track

@@ -19,12 +19,11 @@ from handpose.frames.inspection import Inspection
 from handpose.output.drawing import hands, strokes, surface
 from handpose.output.drawing.tracks import Painter
 from handpose.output.drawing.view import percent
-from handpose.output.hand_page.assembly import page
-from handpose.output.hand_page.content import body, content, hand
+from handpose.output.hand_page.assembly import body, content, hand, page
 from handpose.output.tracks import csv_file, joint_values
 from handpose.output.tracks.json_values import free_dofs
 from handpose.output.tracks.predictions import document, frame_values
-from handpose.sequences.person import poses
+from handpose.sequences.movements import poses
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.tracking.track import TrackedFrame, TrackHeader

@@ -7,7 +7,7 @@ import argparse
 from handpose import CAMERAS, Camera
 from handpose.body.joint_formats.formats import FORMAT_NAMES
 from handpose.estimate.hand import MIN_CONFIDENCE, MIN_PRESENCE
-from handpose.frames.camera_values import INTRINSICS, RANGES
+from handpose.frames.camera_file import INTRINSICS, RANGES
 from handpose.frames.cameras import VIEWS, View, by_field_of_view
 from handpose.frames.crops import CUBES_MM
 from tools.common.arguments import expected, numbers, real

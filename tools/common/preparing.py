@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from handpose.datasets import parts
-from handpose.datasets.preparation import Outcome, PreparedSplit, refuse_foreign
-from handpose.datasets.published_frames import Flaw, PublishedFrames
+from handpose.datasets.published_frames import Flaw, Outcome, PreparedSplit, PublishedFrames, refuse_foreign
 from handpose.frames.images import BadFrameError
 from netlib import engine
 from tools.common.arguments import parser_of, workers

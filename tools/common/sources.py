@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from handpose import Camera, CameraInfo, Recording, open_recording
 from handpose.frames import camera_file
-from handpose.frames.camera_values import RANGES, TIME_UNITS
+from handpose.frames.camera_file import RANGES, TIME_UNITS
 from handpose.frames.cameras import CAMERAS, UNIT_MM, VIEWS, View
+from handpose.frames.formats import EXPECTED
 from handpose.frames.images import read_picture
 from handpose.frames.inspection import Inspection, warnings_of
 from handpose.frames.lens import Lens
-from handpose.frames.opening import EXPECTED
 from handpose.frames.raw import sized
 from netlib.errors import DataError
 from netlib.files.paths import exists

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from handpose import Recording
 from handpose.frames import camera_file
 from handpose.frames.formats.folder import PICTURES, FolderRecording
-from handpose.output.drawing.sheets import ContactSheet
+from handpose.output.drawing.strokes import ContactSheet
 from handpose.output.drawing.tracks import HEAD, Painter
 from handpose.output.drawing.video_file import VideoFile
 from handpose.output.live.messages import LINES, VIEWS, Messages

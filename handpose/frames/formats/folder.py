@@ -1,7 +1,7 @@
 """Folders of depth frames: 16-bit grey images (PNG or TIFF), ordered and timed by their names.
 
-open_folder(Path("frames"), given)          # all images in it, which must be one sequence
-open_folder(Path("frames/left_*.png"), given)    # those of one
+FolderRecording(Path("frames"), given)          # all images in it, which must be one sequence
+FolderRecording(Path("frames/left_*.png"), given)    # those of one
 
     000000033333us.png                      us, ms or ns as named, as ``tools/record.py`` writes
     1616799936125.png 1616799936.125.png    s, ms, us or ns since 1970, by their size, also with a fraction
@@ -21,7 +21,6 @@ import itertools
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path, PurePath
 from statistics import median
@@ -34,48 +33,40 @@ from numpy.typing import NDArray
 from handpose.frames import camera_file
 from handpose.frames.cameras import NYU
 from handpose.frames.images import read_picture, unpack_depth
-from handpose.frames.raw import HEADERLESS, Calibration, calibration_of
+from handpose.frames.raw import HEADERLESS, calibration_of
 from handpose.frames.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
 from netlib.errors import DataError, did_you_mean, reason_of, system_error_of
 from netlib.files.paths import exists, list_folder, names_in
 
 PICTURES = (".png", ".tif", ".tiff")
-OTHERS = (".jpg", ".jpeg", ".bmp", ".exr", ".pgm", ".raw")  # named in an error message
-
-
-def open_folder(source: Path, given: CameraInfo = UNKNOWN) -> FolderRecording:
-    """The frames in a folder, or those matching a pattern of names, or one name. Raises DataError."""
-    folder, names = _frames_in(source)
-    camera_json = camera_file.next_to(folder)
-    known = given.or_else(camera_json)
-    packed = known.camera == NYU
-    frames = in_order(names, str(folder), known.time_unit)
-    path, image = _first_whole(folder, frames)
-    raw = _grey(image, packed, path)
-    if path.suffix.lower() in (".tif", ".tiff") and (pictures := cv2.imcount(str(path))) > 1:
-        raise DataError(f"{path}: a TIFF of {pictures} pictures; expected one for each frame, or all in an .npy")
-    calibration = calibration_of(given, UNKNOWN, camera_json, raw.shape, raw.dtype, str(path))
-    return FolderRecording(source, folder, frames, calibration, packed)
 
 
 class FolderRecording(Recording):
-    """One image per frame. Damaged ones are left out, and ``remarks`` counts them.
+    """The images in a folder, those that match a pattern of names, or one, in the order of time. Raises DataError.
+
+    Damaged ones are left out, and ``remarks`` counts them.
 
     folder  of the frames
     """
 
-    def __init__(
-        self, source: Path, folder: Path, frames: NamedFrames, calibration: Calibration, packed: bool
-    ) -> None:
-        self.name = str(source)
-        self.camera, self.unit_mm, self.count = calibration.camera, calibration.unit_mm, len(frames.names)
-        self.rate = calibration.rate
-        remarks = [frames.interpretation, *calibration.remarks]
-        if not frames.ticks and len(frames.names) > 1:
+    def __init__(self, source: Path, given: CameraInfo = UNKNOWN) -> None:
+        self.folder, names = _frames_in(source)
+        camera_json = camera_file.next_to(self.folder)
+        known = given.or_else(camera_json)
+        self._packed = known.camera == NYU
+        self._frames = in_order(names, str(self.folder), known.time_unit)
+        path, image = _first_whole(self.folder, self._frames)
+        raw = _grey(image, self._packed, path)
+        if path.suffix.lower() in (".tif", ".tiff") and (pictures := cv2.imcount(str(path))) > 1:
+            raise DataError(f"{path}: a TIFF of {pictures} pictures; expected one for each frame, or all in an .npy")
+        calibration = calibration_of(given, UNKNOWN, camera_json, raw.shape, raw.dtype, str(path))
+        self.name, self.count, self.rate = str(source), len(names), calibration.rate
+        self.camera, self.unit_mm = calibration.camera, calibration.unit_mm
+        remarks = [self._frames.interpretation, *calibration.remarks]
+        if not self._frames.ticks and len(names) > 1:
             self.rate, assumed = calibration.paced()
             remarks += assumed
         self.remarks = self._remarks = tuple(remarks)
-        self.folder, self._frames, self._packed = folder, frames, packed
         self._decode = calibration.decoder(self.name)
 
     def __iter__(self) -> Iterator[DepthFrame]:
@@ -125,15 +116,10 @@ def _is_frame(name: str) -> bool:
 
 def _no_frames(folder: Path) -> str:
     """The error for a folder without frames, with what it contains."""
-    names = sorted(names_in(folder))
-    inner = [name for name in names if any(map(_is_frame, names_in(folder / name)))]
-    others = sorted({suffix for name in names if (suffix := Path(name).suffix.lower()) in OTHERS})
-    if inner:
-        found = f"; {', '.join(inner[:6])} in it {'do' if len(inner) > 1 else 'does'}: name one"
-    else:
-        found = f", but {', '.join(others)}" if others else ""
-        found += f": {HEADERLESS}" if ".raw" in others else ""
-    return f"{folder}: holds no depth frames (16-bit grey PNG or TIFF){found}"
+    names = sorted(name for name in names_in(folder) if not name.startswith("."))
+    shown = f"{', '.join(names[:MAX_SHOWN])}{' ...' * (len(names) > MAX_SHOWN)}" or "nothing"
+    advice = f": {HEADERLESS}" if any(name.lower().endswith(".raw") for name in names) else ""
+    return f"{folder}: holds no depth frames (16-bit grey PNG or TIFF); found {shown}{advice}"
 
 
 def _first_whole(folder: Path, frames: NamedFrames) -> tuple[Path, NDArray[Any]]:
@@ -167,15 +153,14 @@ NANO = TICKS["ns"]
 FRAMES = "frames"  # the unit of numbers that count frames
 EPOCH = (946684800, 4102444800)  # s since 1970 of the years 2000 and 2100
 NAMED_UNIT = re.compile(r"(?<!\d)(\d+)([mun]s)(?:ec)?(?![A-Za-z])")
-SINCE_1970 = re.compile(r"(?<!\d)(\d{9,19})(?:\.(\d+)|[_-](\d{6}|\d{9}))?(?!\d)")
+SINCE_1970 = re.compile(r"(?<!\d)(\d{9,19})(?:\.(\d+)|(?<=(?<!\d)\d{10})[_-](\d{6}|\d{9}))?(?!\d)")
 DATE = re.compile(r"(?<!\d)20\d\d\D?[01]\d\D?[0-3]\d(?:\D{0,4}[0-2]\d\D?[0-5]\d\D?[0-5]\d(?:\.\d+)?)?")
 NUMBER, DECIMAL = re.compile(r"\d+"), re.compile(r"\d+(?:[.,]\d+)?")
 SPARSE = 10  # times as many numbers as frames are no count if the names have a date
-MAX_SHOWN = 6  # maximum number of sequences in a message
+MAX_SHOWN = 6  # maximum number of names or sequences in a message
 
 
-@dataclass(frozen=True)
-class NamedFrames:
+class NamedFrames(NamedTuple):
     """The frames of one sequence, in order.
 
     names   of the files
@@ -193,7 +178,7 @@ class NamedFrames:
 class Reading(NamedTuple):
     """One way to read the times in names.
 
-    times  one for each name; numbers of frames if ``ticks`` is 0
+    times  one for each name, in ns; numbers of frames if ``ticks`` is 0
     ticks  per second
     how    interpretation of the names
     rests  the names without their times
@@ -211,13 +196,14 @@ def in_order(names: Iterable[str], where: str, unit: str | None = None) -> Named
     unit  of the times in the names, "frames" if they are numbers; inferred by default
     """
     names = sorted(names)
-    groups: dict[tuple[object, ...], list[str]] = defaultdict(list)
+    groups: dict[tuple[str, ...], list[str]] = defaultdict(list)
     for name in names:
-        groups[_texts(PurePath(name).stem), PurePath(name).suffix.lower()].append(name)
-    found = _reading([PurePath(name).stem for name in names], unit) if len(groups) == 1 else None
+        key = (*NUMBER.split(PurePath(name).stem), PurePath(name).suffix.lower())
+        groups[key].append(name)
+    found = _reading(names, unit) if len(groups) == 1 else None
     if found is not None:
         return _sorted(names, found, where)
-    sequences = sorted(pattern for group in groups.values() for pattern in _sequences(group, unit))
+    sequences = sorted((_pattern(part), len(part)) for group in groups.values() for part in _sequences(group, unit))
     more = f" and {len(sequences) - MAX_SHOWN} more" if len(sequences) > MAX_SHOWN else ""
     shown = ", ".join(f"{pattern} ({count})" for pattern, count in sequences[:MAX_SHOWN])
     raise DataError(f"{where}: holds {len(sequences)} sequences: {shown}{more}; name one, as "
@@ -248,19 +234,13 @@ def _sorted(names: Sequence[str], found: Reading, where: str) -> NamedFrames:
     return NamedFrames(tuple(names[i] for i in order), tuple(times[i] - first for i in order), ticks, how)
 
 
-def _reading(stems: list[str], unit: str | None) -> Reading | None:
+def _reading(names: Sequence[str], unit: str | None) -> Reading | None:
     """The first reading by which all names, of equal texts, are one sequence; None without one.
 
     Names of the same moment are a sequence only if there is no other reading: the caller reports them.
     """
-    counts = _counts(stems)
-    dense = [found for found in counts if max(found.times) - min(found.times) < SPARSE * len(stems)]
-    if unit is None:
-        readings = [*_named_units(stems), *_since_1970(stems), *dense, *_dated(stems), *counts]
-    else:
-        readings = counts if unit == FRAMES else list(_given(stems, unit))
-    possible = [found for found in readings if _is_one_sequence(found)]
-    strict = (found for found in possible if len(set(found.times)) == len(stems))
+    possible = [found for found in _readings([PurePath(name).stem for name in names], unit) if _is_one_sequence(found)]
+    strict = (found for found in possible if len(set(found.times)) == len(names))
     return next(strict, next((found for found in possible if len(set(found.rests)) == 1), None))
 
 
@@ -271,60 +251,54 @@ def _is_one_sequence(found: Reading) -> bool:
     return all(len(set(column)) == 1 or all(a < b for a, b in itertools.pairwise(column)) for column in columns)
 
 
-def _named_units(stems: list[str]) -> Iterator[Reading]:
+def _readings(stems: list[str], unit: str | None) -> list[Reading]:
+    """The ways to read names of equal texts, the most certain first.
+
+    Of several numbers that step alike, the last one is taken first; of counts, the one with the smallest range.
+    """
+    how = "frames in the order of the numbers in their names"
+    counts = [_read(stems, matches, [int(match[0]) for match in matches], 0, how)
+              for matches in _in_columns(stems, NUMBER)] or [Reading([0] * len(stems), 0, how, stems)]
+    counts.sort(key=lambda one: (len(set(one.times)) == 1, _range(one)))
+    if unit == FRAMES:
+        return counts
+    if unit is not None:
+        how, factor = f"times from the file names, in {unit} as given", NANO // TICKS[unit]
+        given = [_read(stems, matches, [int(Decimal(match[0].replace(",", ".")) * factor) for match in matches], NANO,
+                       how) for matches in _in_columns(stems, DECIMAL)]
+        return sorted(given, key=_range, reverse=True)
+    dense = [one for one in counts if _range(one) < SPARSE * len(stems)]
+    return [*_with_units(stems), *_since_1970(stems), *dense, *_dated(stems), *counts]
+
+
+def _with_units(stems: list[str]) -> Iterator[Reading]:
     """Numbers with their unit."""
     for matches in _in_columns(stems, NAMED_UNIT):
-        units = {match[2] for match in matches}
-        if len(units) == 1:
-            (unit,) = units
-            times = [int(match[1]) for match in matches]
-            yield Reading(times, TICKS[unit], f"times from the file names, in {unit}", _without(stems, matches))
+        if len({match[2] for match in matches}) == 1:
+            unit = matches[0][2]
+            times = [int(match[1]) * (NANO // TICKS[unit]) for match in matches]
+            yield _read(stems, matches, times, NANO, f"times from the file names, in {unit}")
 
 
 def _since_1970(stems: list[str]) -> Iterator[Reading]:
-    """Times since 1970; the last in the names first."""
+    """Times since 1970, also with a fraction."""
     for matches in _in_columns(stems, SINCE_1970):
         unit = since_1970([int(match[1]) for match in matches])
-        if unit is None:
-            continue
-        digits = len(str(NANO // TICKS[unit])) - 1  # of the fraction, down to a nanosecond
-        times, rests = [], []
-        for stem, match in zip(stems, matches):
-            fraction = match[2] or (match[3] if unit == "s" else "") or ""
-            times.append(int(match[1] + fraction[:digits].ljust(digits, "0")))
-            end = match.end() if fraction else match.end(1)
-            rests.append(f"{stem[: match.start()]}*{stem[end:]}")
-        yield Reading(times, NANO, f"times from the file names, in {unit} since 1970", rests)
+        if unit is not None:
+            digits = len(str(NANO // TICKS[unit])) - 1  # of the fraction, down to a nanosecond
+            times = [int(match[1] + (match[2] or match[3] or "")[:digits].ljust(digits, "0")) for match in matches]
+            yield _read(stems, matches, times, NANO, f"times from the file names, in {unit} since 1970")
 
 
 def _dated(stems: list[str]) -> Iterator[Reading]:
     """Names with several dates, after the same numbers: in the order of all their numbers."""
     matches = [DATE.search(stem) for stem in stems]
     if all(matches) and len({match[0] for match in matches if match}) > 1:
-        ranks = {row: rank for rank, row in enumerate(sorted({_numbers(stem) for stem in stems}))}
+        rows = [tuple(map(int, NUMBER.findall(stem))) for stem in stems]
+        ranks = {row: rank for rank, row in enumerate(sorted(set(rows)))}
         rests = [stem[: match.start()] for stem, match in zip(stems, matches) if match]
         how = "frames in the order of the dates in their names, one frame period each"
-        yield Reading([ranks[_numbers(stem)] for stem in stems], 0, how, rests)
-
-
-def _given(stems: list[str], unit: str) -> list[Reading]:
-    """Numbers in a given unit, those that step most first."""
-    readings = []
-    for matches in _in_columns(stems, DECIMAL):
-        times = [int(Decimal(match[0].replace(",", ".")) * (NANO // TICKS[unit])) for match in matches]
-        how = f"times from the file names, in {unit} as given"
-        readings.append(Reading(times, NANO, how, _without(stems, matches)))
-    return sorted(readings, key=lambda found: min(found.times) - max(found.times))
-
-
-def _counts(stems: list[str]) -> list[Reading]:
-    """Numbers of frames, those with the smallest range first, of equal ones the last; without one, all are number 0."""
-    how = "frames in the order of the numbers in their names"
-    columns = list(_in_columns(stems, NUMBER))
-    if not columns:
-        return [Reading([0] * len(stems), 0, how, stems)]
-    readings = [Reading([int(match[0]) for match in found], 0, how, _without(stems, found)) for found in columns]
-    return sorted(readings, key=lambda one: (len(set(one.times)) == 1, max(one.times) - min(one.times)))
+        yield Reading([ranks[row] for row in rows], 0, how, rests)
 
 
 def _in_columns(stems: list[str], pattern: re.Pattern[str]) -> Iterator[list[re.Match[str]]]:
@@ -334,46 +308,33 @@ def _in_columns(stems: list[str], pattern: re.Pattern[str]) -> Iterator[list[re.
         yield from (list(column) for column in reversed(list(zip(*found))))
 
 
-def _without(stems: list[str], matches: Sequence[re.Match[str]]) -> list[str]:
-    """The names with a star in place of the matches."""
-    return [f"{stem[: match.start()]}*{stem[match.end() :]}" for stem, match in zip(stems, matches)]
+def _read(stems: list[str], matches: list[re.Match[str]], times: list[int], ticks: int, how: str) -> Reading:
+    """The reading of the times in these matches."""
+    rests = [f"{stem[: match.start()]}*{stem[match.end() :]}" for stem, match in zip(stems, matches)]
+    return Reading(times, ticks, how, rests)
 
 
-def _texts(stem: str) -> tuple[str, ...]:
-    """The parts of a name between its numbers."""
-    return tuple(NUMBER.split(stem))
+def _range(found: Reading) -> int:
+    return max(found.times) - min(found.times)
 
 
-def _numbers(stem: str) -> tuple[int, ...]:
-    return tuple(map(int, NUMBER.findall(stem)))
-
-
-def _sequences(names: list[str], unit: str | None) -> list[tuple[str, int]]:
-    """The sequences in names of equal texts: a pattern of the names of each, and their number."""
-    stems = [PurePath(name).stem for name in names]
-    if _reading(stems, unit) is not None:
-        return [(_pattern(names), len(names))]
-    columns = list(zip(*(NUMBER.findall(stem) for stem in stems)))
-    keys = [column for column in columns if 1 < len(set(column)) < len(stems)]
-    for key in sorted(keys, key=lambda column: len(set(column))):
-        parts: dict[str, list[str]] = defaultdict(list)
-        for name, value in zip(names, key):
-            parts[value].append(name)
-        if all(_reading([PurePath(name).stem for name in part], unit) is not None for part in parts.values()):
-            return [(_pattern(part), len(part)) for part in parts.values()]
-    last = max(i for i, column in enumerate(columns) if len(set(column)) > 1)
-    rest: dict[tuple[str, ...], list[str]] = defaultdict(list)
-    for name, row in zip(names, zip(*columns)):
-        rest[row[:last] + row[last + 1 :]].append(name)
-    return [(_pattern(part), len(part)) for part in rest.values()]
+def _sequences(names: list[str], unit: str | None) -> list[list[str]]:
+    """The names of each sequence among names of equal texts: of equal values of one of their numbers."""
+    if _reading(names, unit) is not None:
+        return [names]
+    columns = [column for column in zip(*(NUMBER.findall(name) for name in names)) if len(set(column)) > 1]
+    ways = [[[name for name, own in zip(names, column) if own == value] for value in sorted(set(column))]
+            for column in sorted(columns, key=lambda column: len(set(column)))]
+    return next((parts for parts in ways if all(_reading(part, unit) is not None for part in parts)), ways[0])
 
 
 def _pattern(names: list[str]) -> str:
     """A pattern of names of equal texts: a star for each number that changes, or for the last one."""
-    between, suffix = _texts(PurePath(names[0]).stem), PurePath(names[0]).suffix
+    path = PurePath(names[0])
     columns = list(zip(*(NUMBER.findall(PurePath(name).stem) for name in names)))
     changes = [len(set(column)) > 1 for column in columns]
     if columns and not any(changes):
         changes[-1] = True
     numbers = ["*" if change else column[0] for change, column in zip(changes, columns)]
-    return "".join(itertools.chain(*itertools.zip_longest(between, numbers, fillvalue=""))) + suffix
+    parts = itertools.zip_longest(NUMBER.split(path.stem), numbers, fillvalue="")
+    return "".join(itertools.chain(*parts)) + path.suffix

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from handpose.frames import camera_file
 from handpose.frames.cameras import Camera
 from handpose.frames.lens import Lens, lens_of
-from handpose.frames.raw import Calibration, calibration_of
+from handpose.frames.raw import calibration_of
 from handpose.frames.recording import CameraInfo, DepthFrame, Recording
 from netlib.errors import DataError, NetlibError, did_you_mean, reason_of, system_error_of
 from netlib.files import pictures
@@ -116,39 +116,40 @@ def _opened(path: Path) -> Iterator[Bag]:
         yield Bag(reader, is_ros1, str(path))
 
 
-def open_bag(path: Path, given: CameraInfo) -> Recording:
-    """The depth of a bag. Raises DataError, and NetlibError without rosbags."""
-    name, _, asked = str(path).partition("#")
-    if asked and not exists(path):
-        path = Path(name)
-    with _opened(path) as bag:
-        topic = _depth_topic(bag, asked)
-        where = f"{path}: {topic}"
-        image = bag.first(topic, *IMAGES)
-        values = values_of(image, where)
-        own = _own(bag, topic, encoding_of(image), values.shape, given.camera is not None)
-        calibration = calibration_of(given, own, camera_file.next_to(path), values.shape, values.dtype, where)
-        return _BagRecording(path, calibration, topic, bag.topics(*IMAGES)[topic])
+class BagRecording(Recording):
+    """The images of one topic, until the end of the bag or of its intact part. Every iteration opens it again.
 
+    Raises DataError, and NetlibError without rosbags.
+    """
 
-class _BagRecording(Recording):
-    """The images of one topic, until the end of the bag or of its intact part. Every iteration opens it again."""
-
-    def __init__(self, path: Path, calibration: Calibration, topic: str, count: int) -> None:
-        self.name, self.count = str(path), count
+    def __init__(self, path: Path, given: CameraInfo) -> None:
+        name, _, asked = str(path).partition("#")
+        self._path = Path(name) if asked and not exists(path) else path
+        with _opened(self._path) as bag:
+            self._topic = _depth_topic(bag, asked)
+            where = f"{self._path}: {self._topic}"
+            image = bag.first(self._topic, *IMAGES)
+            values = values_of(image, where)
+            own = _own(bag, self._topic, encoding_of(image), values.shape, given.camera is not None)
+            calibration = calibration_of(given, own, camera_file.next_to(self._path), values.shape, values.dtype, where)
+            self.name, self.count = str(self._path), bag.topics(*IMAGES)[self._topic]
         self.camera, self.unit_mm, self.rate = calibration.camera, calibration.unit_mm, calibration.rate
         self.remarks = self._assumed = calibration.remarks
-        self._path, self._topic, self._decode = path, topic, calibration.decoder(self.name)
+        self._decode = calibration.decoder(self.name)
 
     def __iter__(self) -> Iterator[DepthFrame]:
         self.cut, self.remarks = "", self._assumed
-        clock = Clock(self.name)
-        number = -1
+        number, last, late = -1, -math.inf, 0
         try:
             for number, (time, raw) in enumerate(self._stored()):
-                seconds = clock(time)
-                if seconds is not None:
-                    yield DepthFrame(number, seconds, self._decode(raw, f"{self.name}: frame {number}"))
+                if time < last - MAX_DISTANCE_BACK:
+                    raise DataError(f"{self.name}: the clock goes back from {last:.3f} s to {time:.3f} s; expected one "
+                                    "recording")
+                if time <= last:
+                    late += 1
+                    continue
+                last = time
+                yield DepthFrame(number, time, self._decode(raw, f"{self.name}: frame {number}"))
         except NetlibError:
             raise
         except Exception as error:  # for a damaged bag the library may raise any exception
@@ -157,8 +158,8 @@ class _BagRecording(Recording):
             if number < 0:
                 raise DataError(f"{self.name}: not one frame can be read: {reason_of(error)}") from error
             self.cut = f"damaged or cut after frame {number}: {reason_of(error)}"
-        if clock.late:
-            self.remarks += (f"frames left out because they are not later than the one before: {clock.late}",)
+        if late:
+            self.remarks += (f"frames left out because they are not later than the one before: {late}",)
 
     def _stored(self) -> Iterator[tuple[float, NDArray[Any]]]:
         """Seconds by the images' clock, or if they have none by the bag's, and stored values."""
@@ -171,33 +172,6 @@ class _BagRecording(Recording):
                     first = taken if stamped else received
                 seconds = ((taken if stamped else received) - first) / 1e9
                 yield seconds, values_of(image, f"{self.name}: {self._topic}")
-
-
-class Clock:
-    """Seconds since the first frame; raises DataError where the clock was set back or forward.
-
-    late  number of frames that were not later than the one before them
-    """
-
-    def __init__(self, where: str) -> None:
-        self.late = 0
-        self._where = where
-        self._first: float | None = None
-        self._last = 0.0
-
-    def __call__(self, time: float) -> float | None:
-        """The time of a frame; None if it is not later than the one before."""
-        if self._first is None:
-            self._first = self._last = time
-            return 0.0
-        if time < self._last - MAX_DISTANCE_BACK:
-            raise DataError(f"{self._where}: the clock goes back from {self._last:.3f} s to {time:.3f} s; "
-                            "expected one recording")
-        if time - self._first <= self._last - self._first:
-            self.late += 1
-            return None
-        self._last = time
-        return time - self._first
 
 
 def _depth_topic(bag: Bag, asked: str) -> str:
@@ -291,8 +265,6 @@ def values_of(message: Any, where: str) -> NDArray[Any]:
     if not hasattr(message, "encoding"):
         return _unpacked(message, encoding, where)
     dtype = np.dtype((">" if message.is_bigendian else "<") + ENCODINGS[encoding])
-    if message.width * message.height > pictures.MAX_PIXELS:
-        raise DataError(f"{where}: {message.width} x {message.height} pixels; expected those of a depth camera")
     height, step, row = message.height, message.step, message.width * dtype.itemsize
     if not (row and height) or step < row or len(message.data) < step * height:
         raise DataError(f"{where}: {len(message.data)} bytes in rows of {step}, which are no {message.width} x "
@@ -336,9 +308,8 @@ def nanoseconds_of(message: Any) -> int:
 def given_by(info: Any, topic: str, shape: tuple[int, ...], where: str) -> CameraInfo:
     """Camera and lens of a CameraInfo for a topic; unknown if the camera is not calibrated. Raises DataError.
 
-    Images whose topic contains "rect" are undistorted: the matrix P holds for them, K and D for all others. Both are
-    those of the complete sensor. The images may show a region of it, with binned pixels; ``shape`` is their height and
-    width.
+    Images whose topic contains "rect" are undistorted: the matrix P holds for them, K and D for all others. Images of
+    another ``shape``, height and width, than the CameraInfo's show a region of the sensor, or binned pixels.
     """
     k, d, p = (list(map(float, getattr(info, name, getattr(info, name.lower(), ())))) for name in "KDP")
     straight = "rect" in topic.rpartition("/")[2] and len(p) == 12 and p[0] > 0
@@ -348,21 +319,10 @@ def given_by(info: Any, topic: str, shape: tuple[int, ...], where: str) -> Camer
     if not (math.isfinite(fx + fy + u0 + v0) and min(fx, fy) > 0):
         raise DataError(f"{where}: focal lengths {fx:g}, {fy:g}, middle {u0:g}, {v0:g}; expected finite ones")
     lens = Lens() if straight else lens_of(info.distortion_model, d, where)
-    full = (info.height, info.width)
-    if shape == full or not any(full):  # whatever the region and the binning are, these are all pixels
-        return CameraInfo(Camera("ros", fx, fy, u0, v0, *shape[::-1]), lens, origin=where)
-    roi, (bin_x, bin_y) = info.roi, (max(1, int(info.binning_x)), max(1, int(info.binning_y)))
-    left, top = int(roi.x_offset), int(roi.y_offset)
-    height, width = int(roi.height) or full[0] - top, int(roi.width) or full[1] - left
-    if shape != (height // bin_y, width // bin_x):
-        raise DataError(
-            f"{where}: the camera has {full[1]} x {full[0]} pixels, of which a region of {width} x {height} at {left}, "
-            f"{top} is read with a binning of {bin_x} x {bin_y}; expected images of that size, found {shape[1]} x "
-            f"{shape[0]}; --camera with the parameters of these images replaces it"
-        )
-    # As image_geometry computes them: pixel coordinates are divided, without a shift of half a pixel.
-    camera = Camera("ros", fx / bin_x, fy / bin_y, (u0 - left) / bin_x, (v0 - top) / bin_y, *shape[::-1])
-    return CameraInfo(camera, lens, origin=where)
+    if any(full := (info.height, info.width)) and shape != full:
+        raise DataError(f"{where}: the camera has {full[1]} x {full[0]} pixels, the images have {shape[1]} x "
+                        f"{shape[0]}; expected the same; of a region or binned pixels give the parameters by --camera")
+    return CameraInfo(Camera("ros", fx, fy, u0, v0, *shape[::-1]), lens, origin=where)
 
 
 def metres_of(message: Any, where: str) -> float:

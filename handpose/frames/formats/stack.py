@@ -6,7 +6,7 @@ memory. The other arrays of an .npz file are recognised by their usual names:
 
 times    time, times, t, ts, timestamp, timestamps, stamp, stamps, also after ``depth_`` or ``frame_``; a name may end
          with its unit, as in ``timestamps_us``
-others   the names of ``camera_values``; ``camera``, the whole text of a camera.json
+others   the names of ``camera_file``; ``camera``, the whole text of a camera.json
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import math
 import re
 import warnings
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from io import BufferedReader
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -25,7 +25,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from handpose.frames import camera_file, camera_values
+from handpose.frames import camera_file
 from handpose.frames.formats.folder import FRAMES, TICKS, since_1970
 from handpose.frames.raw import RATE, calibration_of, check_values
 from handpose.frames.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
@@ -39,21 +39,16 @@ SMALL = 1 << 24  # bytes; maximum size of the other arrays
 PARAMETERS = "biufSUM"  # their kinds: numbers, texts and dates
 
 
-def open_stack(path: Path, given: CameraInfo = UNKNOWN) -> Recording:
-    """The frames of an .npy or .npz file. Raises DataError."""
-    return StackRecording(path, (_Npy if path.suffix.lower() == ".npy" else _Npz)(path), given)
-
-
 class StackRecording(Recording):
-    """The frames of an array."""
+    """The frames of an .npy or .npz file. Raises DataError."""
 
-    def __init__(self, path: Path, frames: _Npy | _Npz, given: CameraInfo) -> None:
+    def __init__(self, path: Path, given: CameraInfo = UNKNOWN) -> None:
+        frames = (_Npy if path.suffix.lower() == ".npy" else _Npz)(path)
         camera_json = camera_file.next_to(path)
-        found = recognise(frames.others, frames.names, frames.shape[0], str(path), given, camera_json)
-        calibration = calibration_of(given, found.own, camera_json, frames.shape[1:], frames.dtype, str(path))
+        self._times, own, remarks, self.warnings = recognise(frames, str(path), given, camera_json)
+        calibration = calibration_of(given, own, camera_json, frames.shape[1:], frames.dtype, str(path))
         self.name, self.camera, self.unit_mm = str(path), calibration.camera, calibration.unit_mm
-        self.count, self.rate, self._times = frames.shape[0], calibration.rate, found.times
-        self.remarks, self.warnings = (*found.remarks, *calibration.remarks), found.warnings
+        self.count, self.rate, self.remarks = frames.shape[0], calibration.rate, (*remarks, *calibration.remarks)
         if self._times is None and given.time_unit is not None:
             raise DataError(f"{path}: has no times, so --time-unit has no meaning; expected an array time")
         if self._times is None and self.count > 1:
@@ -182,64 +177,37 @@ ENDINGS = {word: unit for unit, words in {
     "ns": "ns nsec nanos nanoseconds"}.items() for word in words.split()}
 TIMES = re.compile(rf"(?:depth_|frame_)?(?:t|ts|times?|time_?stamps?|stamps?)(?:_({'|'.join(ENDINGS)}))?", re.I)
 IN_SECONDS = "time"  # the one name whose times are seconds unless they are times since 1970 in another unit
-OF_ANYTHING = ("name", "model", *camera_values.SIZE)  # ambiguous keys, used only with a camera
+OF_ANYTHING = ("name", "model", *camera_file.SIZE)  # ambiguous keys, used only with a camera
 TEXT = "camera"  # the name of the whole text of a camera.json
-FIELDS = {"camera": "camera", "lens": "distortion", "unit_mm": "unit", "rate": "rate",
-          "time_unit": "unit of the times"}  # of CameraInfo, in words
 MAX_VALUES = 1000  # in an array of parameters
 MAX_NAMES = 8  # number of unused arrays that are named
 
 
-class Recognised(NamedTuple):
-    """What was recognised.
+def recognise(frames: _Npy | _Npz, where: str, given: CameraInfo, camera_json: CameraInfo) -> tuple[
+    NDArray[np.float64] | None, CameraInfo, tuple[str, ...], tuple[str, ...]
+]:
+    """What is recognised in the other arrays of a file: the times (frames,) in s or None, camera parameters, at most
+    one line of what was taken from which array, and at most one about the arrays that are not used.
 
-    times     (frames,) s, or None
-    own       camera parameters
-    remarks   at most one line: what was taken from which array
-    warnings  at most one line: the arrays that are not used
-    """
-
-    times: NDArray[np.float64] | None
-    own: CameraInfo
-    remarks: tuple[str, ...]
-    warnings: tuple[str, ...]
-
-
-def recognise(
-    found: Mapping[str, NDArray[Any]], names: Iterable[str], count: int, where: str, given: CameraInfo,
-    camera_json: CameraInfo,
-) -> Recognised:
-    """What is recognised in the arrays of a file with ``count`` frames.
-
-    found        arrays that are small enough to be parameters
-    names        of all arrays but the frames
     where        name of the file, for messages
     given        parameters from the user, which have precedence
     camera_json  those of a camera.json next to the file, over which the file has precedence
 
     Raises DataError for invalid values, and for times of an unknown unit.
     """
-    own, fields = _parameters(found, where, given)
-    words = _in_words(fields, given)
-    name, times = _name_of_times(found, count), None
+    own, fields = _parameters(frames.others, where, given)
+    used = [name for name, field in fields.items() if getattr(given, field, None) is None
+            and not (field == "lens" and given.camera)]
+    words = [f"parameters from {', '.join(map(repr, used))}"] if used else []
+    name, times = _name_of_times(frames.others, frames.shape[0]), None
     if name is not None:
-        numbers = _checked(found[name], count, f"{where}: {name}")
-        unit, how = _unit_of_times(name, found[name].dtype, numbers, where, given.time_unit, own, camera_json)
+        numbers = _checked(frames.others[name], frames.shape[0], f"{where}: {name}")
+        unit, how = _unit_of_times(name, frames.others[name].dtype, numbers, where, given.time_unit, own, camera_json)
         rate = given.or_else(own).or_else(camera_json).rate or RATE
         times = numbers / (rate if unit == FRAMES else TICKS[unit])
         words.append(f"times from {name!r}, {how}")
-    unused = [one for one in names if one not in fields and one != name]
-    return Recognised(times, own, ("; ".join(words),) if words else (), (_not_used(unused),) if unused else ())
-
-
-def _in_words(fields: Mapping[str, str], given: CameraInfo) -> list[str]:
-    """What is taken from which arrays; not what the user gave."""
-    sources: dict[str, list[str]] = {}
-    for name, field in fields.items():
-        of_another_camera = field == "lens" and given.camera is not None
-        if getattr(given, field, None) is None and not of_another_camera:
-            sources.setdefault(FIELDS.get(field, field), []).append(repr(name))
-    return [f"{what} from {', '.join(names)}" for what, names in sources.items()]
+    unused = [one for one in frames.names if one not in fields and one != name]
+    return times, own, ("; ".join(words),) if words else (), (_not_used(unused),) if unused else ()
 
 
 def _not_used(names: list[str]) -> str:
@@ -253,11 +221,11 @@ def _not_used(names: list[str]) -> str:
 
 def _parameters(found: Mapping[str, NDArray[Any]], where: str, given: CameraInfo) -> tuple[CameraInfo, dict[str, str]]:
     """The parameters in the arrays, and the field of CameraInfo for each array that is used. Raises DataError."""
-    has_camera = camera_values.has_camera({name: value.tolist() for name, value in found.items() if value.size <= 16})
-    values = {name: _plain(value, f"{where}: {name}") for name, value in found.items() if camera_values.is_known(name)
+    has_camera = camera_file.has_camera({name: value.tolist() for name, value in found.items() if value.size <= 16})
+    values = {name: _plain(value, f"{where}: {name}") for name, value in found.items() if camera_file.is_known(name)
               and (has_camera or name not in OF_ANYTHING)}
     replaced = [field for field, value in vars(given).items() if value is not None]
-    own, fields, *_ = camera_values.find(values, where, replaced) if values else (UNKNOWN, {})
+    own, fields, *_ = camera_file.find(values, where, replaced) if values else (UNKNOWN, {})
     if TEXT not in found:
         return own, {**fields}
     if found[TEXT].size != 1:

@@ -6,7 +6,7 @@ Joints are (K, 3) in half-cubes from the crop centre: x right, y up, z away from
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 import cv2
 import numpy as np
@@ -36,6 +36,7 @@ BLACK: Colour = (0, 0, 0)
 _PAPER: Colour = (248, 248, 248)
 GUESS_MM = 30.0  # a finger with a larger expected error is drawn as a guess
 YAW, PITCH = 35.0, 20.0  # degrees: where the view in space is seen from
+LEGEND = "in colour: predicted; thin white, in space thin black: annotated"
 
 
 def overlay(
@@ -130,6 +131,38 @@ def view_3d(
         points = _checked(truth, skeleton)
         draw(canvas, place(points), (points @ view.T)[:, 2], skeleton, thick=1, colour=(60, 60, 60), rim=False)
     return canvas
+
+
+def two_views(
+    crops: Sequence[NDArray[np.floating]],
+    joints: Array,
+    truth: Array,
+    skeleton: Skeleton,
+    titles: Sequence[tuple[str, str]],
+    columns: int = 6,
+    centers: Array | None = None,
+    camera: Camera = NYU,
+    cube_mm: Sequence[float] = (),
+) -> Image:
+    """Every body on its crop and in space: the predicted one in colour, the annotated one in thin white and black.
+
+    joints  (n, K, 3) half-cubes, all joints of the skeleton
+    truth   (n, L, 3) annotated joints; drawn only if L is K
+    titles  of the two views of each frame; a legend stands above all
+    centers, camera, cube_mm  of the crops, (n, 3) px, px, mm; without them the projection is parallel
+    """
+    images = []
+    for n, crop in enumerate(crops):
+        annotated = truth[n] if len(truth[n]) == len(joints[n]) else None
+        if centers is None:
+            images.append(overlay(crop, joints[n], skeleton, annotated, zoom=3))
+        else:
+            images.append(overlay(crop, joints[n], skeleton, annotated, centers[n], cube_mm[n], camera, zoom=3))
+        images.append(view_3d(joints[n], skeleton, annotated, size=384))
+    page = strokes.sheet(images, columns, [title for pair in titles for title in pair])
+    legend = np.full((24, page.shape[1], 3), 255, dtype=np.uint8)
+    strokes.text_within(legend, LEGEND, np.array([8, 18]), (40, 40, 40), 0.5, page.shape[1] - 16)
+    return np.concatenate([legend, page])
 
 
 def colours(skeleton: Skeleton) -> list[Colour]:

@@ -1,8 +1,8 @@
-"""Drawing with subpixel precision: lines, dots and text; and sheets of pictures side by side."""
+"""Drawing with subpixel precision: lines, dots and text; and sheets of pictures, also of a recording of any length."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import cv2
 import numpy as np
@@ -70,3 +70,47 @@ def sheet(images: Sequence[NDArray[np.uint8]], columns: int, titles: Sequence[st
         colour = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image
         canvas[top : top + image.shape[0], left : left + image.shape[1]] = colour
     return canvas
+
+
+COLUMNS, PLACES = 4, 16  # of a page
+WIDTH = 480  # pixels of an image; larger ones are reduced
+PAGES = 4  # an even number
+
+
+class ContactSheet:
+    """Collects images of an unknown number of frames, and keeps at most four full pages.
+
+    Every frame is taken until the four pages are full. Then every second image is dropped, and only every second
+    further frame is taken, and so on. At the end one page is chosen from those two to four pages.
+    """
+
+    def __init__(self) -> None:
+        self._kept: list[tuple[float, Image]] = []
+        self._step, self._count = 1, 0
+
+    def add(self, time: float, draw: Callable[[], Image]) -> None:
+        """Add a frame at a time in s; its image is drawn only if it is taken."""
+        if self._count % self._step == 0:
+            if len(self._kept) == PAGES * PLACES:
+                self._kept, self._step = self._kept[::2], 2 * self._step
+            self._kept.append((time, self._reduced(draw())))
+        self._count += 1
+
+    def times(self) -> list[float]:
+        """The times of the images on the page."""
+        return [time for time, _ in self._chosen()]
+
+    def page(self) -> Image:
+        """The images, each with its time above it. Raises DataError if there are none."""
+        images = [image for _, image in self._chosen()]
+        return sheet(images, COLUMNS, [f"{time:.2f} s" for time in self.times()])
+
+    def _chosen(self) -> list[tuple[float, Image]]:
+        count = min(len(self._kept), PLACES)
+        return [self._kept[round(n * (len(self._kept) - 1) / max(count - 1, 1))] for n in range(count)]
+
+    def _reduced(self, image: Image) -> Image:
+        if image.shape[1] <= WIDTH:
+            return image
+        height = max(round(image.shape[0] * WIDTH / image.shape[1]), 1)
+        return np.asarray(cv2.resize(image, (WIDTH, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)

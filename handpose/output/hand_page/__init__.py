@@ -1,5 +1,5 @@
 """The hand page: one HTML file with a body, which is moved by sliders and by forces.
 
-``content`` has the data of the page, and ``assembly`` makes the file. The JavaScript, HTML and CSS in this folder are
+``assembly`` makes the data of the page and the file. The JavaScript, HTML and CSS in this folder are
 also used by the live page (``handpose.output.live.page``) and by the book's pages (``docs/book/pages``).
 """

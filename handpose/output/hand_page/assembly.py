@@ -1,4 +1,4 @@
-"""The page as one file: HTML, style, modules and data in one text that needs no network.
+"""The hand page as one file: HTML, style, modules and data in one text that needs no network.
 
 The sources in this folder are ECMAScript modules. In the one file each becomes a function that is called once, in the
 order in which they import each other:
@@ -7,7 +7,22 @@ order in which they import each other:
     export function forward(skeleton) {         function forward(skeleton) {   ...   return { forward };
 
 A Content-Security-Policy allows only this script and this style, by their hashes, and no requests. The data are JSON
-with all characters escaped that are special in HTML.
+with all characters escaped that are special in HTML. Lengths are in half-cubes, angles in radians, unless they say mm:
+
+bodies    to choose from; the page opens with the first one
+    name      in the list and in addresses
+    skeleton  as in ``skeleton_values``
+    place     unit_mm (of a length of 1), camera, center_uvd (px, px, mm) and cube_mm of the crop
+    poses     by name: inputs by DoF
+cameras   to choose from: name, fx, fy, u0, v0, width, height
+hands     predicted hands to choose from, all with the first body's skeleton; if there are any, the page opens with one
+    name, words      of the frame; description of the hand
+    place            as above
+    inputs           of the whole body, including the DoFs of its surface; for a left hand those of its mirror image
+    size, thickness  scale of bones, offsets and radii; of the radii alone
+    side             "right" or "left"
+    points, step_mm  16-bit numbers in base64, x y z of each point from the crop's centre, in units of step_mm
+    crop             16-bit numbers in base64: the crop, -1 to 1 in steps of 1/32767
 """
 
 from __future__ import annotations
@@ -17,10 +32,21 @@ import hashlib
 import html
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from string import Template
 from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from handpose.body.model import Surface
+from handpose.body.nyu import CUBE_MM
+from handpose.body.sides import Side
+from handpose.frames.cameras import CAMERAS, NYU, Camera
+from handpose.frames.crops import SIZE, window
+from layers.hand.skeleton import Skeleton
+from netlib.blob import Array
 
 FOLDER = Path(__file__).parent
 FIRST = "main"
@@ -80,3 +106,129 @@ def source(name: str, *folders: Path) -> str:
     """The text of a file, from the first folder that has it; this folder is searched last."""
     folder = next((folder for folder in folders if (folder / name).is_file()), FOLDER)
     return (folder / name).read_text(encoding="utf-8")
+
+
+# ---------------------------------------------------------------------------------------------- data
+
+DISTANCE_MM = 700.0  # of a hand without a frame, on the camera's axis; for other bodies in proportion to their size
+FULL = 32767  # the largest 16-bit number
+MAX_LIMIT = 1000.0  # larger limits are written as none; the packaged hands have limits of 10000 for free DoFs
+
+Poses = Mapping[str, Mapping[str, float]]
+
+
+def content(bodies: Sequence[Mapping[str, Any]], hands: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
+    """The data of a page: bodies as from ``body``, and predicted hands as from ``hand``."""
+    return {
+        "bodies": list(bodies), "cameras": [vars(camera) for camera in CAMERAS.values()], "hands": list(hands),
+    }
+
+
+def body(
+    name: str, skeleton: Skeleton, poses: Poses | None = None, unit_mm: float = CUBE_MM / 2
+) -> dict[str, Any]:
+    """A body that a page offers, in the middle of NYU's image. Raises PrototxtError for an invalid surface."""
+    middle = np.array([NYU.u0, NYU.v0, DISTANCE_MM * max(1.0, 2 * unit_mm / CUBE_MM)])
+    place = _place(NYU, middle, 2 * unit_mm)
+    return {"name": name, "skeleton": skeleton_values(skeleton), "place": place, "poses": dict(poses or {})}
+
+
+def skeleton_values(skeleton: Skeleton) -> dict[str, Any]:
+    """A skeleton with its surface as JSON values. Joints and DoFs are referred to by their index.
+
+    name
+    joints    in output order:
+        name, parent  the index of the parent, None for a root
+        motions       in the order of application: kind ("translate" or "rotate"), axis (0, 1, 2 for x, y, z),
+                      sign (1 or -1), dof
+        bone          axis, and length with its sign; None without a bone
+    dofs      name, initial (added to the input), lower and upper (limits of the input, None without), fixed
+    surface   None for a body without one:
+        joints, dofs  of the surface alone, such as an arm; their indices continue those of the skeleton
+        capsules      from and to (joints), radii at both; the edges of wedges first
+        offsets       joint, axes (a joint), vector: capsules that end at ``joint`` are displaced by the vector along
+                      the axes of the other joint
+
+    Raises PrototxtError for an invalid surface.
+    """
+    if skeleton.param.flesh is None:
+        joints, dofs = _joint_values(skeleton), _dof_values(skeleton)
+        return {"name": skeleton.name, "joints": joints, "dofs": dofs, "surface": None}
+    surface = Surface(skeleton)
+    joints, dofs = _joint_values(surface.whole), _dof_values(surface.whole)
+    own_joints, own_dofs = len(skeleton.joint_names), len(skeleton.dof_names)
+    capsules = [
+        {"from": start, "to": end, "radii": radii}
+        for start, end, radii in zip(surface.start.tolist(), surface.end.tolist(), surface.radii.tolist())
+    ]
+    offsets = [
+        {"joint": joint, "axes": axes, "vector": vector}
+        for axes, (at, vectors) in surface.offsets.items() for joint, vector in zip(at.tolist(), vectors.tolist())
+    ]
+    return {
+        "name": skeleton.name, "joints": joints[:own_joints], "dofs": dofs[:own_dofs],
+        "surface": {"joints": joints[own_joints:], "dofs": dofs[own_dofs:], "capsules": capsules, "offsets": offsets},
+    }
+
+
+def _joint_values(skeleton: Skeleton) -> list[dict[str, Any]]:
+    joints = []
+    for j, name in enumerate(skeleton.joint_names):
+        parent, axis = int(skeleton.parents[j]), int(skeleton.bone_axes[j])
+        joints.append({
+            "name": name, "parent": parent if parent >= 0 else None,
+            "motions": [{"kind": m.kind, "axis": m.axis, "sign": m.sign, "dof": m.dof} for m in skeleton.motions[j]],
+            "bone": {"axis": axis, "length": float(skeleton.bones[j])} if axis >= 0 else None,
+        })
+    return joints
+
+
+def _dof_values(skeleton: Skeleton) -> list[dict[str, Any]]:
+    def limit(value: float) -> float | None:
+        return value if abs(value) <= MAX_LIMIT else None
+
+    return [
+        {"name": dof.name, "initial": dof.initial, "lower": limit(dof.lower), "upper": limit(dof.upper),
+         "fixed": dof.fixed}
+        for dof in skeleton.param.dof
+    ]
+
+
+def hand(
+    name: str, words: str, inputs: ArrayLike, *, camera: Camera, center_uvd: Array,
+    cube_mm: float, crop: NDArray[np.floating], size: float = 1.0, thickness: float = 1.0, side: Side = "right",
+) -> dict[str, Any]:
+    """A hand predicted in a crop (S, S) in [-1, 1], with the depth points of the crop.
+
+    inputs  of the skeleton, or of the whole body; missing ones are 0
+    """
+    points = crop_points(crop, center_uvd, cube_mm, camera)
+    step = max(float(np.abs(points).max(initial=0)), 1.0) / FULL
+    given = np.asarray(inputs, dtype=np.float64)
+    return {
+        "name": name, "words": words,
+        "place": _place(camera, center_uvd, cube_mm), "inputs": given.tolist(), "size": size, "thickness": thickness,
+        "side": side, "points": _packed(points / step), "step_mm": step, "crop": _packed(crop * FULL),
+    }
+
+
+def crop_points(crop: NDArray[np.floating], center_uvd: ArrayLike, cube_mm: float, camera: Camera) -> Array:
+    """The points of a crop (S, S) in [-1, 1] inside its cube, each image pixel once: (n, 3) mm from its centre."""
+    uvd = np.asarray(center_uvd, dtype=np.float64)
+    columns, rows = (pixels[0] for pixels in window(uvd[None], cube_mm, camera, SIZE))
+    column, row = (np.unique(pixels, return_index=True)[1] for pixels in (columns, rows))
+    column, row = column[columns[column] >= 0], row[rows[row] >= 0]
+    i, j = np.meshgrid(column, row)
+    value = crop[j, i].astype(np.float64)
+    inside = np.abs(value) < 1
+    seen = np.stack([columns[i], rows[j], value * cube_mm / 2 + uvd[2]], axis=-1)[inside]
+    return np.asarray(camera.unproject(seen) - camera.unproject(uvd))
+
+
+def _place(camera: Camera, center_uvd: ArrayLike, cube_mm: float) -> dict[str, Any]:
+    middle = np.asarray(center_uvd, dtype=np.float64).tolist()
+    return {"unit_mm": cube_mm / 2, "camera": vars(camera), "center_uvd": middle, "cube_mm": cube_mm}
+
+
+def _packed(numbers: Array) -> str:
+    return base64.b64encode(np.rint(numbers).astype("<i2").tobytes()).decode("ascii")

@@ -107,14 +107,10 @@ class LiveServer:
 
     def __enter__(self) -> LiveServer:
         self._thread = threading.Thread(target=self._run, name="live", daemon=True)
-        try:
-            self._thread.start()
-            self._ready.wait()
-        except RuntimeError as error:  # too many threads
-            self._failure = error
+        self._thread.start()
+        self._ready.wait()
         if self._failure is not None:
-            if self._thread.ident is not None:
-                self._thread.join()
+            self._thread.join()
             raise NetlibError(f"{_joined(self.host, self.port)}: {_why_not(self._failure)}") from self._failure
         return self
 
@@ -157,22 +153,19 @@ class LiveServer:
     def _run(self) -> None:
         try:
             asyncio.run(self._serve())
-        except OSError as error:
+        except Exception as error:
+            if self._ready.is_set():
+                raise
             self._failure = error
             self._ready.set()
 
     async def _serve(self) -> None:
         self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
         self._loop.set_exception_handler(_ignore_connection_errors)
-        try:
-            server = await self._websockets.asyncio.server.serve(
-                self._client, self.host, self.port, process_request=self._answer, compression=None, server_header=None,
-                max_size=_MAX_RECEIVED, open_timeout=HANDSHAKE_S, close_timeout=GRACE_S, logger=_silent_logger(),
-            )
-        except Exception as error:
-            self._failure = error
-            self._ready.set()
-            return
+        server = await self._websockets.asyncio.server.serve(
+            self._client, self.host, self.port, process_request=self._answer, compression=None, server_header=None,
+            max_size=_MAX_RECEIVED, open_timeout=HANDSHAKE_S, close_timeout=GRACE_S, logger=_silent_logger(),
+        )
         self.port = server.sockets[0].getsockname()[1]
         self._ready.set()
         await self._end.wait()

@@ -7,7 +7,7 @@ import pytest
 
 from handpose.body import gestures
 from handpose.body.gestures import BEGIN, END, FORGET_S, GESTURES, NUMBERS, GestureReader, scores
-from handpose.sequences.person import SHOWN
+from handpose.sequences.movements import SHOWN
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand.kinematics import Kinematics

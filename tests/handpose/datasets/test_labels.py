@@ -68,18 +68,6 @@ def test_joints_that_are_not_seen(tmp_path):
     assert found.seen.tolist() == [[True, True], [False, False], [True, False], [False, True]]
 
 
-def test_labels_of_another_file(tmp_path):
-    """Data sets that a file lacks are read from the file that its attribute ``rest_in`` names."""
-    write_hdf5(tmp_path / "first.h5", joint=ROWS, half_cube=np.full(4, 130.5))
-    path = write_hdf5(tmp_path / "a.h5", dof=np.zeros((4, 3)))
-    with h5py.File(path, "r+") as file:
-        file.attrs["rest_in"] = "first.h5"
-    assert labels.read(path, [2]).half_cube.tolist() == [130.5] * 4
-    (tmp_path / "first.h5").unlink()
-    with pytest.raises(DataError, match=r"first\.h5: cannot read the rest of .*a\.h5: No such file"):
-        labels.read(path, [2])
-
-
 # -------------------------------------------------------------------------------------------- mistakes
 
 
@@ -161,8 +149,3 @@ def test_the_camera_of_one_frame(tmp_path, name):
     path = write_hdf5(tmp_path / "a.h5", joint=ROWS, center_uvd=uvd, center=CAMERAS[name].unproject(uvd))
     found, camera = labels.read_crop_centers([File(path, ("joint",))])
     assert camera == CAMERAS[name] and np.allclose(found, uvd)
-
-
-def test_a_file_that_is_not_there(tmp_path):
-    with pytest.raises(DataError, match=r"^.*a\.h5: cannot read the HDF5 file: No such file or directory$"):
-        labels.read(tmp_path / "a.h5", [2])

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from handpose.body.nyu import TEST_FRAMES
-from handpose.datasets import nyu_files
-from handpose.datasets.published_frames import PublishedFrames, read_centers, statistics
+from handpose.datasets import nyu_files, parts
+from handpose.datasets.published_frames import PreparedSplit, PublishedFrames, read_centers, statistics
 from handpose.frames import images
-from handpose.frames.cameras import NYU
+from handpose.frames.cameras import ICVL, NYU
+from handpose.frames.images import MISSING, BadFrameError
+from netlib.blob import Array
 from netlib.errors import DataError
 from tests.support.bad_input import bad_inputs
 from tests.support.nyu_data_set import write_annotation
@@ -87,8 +89,9 @@ def test_a_file_of_centres(tmp_path: Path, kind: str) -> None:
 
 
 @bad_inputs(DataError, {
-    "1 2\n3 4\n": "...centers.txt:1: expected 3 numbers, found '1 2'",
-    "u v d\n": "...centers.txt:1: expected 3 numbers...",
+    "1 2\n3 4\n": "...centers.txt: found centres of shape (2, 2), expected (2, 3)...",
+    "1 2 3\n3 4\n": "...centers.txt: cannot read the centres: ...at row 2...; expected u v d for ...",
+    "u v d\n": "...centers.txt: cannot read the centres: could not convert string 'u' ...",
     "1 2 3\n": "...expected (2, 3)...",
 })
 def test_wrong_centres(tmp_path: Path, given: str, rejected: Any) -> None:
@@ -110,3 +113,51 @@ def test_statistics_of_the_real_annotation(nyu_data: Path, tmp_path: Path) -> No
     write_annotation(tmp_path / "test" / nyu_files.ANNOTATION, NYU.unproject(uvd), "NYU")
     report = statistics(nyu_files.read_split(tmp_path, "test"), range(TEST_FRAMES))
     assert "cube 261 mm (5812 frames) and 300 mm (2440 frames); 19.2% of the frames" in report
+
+
+def split_of(folder: Path, bad: range, count: int = 7) -> PublishedFrames:
+    """Frames with a plate at the centre; the frames in ``bad`` cannot be read."""
+
+    def read(path: Path) -> Array:
+        if int(path.stem) in bad:
+            raise BadFrameError(path, MISSING)
+        return np.full((ICVL.height, ICVL.width), 400.0)
+
+    center = np.tile([160.0, 120.0, 400.0], (count, 1))
+    files = [folder / f"{i}.png" for i in range(count)]
+    joints = np.repeat(ICVL.unproject(center)[:, None], 16, axis=1)
+    return PublishedFrames("test", files, center, joints, np.full(count, 250.0), ICVL, read, "a test", "the middle")
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Parts have 3 frames per file."""
+    monkeypatch.setattr(parts, "FRAMES_PER_FILE", 3)
+
+
+@pytest.mark.usefixtures("small")
+def test_bad_frames_are_named_and_left_out(tmp_path: Path) -> None:
+    """A part without good frames is not listed; a second run writes nothing and gives the same report."""
+    reports: list[str] = []
+    for missing in (3, 0):
+        split = PreparedSplit(split_of(tmp_path, range(2, 6)), tmp_path)
+        assert [len(split.parts), len(split.missing)] == [3, missing]
+        outcome = split.write(2, lambda count: None, lambda i, error: None)
+        split.write_list(outcome)
+        assert (outcome.index, outcome.made) == ([0, 1, 6], missing)
+        assert split.list.read_text() == f"{tmp_path}/test_000.h5\n{tmp_path}/test_002.h5\n"
+        assert [line[:8] for line in split.bad.read_text().splitlines()] == [f"frame {i}:" for i in range(2, 6)]
+        reports.append(split.report(outcome))
+    assert reports[0] == reports[1]
+    assert reports[0].startswith(
+        "test: 3 frames (a test), 4 bad frames left out: 4 no such file\ntest: joints x 0 to 0"
+    )
+
+
+@pytest.mark.usefixtures("small")
+def test_a_repaired_frame_is_taken_in(tmp_path: Path) -> None:
+    """A repaired frame is added although the file's size and the recipe are unchanged; other parts are kept."""
+    for bad, missing, index in ((range(4, 6), 3, [0, 1, 2, 3, 6]), (range(5, 6), 1, [0, 1, 2, 3, 4, 6])):
+        split = PreparedSplit(split_of(tmp_path, bad), tmp_path)
+        assert len(split.missing) == missing
+        assert sorted(split.write(1, lambda count: None, lambda i, error: None).index) == index

@@ -1,4 +1,4 @@
-"""handpose/frames/camera_file.py: camera.json with this project's keys and with those of others."""
+"""handpose/frames/camera_file.py: camera.json, and cameras in the files of other programs."""
 
 from __future__ import annotations
 
@@ -7,14 +7,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from handpose.frames import camera_file
-from handpose.frames.camera_file import next_to, parse, to_text, write
+from handpose.frames.camera_file import find, next_to, parse, to_text, write
 from handpose.frames.cameras import Camera
 from handpose.frames.lens import Lens
+from handpose.frames.raw import sized
 from handpose.frames.recording import UNKNOWN, CameraInfo
 from netlib.errors import DataError
 from tests.support.bad_input import bad_inputs
@@ -43,13 +46,13 @@ def test_the_example_of_the_docstring() -> None:
          CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 64, 48), Lens((0.1, 0, 0, 0, 0), "inverse_brown_conrady"), 1.0,
                     30.0, "x")),
         ('{"fx": 60, "fy": 61, "cx": 31.5, "cy": 23.5, "k1": 1, "k2": 2, "k3": 3, "k4": 4, "k5": 5, "k6": 6, "p1": 7, '
-         '"p2": 8, "codx": 0, "cody": 0, "metric_radius": 1.7}',
+         '"p2": 8}',
          CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 0, 0), Lens((1, 2, 7, 8, 3, 4, 5, 6)), origin="x")),
     ],
-    ids=["nothing", "a unit", "a camera", "a range", "a list", "RealSense", "Azure"],
+    ids=["nothing", "a unit", "a camera", "a range", "a list", "RealSense", "by name"],
 )
 def test_what_is_understood(text: str, expected: CameraInfo) -> None:
-    """This project's keys, RealSense's and Azure's are accepted."""
+    """This project's keys, and RealSense's, are accepted."""
     assert replace(parse(text, "x"), origin="x") == expected
 
 
@@ -85,13 +88,30 @@ NUMBER, WHAT = "expected a number more than 1e-06 and at most", "known: fx, fy, 
     '{"distortion": [1, "a"]}': 'x: distortion is [1, "a"]; expected a list of numbers: k1, k2, p1, p2, k3 ...',
     '{"distortion": {"modell": "none"}}': "x: distortion: unknown key 'modell' (did you mean 'model'?); known: ...",
     '{"distortion": {"model": "fisheye", "coefficients": [1, 0, 0, 0]}}':
-        "x: distortion: distortion model 'fisheye' is not known; known: brown_conrady (OpenCV's), ...",
-    '{"distortion": {"model": 1, "coefficients": [1, 0, 0, 0]}}': "x: distortion: model is 1; expected a text",
-    '{"distortion": [0, 0, 0, 0], "k1": 0}': "x: says the distortion twice: distortion and k1",
-    '{"model": "none", "distortion": {"model": "none"}}':
-        "x: says the model of the distortion, and a distortion that has its own",
-    '{"codx": 0.1}': "x: has codx 0.1; expected 0, a distortion about the middle of the lens",
+        "x: distortion model 'fisheye' is not known; known: brown_conrady (OpenCV's), ...",
+    '{"distortion": {"model": 1, "coefficients": [1, 0, 0, 0]}}': "x: model is 1; expected a text",
+    '{"distortion": [0, 0, 0, 0], "k1": 0}': "x: says the distortion twice, once as k1 ...",
+    '{"model": "none", "distortion": {"model": "none"}}': "x: says model twice, once as distortion",
     '{"time_unit": "msec"}': 'x: time_unit is "msec"; expected s, ms, us, ns, frames',
+    "K: [1, 2, 3]": "x: K is [1, 2, 3]; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], or fx, fy, cx, cy",
+    "K: [60, 1, 31, 0, 61, 23, 0, 0, 1]": "x: K is [60, 1, 31, 0, 61, 23, 0, 0, 1]; expected [[fx, 0, cx], ...",
+    "K: [0, 0, 0, 0, 0, 0, 0, 0, 1]": "x: fx is 0.0; expected a number more than 1e-06 and at most 1e+06",
+    "K: [60, 61, 31, 23]\nD: [0.1, 0, 0, 0]\ndistortion_model: equidistant":
+        "x: distortion model 'equidistant' is not known; known: brown_conrady (OpenCV's), ...",
+    "K: [60, 61, 31, 23]\nbinning_x: 2": "x: binning_x is 2, so the frames are a part of what ...",
+    "K: [60, 61, 31, 23]\nroi:\n  x_offset: 8": "x: x_offset is 8, so the frames are a part ...",
+    "K: [60, 61, 31, 23]\nK: 1": "x: has 'K' twice",
+    "K: [60, 61, 31, 23]\nresolution: [64.5, 48]": "x: width is 64.5; expected a whole number",
+    "a:\n  K: [60, 61, 31, 23]\nb:\n  K: [60, 61, 31, 24]": "x: has several cameras: a, b; expected one, or ...",
+    "K: [60, 61, 31, 23]\nlens_distortion: [0.1, 0]":
+        "x: lens_distortion is [0.1, 0], which is not understood; expected distortion_coefficients, ...",
+    "unit: furlong": "x: unit is 'furlong'; expected mm, cm, m, um or a number of mm",
+    "a: 1\n- b": "x: unknown key 'a'; known: fx, ...",
+    "no camera here": "x: unknown key 'no camera here'; known: fx, ...",
+    "a: [1, {b}]": "x: not the parameters of a camera",
+    "date: today": "x: unknown key 'date'...; known: fx, ...",
+    "<a>": "x: not XML: ...",
+    '<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>': "x: XML with declarations; expected that of OpenCV's FileStorage",
 })
 def test_what_is_refused(given: str, rejected: Any) -> None:
     with rejected:
@@ -130,3 +150,211 @@ def test_beside(tmp_path: Path) -> None:
     assert next_to(tmp_path).unit_mm == next_to(take).unit_mm == 1
     write(tmp_path / "take.camera.json", CameraInfo(unit_mm=2.0))
     assert (next_to(tmp_path).unit_mm, next_to(take).unit_mm) == (1, 2)
+
+
+# ---------------------------------------------------------------------------------------------- other programs
+
+MATRIX = np.array([[60, 0, 31.5], [0, 61, 23.5], [0, 0, 1.0]])
+ROWS = json.dumps(MATRIX.tolist())
+CAMERA, SIZED = (Camera("own", 60, 61, 31.5, 23.5, *size) for size in ((0, 0), (64, 48)))
+BY_COLUMNS = json.dumps(MATRIX.T.ravel().tolist())
+OPEN3D = f'{{"width": 64, "height": 48, "intrinsic_matrix": {BY_COLUMNS}}}'
+ROS = """# written by a driver
+image_width: 64
+image_height: 48
+camera_name: narrow_stereo
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [60.0, 0.0, 31.5,
+         0., 61.0, 23.5,   # the second row
+         0, 0, 1]
+distortion_model: plumb_bob
+distortion_coefficients: {rows: 1, cols: 5, data: [0.1, -0.2, 0.01, 0.02, 0.3]}
+projection_matrix:
+  rows: 3
+  cols: 4
+  data: [70, 0, 32, 0, 0, 70, 24, 0, 0, 0, 1, 0]
+"""
+TOPIC = """header:
+  seq: 17
+  stamp: {secs: 1, nsecs: 2}
+  frame_id: ''
+height: 48
+width: 64
+distortion_model: "plumb_bob"
+D:
+  - 0.0
+  - 0.0
+K: [60.0, 0.0, 31.5, 0.0, 61.0, 23.5, 0.0, 0.0, 1.0]
+binning_x: 0
+roi:
+  x_offset: 0
+  do_rectify: false
+---
+height: 1
+"""
+KALIBR = """cam0:
+  camera_model: pinhole
+  intrinsics: [60, 61, 31.5, 23.5]
+  distortion_model: radtan
+  distortion_coeffs: [0.1, -0.2, 0.01, 0.02]
+  T_cn_cnm1:
+  - [1.0, 0.0, 0.0, 0.0]
+  - [0.0, 1.0, 0.0, 0.0]
+  resolution: [64, 48]
+  rostopic: /cam0/depth
+"""
+ORB_SLAM = """%YAML:1.0
+Camera.fx: 60.0
+Camera.fy: 61.0
+Camera.cx: 31.5
+Camera.cy: 23.5
+Camera.k1: 0.1
+Camera.k2: -0.2
+Camera.p1: 0.0
+Camera.p2: 0.0
+Camera.k3: 0.3
+Camera.width: 64
+Camera.height: 48
+Viewer.ViewpointX: 0
+"""
+LISTED = """ Intrinsic of "Color" / 64x48 / {RGB8}
+  Width:      \t64
+  Height:     \t48
+  PPX:        \t1
+  PPY:        \t2
+  Fx:         \t3
+  Fy:         \t4
+ Intrinsic of "Depth" / 64x48 / {Z16}
+  Width:      \t64
+  Height:     \t48
+  PPX:        \t31.5
+  PPY:        \t23.5
+  Fx:         \t60
+  Fy:         \t61
+  Distortion: \tBrown Conrady
+  Coeffs:     \t0.1  \t0  \t0  \t0  \t0
+  FOV (deg):  \t50 x 40
+"""
+SECOND = """ Intrinsic of "Depth" / 32x24 / {Z16}
+  Width: 32
+  Height: 24
+  PPX: 15
+  PPY: 11
+  Fx: 30
+  Fy: 30
+  Coeffs: COEFFS
+"""
+TWO_STREAMS = {"color": {"intrinsics": {"fx": 1, "fy": 2, "ppx": 3, "ppy": 4}}, "depth_scale": 0.001, "fps": 30,
+               "depth": {"intrinsics": {"fx": 60, "fy": 61, "ppx": 31.5, "ppy": 23.5, "width": 64, "height": 48,
+                                        "coeffs": [0, 0, 0, 0, 0], "model": "Brown Conrady"}}}
+TRAJECTORY = {"class_name": "PinholeCameraTrajectory", "parameters": [
+    {"extrinsic": [1.0] * 16, "intrinsic": json.loads(OPEN3D)} for _ in range(2)]}
+
+
+@pytest.mark.parametrize(("text", "camera", "words"), [
+    (OPEN3D, SIZED, "width, height, intrinsic_matrix"),
+    (json.dumps(TRAJECTORY), SIZED, "width, height, intrinsic_matrix"),
+    (ROWS, CAMERA, "matrix"),
+    ("60 0 31.5\n0 61 23.5\n0 0 1\n", CAMERA, "matrix"),
+    ("[[60.   0.  31.5]\n [ 0.  61.  23.5]\n [ 0.   0.   1. ]]", CAMERA, "matrix"),
+    ("6.0e+01,0,0\n0,61,0\n31.5,23.5,1", CAMERA, "matrix"),
+    ("60 0 31.5 0\n0 61 23.5 0\n0 0 1 0\n0 0 0 1", CAMERA, "matrix"),
+    ("60 61 31.5 23.5", CAMERA, "matrix"),
+    ("60 61 31.5 23.5 64 48", SIZED, "matrix, size"),
+    (f'{{"0": {{"cam_K": {BY_COLUMNS}, "cam_t": [1]}}, "1": {{"cam_K": {BY_COLUMNS}, "cam_t": [2]}}}}', CAMERA,
+     "cam_K; not used: cam_t"),
+    (f'{{"cameraData": [[2, {{"intrinsicMatrix": {ROWS}, "width": 64, "height": 48}}]]}}', SIZED,
+     "intrinsicMatrix, width, height"),
+    ("fx_depth = 60\nfy_depth = 61\nmx_depth = 31.5\nmy_depth = 23.5\ndepthWidth = 64\ndepthHeight = 48\n", SIZED,
+     "fx_depth, fy_depth, mx_depth, my_depth, depthWidth, depthHeight"),
+    (f'{{"camera_matrix": {ROWS}, "image_size": [64, 48], "avg_reprojection_error": 0.1}}', SIZED,
+     "camera_matrix, image_size; not used: avg_reprojection_error"),
+    ('{"fl_x": 60, "fl_y": 61, "cx": 31.5, "cy": 23.5, "w": 64, "h": 48, "frames": []}', SIZED,
+     "fl_x, fl_y, cx, cy, w, h; not used: frames"),
+    (f'{{"K": {BY_COLUMNS}, "w": 64, "h": 48, "poses": [[0, 0, 0]]}}', SIZED, "K, w, h; not used: poses"),
+])
+def test_a_camera_alone(text: str, camera: Camera, words: str) -> None:
+    """Open3D's camera and trajectory, tables, ScanNet's, OpenCV's, NeRF's and Record3D's."""
+    found = camera_file.parse(text, "x")
+    assert (found.camera, found.lens, found.origin) == (camera, None, f"x ({words})")
+
+
+@pytest.mark.parametrize(("text", "name", "lens"), [
+    (ROS, "narrow_stereo", (0.1, -0.2, 0.01, 0.02, 0.3)),
+    (TOPIC, "own", ()),
+    (KALIBR, "own", (0.1, -0.2, 0.01, 0.02)),
+    (ORB_SLAM, "own", (0.1, -0.2, 0, 0, 0.3, 0, 0, 0)),
+    (LISTED, "own", (0.1, 0, 0, 0, 0)),
+    (json.dumps({"k": MATRIX.ravel().tolist(), "d": [0.1, 0, 0, 0, 0], "width": 64, "height": 48, "r": [], "p": [],
+                 "distortion_model": "plumb_bob", "header": {"frame_id": ""}}), "own", (0.1, 0, 0, 0, 0)),
+    (json.dumps({"intrinsics": {"fx": 60, "fy": 61, "cx": 31.5, "cy": 23.5}, "distortion": {"k1": 0.1, "p2": 0.2},
+                 "resolution": {"width": 64, "height": 48}}), "own", (0.1, 0, 0, 0.2, 0, 0, 0, 0)),
+])
+def test_a_camera_with_a_lens(text: str, name: str, lens: tuple[float, ...]) -> None:
+    """ROS's calibration, a topic's messages, Kalibr, ORB-SLAM, RealSense's list, ROS 2 in JSON, objects in objects."""
+    found = camera_file.parse(text, "x")
+    assert found.camera == Camera(name, 60, 61, 31.5, 23.5, 64, 48)
+    assert found.lens == Lens(lens)
+
+
+def test_the_depth_camera_among_others() -> None:
+    """By the names around it; what is said around it holds for it."""
+    found = camera_file.parse(json.dumps(TWO_STREAMS), "x")
+    assert (found.camera, found.lens, found.unit_mm, found.rate) == (SIZED, Lens(), 1.0, 30)
+
+
+def test_cameras_for_frames_of_several_sizes() -> None:
+    """The one that fits the frames; if the lenses differ, they are refused."""
+    found = camera_file.parse(LISTED + SECOND.replace("COEFFS", "0.1 0 0 0 0"), "x")
+    assert found.camera is not None and found.lens == Lens((0.1, 0, 0, 0, 0))
+    assert sized(found.camera, (48, 64), "y") == SIZED
+    assert sized(found.camera, (24, 32), "y").fx == 30
+    with pytest.raises(DataError, match="y: x: has cameras of 64 x 48, 32 x 24 px, found 48 x 64"):
+        sized(found.camera, (64, 48), "y")
+    with pytest.raises(DataError, match='x: has several cameras: Intrinsic of "Depth" / 64x48'):
+        camera_file.parse(LISTED + SECOND.replace("COEFFS", "0.2 0 0 0 0"), "x")
+
+
+@pytest.mark.parametrize(("name", "value", "unit"), [
+    ("depth_scale", 0.00025, 0.25), ("depth_scale", 1000.0, 1.0), ("png_depth_scale", 5000, 0.2),
+    ("depth_scale", 0.1, 0.1), ("DepthMapFactor", 5000.0, 0.2), ("unit", "m", 1000.0),
+    ("units", 0.1, 0.1), ("depth_units", 0.000125, 0.125), ("depth_unit", "cm", 10.0), ("unit", "Meters", 1000.0),
+])
+def test_units(name: str, value: Any, unit: float) -> None:
+    """A scale of metres, of mm, or the number of values per metre; a word."""
+    assert find({"K": MATRIX.tolist(), name: value}, "x").info.unit_mm == pytest.approx(unit)
+
+
+@pytest.mark.parametrize("suffix", [".yml", ".yaml", ".xml", ".json"])
+def test_files_of_opencv(tmp_path: Path, suffix: str) -> None:
+    """As cv2.FileStorage writes them."""
+    storage = cv2.FileStorage(str(tmp_path / f"camera{suffix}"), cv2.FILE_STORAGE_WRITE)
+    storage.write("calibration_time", "Sat 28 Nov 2026")
+    storage.write("image_width", 64)
+    storage.write("image_height", 48)
+    storage.write("camera_matrix", MATRIX)
+    storage.write("distortion_coefficients", np.array([[0.1], [-0.2], [1e-3], [0], [0.3]]))
+    storage.release()
+    found = camera_file.read(tmp_path / f"camera{suffix}")
+    assert (found.camera, found.lens) == (SIZED, Lens((0.1, -0.2, 1e-3, 0, 0.3)))
+    assert found.origin.endswith("distortion_coefficients; not used: calibration_time)")
+
+
+def test_files_of_numpy(tmp_path: Path) -> None:
+    np.save(tmp_path / "K.npy", MATRIX)
+    np.savez(tmp_path / "calibration.npz", mtx=MATRIX, dist=np.array([[0.1, 0, 0, 0, 0]]), rvecs=np.zeros((2, 3, 1)))
+    np.savetxt(tmp_path / "K.txt", MATRIX)
+    assert camera_file.read(tmp_path / "K.npy").camera == camera_file.read(tmp_path / "K.txt").camera == CAMERA
+    found = camera_file.read(tmp_path / "calibration.npz")
+    assert (found.camera, found.lens) == (CAMERA, Lens((0.1, 0, 0, 0, 0)))
+
+
+@pytest.mark.parametrize("text", [
+    "a:\n- 1\n- -2.5e+3\nb: [x, {d: 'e: f'}]\ng: # h\nl:\n  m:\n    n: true\n  o: ~\n'p q': [[1],\n  []]\n",
+    "%YAML 1.1\n---\na:\n  - 1\n  -\n  - c d\n...\nb: 1\n",
+])
+def test_yaml(text: str) -> None:
+    yaml = pytest.importorskip("yaml")
+    assert camera_file.parse_document(text, "x") == next(yaml.safe_load_all(text))

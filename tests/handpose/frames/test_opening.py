@@ -1,4 +1,4 @@
-"""handpose/frames/opening.py: the reader for each kind of source."""
+"""handpose/frames/formats/__init__.py: the reader for each kind of source."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from handpose.frames import camera_file, formats
+from handpose.frames.formats import open_recording
 from handpose.frames.formats.folder import FolderRecording
 from handpose.frames.formats.stack import StackRecording
-from handpose.frames.opening import open_recording
 from handpose.frames.recording import UNKNOWN, CameraInfo
 from netlib.errors import DataError
 from tests.handpose.frames.conftest import GIVEN, hand_sized
@@ -28,7 +28,7 @@ from tests.support.running import run_python
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, object, CameraInfo]]:
     """The calls of readers that need packages; the readers themselves are replaced."""
     found: list[tuple[str, object, CameraInfo]] = []
-    for module, name in (("ros_bag", "open_bag"), ("realsense", "open_live")):
+    for module, name in (("ros_bag", "BagRecording"), ("realsense", "open_live")):
 
         def opened(source: object, given: CameraInfo, name: str = name) -> None:
             found.append((name, source, given))
@@ -54,7 +54,7 @@ def test_stacks(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "reader"),
-    [("a.bag", "open_bag"), ("A.MCAP", "open_bag")],
+    [("a.bag", "BagRecording"), ("A.MCAP", "BagRecording")],
 )
 def test_containers(tmp_path: Path, asked: list[tuple[str, object, CameraInfo]], name: str, reader: str) -> None:
     """Containers are opened by readers that are imported on demand."""
@@ -66,7 +66,7 @@ def test_containers(tmp_path: Path, asked: list[tuple[str, object, CameraInfo]],
 def test_a_bag_that_is_a_folder(tmp_path: Path, asked: list[tuple[str, object, CameraInfo]]) -> None:
     (tmp_path / "metadata.yaml").touch()
     open_recording(tmp_path)
-    assert asked == [("open_bag", tmp_path, UNKNOWN)]
+    assert asked == [("BagRecording", tmp_path, UNKNOWN)]
 
 
 def test_a_live_camera(asked: list[tuple[str, object, CameraInfo]]) -> None:
@@ -156,7 +156,7 @@ def test_the_line_that_converts_raw_values(tmp_path: Path, monkeypatch: pytest.M
     values = np.arange(2 * 480 * 640, dtype=np.uint16).reshape(2, 480, 640)
     for number, frame in enumerate(values):
         frame.tofile(f"{number}.raw")
-    with pytest.raises(DataError, match=r"holds no depth frames .*, but \.raw: values without a header") as error:
+    with pytest.raises(DataError, match=r"holds no depth frames .*; found 0\.raw, 1\.raw: values without") as error:
         open_recording(tmp_path)
     code = str(error.value).partition(' -c "')[2].removesuffix('"')
     run_python("-c", code, cwd=tmp_path)

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from handpose.frames.cameras import Camera
-from handpose.frames.opening import open_recording
+from handpose.frames.formats import open_recording
 from handpose.frames.recording import DepthFrame
 from handpose.frames.writing import RecordingWriter
 from netlib.errors import DataError, NetlibError

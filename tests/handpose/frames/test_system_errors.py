@@ -14,15 +14,14 @@ import numpy as np
 import pytest
 
 from handpose.frames.cameras import Camera
+from handpose.frames.formats import open_recording
 from handpose.frames.images import BadFrameError, read_png
-from handpose.frames.opening import open_recording
 from handpose.frames.recording import CameraInfo
 from netlib.errors import DataError, system_error_of
 from netlib.files import reading
 
 CAMERA = Camera("own", 60, 60, 15.5, 11.5, 32, 24)
 DEPTH = np.full((4, 24, 32), 500, np.uint16)
-ERRORS = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EIO, errno.EACCES)
 
 
 def folder(path: Path) -> Path:
@@ -31,11 +30,6 @@ def folder(path: Path) -> Path:
     for i, image in enumerate(DEPTH):
         (place / f"{i:03}.png").write_bytes(cv2.imencode(".png", image)[1].tobytes())
     return place
-
-
-def array(path: Path) -> Path:
-    np.save(path / "take.npy", DEPTH)
-    return path / "take.npy"
 
 
 def archive(path: Path) -> Path:
@@ -80,24 +74,6 @@ def test_reads_that_fail(make: Callable[[Path], Path], tmp_path: Path, monkeypat
         else:
             assert len(frames) == len(DEPTH) and not recording.cut and "damaged" not in str(recording.remarks)
     assert reached
-
-
-@pytest.mark.parametrize(
-    ("make", "number"),
-    [*((folder, number) for number in ERRORS), *((make, errno.EMFILE) for make in (array, archive))],
-)
-def test_files_that_cannot_be_opened(
-    make: Callable[[Path], Path], number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    place = make(tmp_path)
-
-    def refuse(*args: Any, **options: Any) -> FileIO:
-        raise OSError(number, os.strerror(number))
-
-    monkeypatch.setattr(reading, "FileIO", refuse)
-    with pytest.raises(DataError, match=os.strerror(number)) as raised, open_recording(place, CameraInfo(CAMERA)):
-        pass
-    assert "damaged" not in str(raised.value) and system_error_of(raised.value)
 
 
 def test_a_folder_that_cannot_be_listed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""handpose/sequences/acts.py, choices.py, gestures.py and surroundings.py"""
+"""handpose/sequences/acts.py, and the named poses"""
 
 from __future__ import annotations
 
@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from handpose.frames.cameras import ICVL, NYU
-from handpose.sequences.acts import FINGER_SPEED, HAND_SPEED, Act, Actor, Choices
-from handpose.sequences.movements import Movement
-from handpose.sequences.person import Person, fingers_of, poses
-from handpose.sequences.surroundings import Volume
+from handpose.sequences.acts import FINGER_SPEED, HAND_SPEED, Act, Actor, Volume
+from handpose.sequences.movements import Movement, Person, fingers_of, poses
 from handpose.synthetic.pose_prior import BodySampler
 
 SAMPLER = BodySampler()
@@ -129,9 +127,9 @@ def test_choices_can_be_reached() -> None:
     """Fingers that would penetrate each other on the way to a pose are not chosen."""
     rng = np.random.default_rng(6)
     person = Person.draw(rng, SAMPLER)
-    choices = Choices(rng, SAMPLER, person, "right", 0.0)
+    actor = Actor(rng, SAMPLER, person, "right", Volume(NYU), 0.0)
     fist = fingers_of("fist", person, SAMPLER)
-    assert choices.depth_between(fist, choices.fingers(fist)[None])[0] <= SAMPLER.prior.penetration
+    assert actor.depth_between(fist, actor.next_fingers(fist)[None])[0] <= SAMPLER.prior.penetration
 
 
 @pytest.mark.parametrize("camera", [NYU, ICVL])

@@ -1,4 +1,4 @@
-"""handpose/sequences/recordings.py, stage.py, scripts.py and surroundings.py"""
+"""handpose/sequences/recordings.py"""
 
 from __future__ import annotations
 
@@ -169,12 +169,3 @@ def test_what_cannot_be_recorded(given: Any, rejected: Any) -> None:
     script, camera, options = given
     with rejected:
         SyntheticRecording(script, *([camera] if camera else []), **options)
-
-
-def test_a_desk_is_behind_the_hands() -> None:
-    """Both hands are seen in front of a table, which covers the upper part of the image, nearer than the floor."""
-    recording = SyntheticRecording("desk", NYU, seconds=0.1, sensor=None)
-    depth, hands = recording.frame(0).depth, recording.truth(0).hands
-    assert {hand.hand for hand in hands} == {"right", "left"}
-    table, floor = depth[:40, :40], depth[-10:, :10]
-    assert max(float(hand.xyz[:, 2].max()) for hand in hands) < table.min() and table.max() < floor.min()

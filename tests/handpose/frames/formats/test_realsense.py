@@ -14,7 +14,6 @@ import pytest
 from handpose.frames.cameras import Camera
 from handpose.frames.formats import realsense
 from handpose.frames.formats.realsense import open_live
-from handpose.frames.lens import Lens
 from handpose.frames.recording import UNKNOWN, CameraInfo
 from netlib.errors import DataError, NetlibError
 from tests.support.bad_input import bad_inputs
@@ -111,17 +110,6 @@ def test_frames_as_they_come(monkeypatch: pytest.MonkeyPatch) -> None:
         assert recording.remarks == ()
     recording.close()  # closing twice is harmless
     assert module.stopped == 2
-
-
-def test_its_lens(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The lens distortion is removed, unless the user gives a camera without a lens."""
-    lens: dict[str, Any] = {"model": "distortion.inverse_brown_conrady", "coeffs": (0.2, 0.1, 0, 0, 0)}
-    plug_in(monkeypatch, every(), **lens)
-    bent = next(iter(open_live(None, UNKNOWN)))
-    plug_in(monkeypatch, every(), **lens)
-    plain = next(iter(open_live(None, CameraInfo(Camera("own", 60.5, 61.5, 31.25, 23.75, 64, 48), Lens()))))
-    assert (plain.depth > 0).all()
-    assert not np.array_equal(bent.depth, plain.depth)
 
 
 @bad_inputs(DataError, {

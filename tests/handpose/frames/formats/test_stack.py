@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handpose.frames import camera_file, camera_values
+from handpose.frames import camera_file
 from handpose.frames.cameras import Camera
 from handpose.frames.formats import stack
-from handpose.frames.formats.stack import open_stack
+from handpose.frames.formats.stack import StackRecording
 from handpose.frames.inspection import inspect
 from handpose.frames.recording import UNKNOWN, CameraInfo, Recording
 from netlib.errors import DataError
@@ -38,7 +38,7 @@ def save(path: Path, depth: np.ndarray = DEPTH, **others: object) -> Path:
 @pytest.mark.parametrize("suffix", [".npy", ".npz"])
 @pytest.mark.parametrize("dtype", [np.uint16, ">u2", np.float32, np.float64])
 def test_frames(tmp_path: Path, suffix: str, dtype: str) -> None:
-    recording = open_stack(save(tmp_path / f"take{suffix}", DEPTH.astype(dtype)), GIVEN)
+    recording = StackRecording(save(tmp_path / f"take{suffix}", DEPTH.astype(dtype)), GIVEN)
     assert (recording.camera, recording.unit_mm, recording.count, recording.rate) == (CAMERA, 0.5, 3, 10)
     for _ in range(2):
         assert [(frame.number, frame.time) for frame in recording] == [(0, 0), (1, 0.1), (2, 0.2)]
@@ -49,48 +49,31 @@ def test_frames(tmp_path: Path, suffix: str, dtype: str) -> None:
 
 def test_what_stands_beside_the_frames(tmp_path: Path) -> None:
     """Times may start anywhere; the camera is stored as numbers or as the text of a camera.json."""
-    recording = open_stack(save(tmp_path / "a.npz", time=TIMES, **BESIDE))
+    recording = StackRecording(save(tmp_path / "a.npz", time=TIMES, **BESIDE))
     assert [frame.time for frame in recording] == [0, 0.25, 1.5]
     assert (recording.camera, recording.unit_mm, recording.rate) == (CAMERA, 0.5, None)
-    assert recording.remarks == ("camera from 'fx', 'fy', 'u0', 'v0'; unit from 'unit_mm'; times from 'time', taken "
-                                 "for s; --time-unit if wrong",)
+    assert recording.remarks == ("parameters from 'fx', 'fy', 'u0', 'v0', 'unit_mm'; times from 'time', taken for s; "
+                                 "--time-unit if wrong",)
     text = camera_file.to_text(CameraInfo(CAMERA, unit_mm=0.25, rate=20.0))
-    recording = open_stack(save(tmp_path / "b.npz", camera=text))
+    recording = StackRecording(save(tmp_path / "b.npz", camera=text))
     assert (recording.camera, recording.unit_mm, recording.rate) == (CAMERA, 0.25, 20)
-    assert open_stack(tmp_path / "b.npz", CameraInfo(unit_mm=3.0)).unit_mm == 3
+    assert StackRecording(tmp_path / "b.npz", CameraInfo(unit_mm=3.0)).unit_mm == 3
 
 
 def test_times_of_a_given_unit(tmp_path: Path) -> None:
     save(tmp_path / "a.npz", time=np.array([7000, 7040, 7080]), **BESIDE)
-    recording = open_stack(tmp_path / "a.npz", CameraInfo(time_unit="ms"))
+    recording = StackRecording(tmp_path / "a.npz", CameraInfo(time_unit="ms"))
     assert [frame.time for frame in recording] == pytest.approx([0, 0.04, 0.08])
     with pytest.raises(DataError, match=r"c\.npy: has no times, so --time-unit has no meaning"):
-        open_stack(save(tmp_path / "c.npy"), replace(GIVEN, time_unit="ms"))
+        StackRecording(save(tmp_path / "c.npy"), replace(GIVEN, time_unit="ms"))
     save(tmp_path / "b.npz", time=np.array([3, 4, 6]), rate=20.0, time_unit="frames", **BESIDE)
-    assert [frame.time for frame in open_stack(tmp_path / "b.npz", CameraInfo())] == pytest.approx([0, 0.05, 0.15])
-
-
-def test_every_word_of_a_camera_json(tmp_path: Path) -> None:
-    """Numbers, lists and texts in addition to the frames have the same keys as a camera.json."""
-    said: dict[str, Any] = {
-        "fx": 60, "fy": 61.0, "ppx": 31.5, "ppy": 23.5, "width": 64, "height": 48, "name": "mine", "fps": 20.0,
-        "depth_units": 0.000125, "model": "brown_conrady", "coeffs": [-0.2, 0.0, 0.0, 0.0, 0.0],
-    }
-    depth = np.random.default_rng(0).integers(4000, 8000, DEPTH.shape).astype(np.uint16)
-    recording = open_stack(save(tmp_path / "a.npz", depth, **said))
-    expected = camera_values.find(said, "").info
-    assert (recording.camera, recording.unit_mm, recording.rate) == (expected.camera, 0.125, 20)
-    straight = {key: value for key, value in said.items() if key not in ("model", "coeffs")}
-    plain = open_stack(save(tmp_path / "b.npz", depth, **straight))
-    assert not np.array_equal(next(iter(recording)).depth, next(iter(plain)).depth)
-    found = open_stack(save(tmp_path / "c.npz", name="a take", model="D435", width=3.0), GIVEN)  # another meaning
-    assert all(name in found.warnings[0].partition(" are not used")[0] for name in ("'name'", "'model'", "'width'"))
+    assert [frame.time for frame in StackRecording(tmp_path / "b.npz", CameraInfo())] == pytest.approx([0, 0.05, 0.15])
 
 
 @pytest.mark.parametrize("suffix", [".npy", ".npz"])
 def test_one_image(tmp_path: Path, suffix: str) -> None:
     for time in ({}, {} if suffix == ".npy" else {"time": TIMES[:1]}):
-        recording = open_stack(save(tmp_path / f"one{suffix}", DEPTH[0], **time), GIVEN)
+        recording = StackRecording(save(tmp_path / f"one{suffix}", DEPTH[0], **time), GIVEN)
         (frame,) = recording
         assert (recording.count, frame.number, frame.time) == (1, 0, 0)
         np.testing.assert_array_equal(frame.depth, DEPTH[0] / np.float32(2))
@@ -98,7 +81,7 @@ def test_one_image(tmp_path: Path, suffix: str) -> None:
 
 def test_a_stack_by_another_name(tmp_path: Path) -> None:
     np.savez(tmp_path / "other.npz", frames=DEPTH, joints=np.zeros((3, 2)))
-    assert open_stack(tmp_path / "other.npz", GIVEN).count == 3
+    assert StackRecording(tmp_path / "other.npz", GIVEN).count == 3
 
 
 EXPECTED = "expected an array depth (frames, height, width)"
@@ -156,23 +139,7 @@ def cut(path: Path, size: int | None = None, flip: int = 0) -> Path:
 def test_what_is_no_stack(tmp_path: Path, given: Callable[[Path], Path], rejected: Any) -> None:
     path = given(tmp_path)
     with rejected:
-        list(open_stack(path, GIVEN))
-
-
-@bad_inputs(DataError, {
-    name: (others, f"...take.npz: {line}") for name, others, line in (
-        ("no time", {"time": [0.0, 1.0, np.nan]}, "time[2] is nan; expected finite times, each after the one before"),
-        ("fx alone", {"fx": 60.0}, "has fx, but not fy and u0 and v0"),
-        ("two units", {"unit_mm": [1.0, 2.0]}, "unit_mm is [1.0, 2.0]; expected a number more than 1e-06 and ..."),
-        ("a text as rate", {"rate": "fast"}, 'rate is "fast"; expected a number more than 1e-06 and at most 10000'),
-        ("a camera's fx alone", {"camera": '{"fx": 1}'}, "camera: has fx, but not fy and u0 and v0"),
-        ("two cameras", {"camera": ["a", "b"]}, "camera has the shape (2,), expected one text: a camera.json"),
-    )
-})
-def test_what_is_wrong_beside_the_frames(tmp_path: Path, given: dict[str, object], rejected: Any) -> None:
-    path = save(tmp_path / "take.npz", **given)
-    with rejected:
-        open_stack(path, GIVEN)
+        list(StackRecording(path, GIVEN))
 
 
 def test_only_small_arrays_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -193,48 +160,31 @@ ROW = [60, 61, 31.5, 23.5]
 def opened(folder: Path, given: CameraInfo = GIVEN, **others: Any) -> Recording:
     """The recording in an archive with these arrays, which has already been read once."""
     np.savez(folder / "take.npz", depth=FOUR, **others)
-    return open_stack(folder / "take.npz", given)
+    return StackRecording(folder / "take.npz", given)
 
 
 def times_of(recording: Recording) -> list[float]:
     return [frame.time for frame in recording]
 
 
-@pytest.mark.parametrize("name", [
-    "time", "times", "t", "ts", "timestamp", "timestamps", "Timestamps", "time_stamps", "stamp", "stamps",
-    "frame_times", "depth_timestamps",
+DATES = np.datetime64("2026-11-28T04:00:00", "us") + (10**6 * SECONDS).astype("timedelta64[us]")
+
+
+@pytest.mark.parametrize(("name", "times", "how"), [
+    *((name, 1_700_000_000 + SECONDS, "in s since 1970") for name in (
+        "time", "times", "t", "ts", "timestamp", "Timestamps", "time_stamps", "stamps", "frame_times",
+        "depth_timestamps")),
+    *(("timestamps", ticks * (1_700_000_000 + SECONDS), f"in {unit} since 1970")
+      for unit, ticks in (("ms", 10**3), ("us", 10**6), ("ns", 10**9))),
+    *((f"{name}_{ending}", 5 + ticks * SECONDS, f"in {unit} by its name")
+      for name in ("time", "t", "timestamps") for ending, unit, ticks in (
+        ("s", "s", 1), ("seconds", "s", 1), ("ms", "ms", 10**3), ("usec", "us", 10**6), ("ns", "ns", 10**9))),
+    ("stamps", DATES, "in ns as stored"),
 ])
-def test_names_of_times(tmp_path: Path, name: str) -> None:
-    recording = opened(tmp_path, **{name: 1_700_000_000 + SECONDS})
+def test_names_and_units_of_times(tmp_path: Path, name: str, times: Any, how: str) -> None:
+    recording = opened(tmp_path, **{name: times})
     assert times_of(recording) == pytest.approx(SECONDS, abs=1e-6)
-    assert recording.remarks[0] == f"times from {name!r}, in s since 1970" and recording.warnings == ()
-
-
-@pytest.mark.parametrize(("ending", "unit", "ticks"), [
-    ("s", "s", 1), ("seconds", "s", 1), ("ms", "ms", 10**3), ("us", "us", 10**6), ("usec", "us", 10**6),
-    ("ns", "ns", 10**9),
-])
-@pytest.mark.parametrize("name", ["time", "t", "timestamps"])
-def test_a_unit_at_the_end_of_the_name(tmp_path: Path, name: str, ending: str, unit: str, ticks: int) -> None:
-    """It holds also for steps that no camera has."""
-    slow = 100 * SECONDS
-    recording = opened(tmp_path, **{f"{name}_{ending}": 5 + ticks * slow})
-    assert times_of(recording) == pytest.approx(slow)
-    assert recording.remarks[0] == f"times from '{name}_{ending}', in {unit} by its name"
-
-
-@pytest.mark.parametrize(("unit", "ticks"), [("s", 1), ("ms", 10**3), ("us", 10**6), ("ns", 10**9)])
-def test_times_since_1970(tmp_path: Path, unit: str, ticks: int) -> None:
-    recording = opened(tmp_path, timestamps=ticks * (1_700_000_000 + SECONDS))
-    assert times_of(recording) == pytest.approx(SECONDS, abs=1e-6)
-    assert recording.remarks[0] == f"times from 'timestamps', in {unit} since 1970"
-
-
-def test_dates(tmp_path: Path) -> None:
-    stamps = np.datetime64("2026-11-28T04:00:00", "us") + (10**6 * SECONDS).astype("timedelta64[us]")
-    recording = opened(tmp_path, stamps=stamps)
-    assert times_of(recording) == pytest.approx(SECONDS, abs=1e-6)
-    assert recording.remarks[0] == "times from 'stamps', in ns as stored"
+    assert recording.remarks[0] == f"times from {name!r}, {how}" and recording.warnings == ()
 
 
 def test_times_of_no_known_unit(tmp_path: Path) -> None:
@@ -278,24 +228,6 @@ def test_what_is_named_like_times(tmp_path: Path) -> None:
     assert "arrays 'timestamp', 't' are not used" in recording.warnings[0]
 
 
-@pytest.mark.parametrize("value", [
-    MATRIX, MATRIX.T, MATRIX.ravel(), MATRIX.T.ravel(), MATRIX.astype(np.float32), ROW, [ROW],
-])
-@pytest.mark.parametrize("name", ["K", "intrinsics", "camera_matrix", "depth_intrinsics", "cam_K", "mtx"])
-def test_intrinsics(tmp_path: Path, name: str, value: Any) -> None:
-    """A matrix by rows or by columns, or four numbers; the size of the frames belongs to it."""
-    recording = opened(tmp_path, UNKNOWN, **{name: value}, width=64, height=48, unit_mm=0.5)
-    assert (recording.camera, recording.unit_mm, recording.warnings) == (CAMERA, 0.5, ())
-    assert recording.remarks[0] == f"camera from {name!r}, 'width', 'height'; unit from 'unit_mm'"
-
-
-@pytest.mark.parametrize(("cx", "cy"), [("u0", "v0"), ("cx", "cy"), ("ppx", "ppy")])
-def test_four_arrays(tmp_path: Path, cx: str, cy: str) -> None:
-    """They have precedence over a matrix, which may be of another camera."""
-    recording = opened(tmp_path, UNKNOWN, fx=60, fy=61, **{cx: 31.5, cy: 23.5}, K=2 * MATRIX, unit_mm=1)
-    assert recording.camera == CAMERA and "array 'K' is not used" in recording.warnings[0]
-
-
 def test_a_unit_of_something_else(tmp_path: Path) -> None:
     """Where the unit of the depth has its own name, ``unit`` may be of anything."""
     for name in ("unit_mm", "depth_scale", "depth_units"):
@@ -304,20 +236,13 @@ def test_a_unit_of_something_else(tmp_path: Path) -> None:
     assert opened(tmp_path, GIVEN, unit="radians").unit_mm == 0.5  # as the user says
 
 
-@pytest.mark.parametrize("name", ["rate", "fps", "frame_rate"])
-def test_rates(tmp_path: Path, name: str) -> None:
-    recording = opened(tmp_path, CameraInfo(CAMERA, unit_mm=1.0), **{name: 20})
-    assert recording.rate == 20 and times_of(recording) == pytest.approx([0, 0.05, 0.1, 0.15])
-    assert f"rate from {name!r}" in recording.remarks
-
-
 @pytest.mark.parametrize("name", ["distortion", "coeffs", "dist", "dist_coeffs", "distortion_coefficients", "D"])
 def test_distortion(tmp_path: Path, name: str) -> None:
     """Also as OpenCV's calibration returns it, (1, 5); that of another camera is not removed."""
     recording = opened(tmp_path, CameraInfo(unit_mm=0.5), K=MATRIX, **{name: [[-0.2, 0, 0, 0, 0]]})
-    assert recording.remarks[0] == f"camera from 'K'; distortion from {name!r}"
+    assert recording.remarks[0] == f"parameters from 'K', {name!r}"
     assert "the distortion of the lens is taken out" in recording.remarks
-    assert not any(f"from {name!r}" in line for line in open_stack(tmp_path / "take.npz", GIVEN).remarks)
+    assert not any(name in line.split("'") for line in StackRecording(tmp_path / "take.npz", GIVEN).remarks)
 
 
 def test_precedence(tmp_path: Path) -> None:
@@ -327,12 +252,12 @@ def test_precedence(tmp_path: Path) -> None:
     mine: dict[str, Any] = {"K": MATRIX, "depth_scale": 0.002, "fps": 20.0}
     found = opened(tmp_path, UNKNOWN, **mine)
     assert (found.camera, found.unit_mm, found.rate) == (replace(CAMERA), 2, 20)
-    assert found.remarks == ("camera from 'K'; unit from 'depth_scale'; rate from 'fps'",)
+    assert found.remarks == ("parameters from 'K', 'depth_scale', 'fps'",)
     without = opened(tmp_path, UNKNOWN)
     assert (without.camera, without.unit_mm, without.rate) == (other, 4, 40)
     found = opened(tmp_path, GIVEN, **mine, width=64, height=48, min_range_mm=100)
     assert (found.camera, found.unit_mm, found.rate, found.warnings) == (CAMERA, 0.5, 10, ())
-    assert not any("from 'K'" in line or "from 'fps'" in line for line in found.remarks)
+    assert not any("'K'" in line or "'fps'" in line for line in found.remarks)
     assert opened(tmp_path, GIVEN, K=np.zeros((4, 3, 3))).camera == CAMERA  # of each frame: replaced, not refused
 
 
@@ -347,19 +272,18 @@ def test_what_is_not_used_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 @bad_inputs(DataError, {
     name: (others, f"...take.npz: {line}") for name, others, line in (
+        ("no time", {"time": [0.0, 1.0, np.nan, 2]}, "time[2] is nan; expected finite times, each after ..."),
         ("fewer times", {"timestamps": SECONDS[:3]}, "timestamps is float64 (3,), expected (4,): a time ..."),
         ("pairs of times", {"stamps": np.zeros((4, 2))}, "stamps is float64 (4, 2), expected (4,): a time ..."),
         ("words as times", {"times": list("abcd")}, "times is <U1 (4,), expected (4,): a time for each frame"),
         ("times back", {"t": SECONDS[::-1]}, "t[1] is 0.2; expected finite times, each after the one before"),
         ("no date", {"ts": np.array(["NaT"] * 4, "datetime64[s]")}, "ts[1] is ...; expected finite times, ..."),
+        ("fx alone", {"fx": 60.0}, "has fx, but not fy and u0 and v0"),
         ("matrices", {"K": np.zeros((4, 3, 3))}, "K is [[[0.0, 0.0, 0.0], ...; expected [[fx, 0, cx], ..."),
-        ("a skew", {"K": MATRIX + [[0, 1, 0], [0, 0, 0], [0, 0, 0]]}, "K is [[60.0, 1.0, 31.5], ...; expected ..."),
-        ("no focal length", {"intrinsics": [0.0, 1, 2, 3]}, "fx is 0.0; expected a number more than 1e-06 ..."),
-        ("five numbers", {"K": [1, 2, 3, 4, 5]}, "K is [1, 2, 3, 4, 5]; expected [[fx, 0, cx], ..."),
-        ("a word", {"unit": "radians"}, "unit is 'radians'; expected mm, cm, m, um or a number of mm"),
-        ("units", {"unit": [[1, 2], [3, 4]]}, "unit_mm is [[1, 2], [3, 4]]; expected a number ..."),
-        ("a rate twice", {"rate": 30, "frame_rate": 30}, "says rate twice, once as frame_rate"),
-        ("a rate by two names", {"fps": 30, "frame_rate": 30}, "says rate twice..."),
+        ("two units", {"unit_mm": [1.0, 2.0]}, "unit_mm is [1.0, 2.0]; expected a number more than 1e-06 and ..."),
+        ("too many numbers", {"K": np.zeros(1001)}, "K is float64 (1001,), expected numbers, or a text"),
+        ("a camera's fx alone", {"camera": '{"fx": 1}'}, "camera: has fx, but not fy and u0 and v0"),
+        ("two cameras", {"camera": ["a", "b"]}, "camera has the shape (2,), expected one text: a camera.json"),
     )
 })
 def test_what_is_wrong(tmp_path: Path, given: dict[str, Any], rejected: Any) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from handpose.output.drawing import hands, strokes
-from handpose.output.drawing.sheets import ContactSheet
+from handpose.output.drawing.strokes import ContactSheet
 from handpose.output.drawing.tracks import Painter
 from handpose.output.tracks.writing import open_writer
 from handpose.tracking.track import TrackedFrame

@@ -1,4 +1,4 @@
-"""handpose/output/drawing/sheets.py and strokes.py"""
+"""handpose/output/drawing/strokes.py: sheets of pictures"""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from handpose.output.drawing import hands, sheets, strokes
-from handpose.output.drawing.sheets import PAGES, PLACES, ContactSheet
-from handpose.output.drawing.strokes import Image
+from handpose.output.drawing import hands, strokes
+from handpose.output.drawing.strokes import PAGES, PLACES, ContactSheet, Image
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
 from netlib.blob import Array
@@ -40,7 +39,7 @@ def test_moments_evenly_apart(frames: int) -> None:
 
 def test_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
     received = {}
-    monkeypatch.setattr(sheets.strokes, "sheet", lambda *given: received.update(given=given))
+    monkeypatch.setattr(strokes, "sheet", lambda *given: received.update(given=given))
     sheet = ContactSheet()
     for n in range(3):
         sheet.add(n / 30, lambda n=n: np.full((300, 960, 3), n, np.uint8))
@@ -67,7 +66,7 @@ def joints() -> Array:
 def test_two_views(joints: Array) -> None:
     """Each frame has two cells with a title each, the view on the crop and the view in space, below a legend."""
     titles = [("frame 0", "1 mm"), ("frame 7", "2 mm")]
-    drawn = sheets.two_views(CROPS, joints, joints[:, ::-1], SKELETON, titles, columns=2)
+    drawn = hands.two_views(CROPS, joints, joints[:, ::-1], SKELETON, titles, columns=2)
     cells = []
     for crop, hand, truth in zip(CROPS, joints, joints[:, ::-1]):
         cells += [hands.overlay(crop, hand, SKELETON, truth, zoom=3), hands.view_3d(hand, SKELETON, truth, size=384)]
@@ -79,9 +78,9 @@ def test_two_views(joints: Array) -> None:
 def test_an_annotation_of_other_joints_is_not_drawn(joints: Array) -> None:
     """An annotation with ICVL's 16 joints, which do not match the skeleton's 31, is omitted."""
     titles = [("a", "b"), ("c", "d")]
-    few = sheets.two_views(CROPS, joints, joints[:, :16], SKELETON, titles)
-    assert few.shape == sheets.two_views(CROPS, joints, joints, SKELETON, titles).shape
-    assert not np.array_equal(few, sheets.two_views(CROPS, joints, joints, SKELETON, titles))
+    few = hands.two_views(CROPS, joints, joints[:, :16], SKELETON, titles)
+    assert few.shape == hands.two_views(CROPS, joints, joints, SKELETON, titles).shape
+    assert not np.array_equal(few, hands.two_views(CROPS, joints, joints, SKELETON, titles))
 
 
 def test_sheet() -> None:

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handpose.output.hand_page.assembly import page
-from handpose.output.hand_page.content import body, content
+from handpose.output.hand_page.assembly import body, content, page
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
 from tests.support.chromium_tabs import visits

@@ -9,7 +9,7 @@ import pytest
 
 from handpose.frames.cameras import ICVL, KINECT2, NYU, Camera
 from handpose.frames.crops import SIZE, crop
-from handpose.output.hand_page.content import crop_points, hand
+from handpose.output.hand_page.assembly import crop_points, hand
 from layers.hand import skeleton as skeletons
 
 HAND = skeletons.load()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import numpy as np
@@ -10,10 +9,8 @@ import pytest
 
 from handpose.body.model import Surface
 from handpose.body.render import CLEAR_MM, Capsules, in_front, render_crop
-from handpose.fit.body import CapsuleModel
-from handpose.frames.cameras import KINECT2, NYU, Camera
-from handpose.output.hand_page.content import skeleton_values
-from handpose.synthetic.pose_prior import BodySampler
+from handpose.frames.cameras import NYU
+from handpose.output.hand_page.assembly import skeleton_values
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
 from layers.hand.kinematics import Kinematics
@@ -91,28 +88,6 @@ def rows_of(capsules: Capsules, n: int) -> np.ndarray:
     return np.concatenate([capsules.a[n], capsules.b[n], *radii], axis=1)
 
 
-@pytest.mark.parametrize("camera", [NYU, KINECT2, Camera("own", 400.5, 380.25, 100.0, 90.0, 320, 240)])
-def test_the_depth_of_hands(tab: Any, camera: Camera) -> None:
-    """For hands of any pose, size, thickness and place."""
-    rng, sampler = np.random.default_rng(2), BodySampler()
-    hands, cube = sampler.draw(rng, 6), 300.0
-    model = CapsuleModel(sampler.skeleton, cube / 2)
-    x = model.variables_of(hands.inputs)
-    x[:, model.own] = rng.uniform(-0.5, 0.5, (len(x), len(model.own)))
-    x[:, -2:] = rng.uniform(-0.2, 0.2, (len(x), 2))
-    uvd = np.stack([rng.uniform(60, 200, 6), rng.uniform(60, 180, 6), rng.uniform(420, 1500, 6)], axis=1)
-    capsules = model.capsules(x, camera.unproject(uvd))
-    expected = render_crop(in_front(capsules), uvd, cube, camera)
-    sizes = np.exp(x[:, -2:])
-    bodies = [
-        [{"inputs": inputs, "size": size, "thickness": thickness}, vars(camera), middle, cube]
-        for inputs, (size, thickness), middle in zip(model.whole_inputs_of(x).tolist(), sizes.tolist(), uvd.tolist())
-    ]
-    for n, (ends, depth) in enumerate(rendered(tab, sampler.skeleton, bodies)):
-        np.testing.assert_allclose(ends, rows_of(capsules, n), atol=0.01)  # the model is in float32
-        check_depth(depth, expected[n])
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_the_depth_of_any_body(tab: Any, seed: int) -> None:
     """For nested spheres, cones seen from their tip, and parts behind the camera."""
@@ -127,24 +102,3 @@ def test_the_depth_of_any_body(tab: Any, seed: int) -> None:
     for n, (found, depth) in enumerate(rendered(tab, skeleton, bodies)):
         np.testing.assert_allclose(found, rows_of(capsules, n), atol=1e-6)
         check_depth(depth, expected[n])
-
-
-POSED = """(inputs) => {
-  const { body } = hand;
-  inputs.forEach((value, d) => (body.inputs[d] = value));
-  body.notify("pose");
-  const text = hand.textOfPose(body);
-  body.setInputs(Object.fromEntries(body.inputs.map((_, d) => [d, 0])));
-  body.setInputs(hand.inputsOfText(text, body));
-  return { text, outputs: body.outputs };
-}"""
-
-
-def test_the_text_of_a_pose_is_the_pose(tab: Any) -> None:
-    """It gives the same joints when it is pasted back, and as inputs of HandModel."""
-    inputs = np.random.default_rng(3).normal(0, 1, len(HANDS["nyu"].initial))
-    found = ask(tab, POSED, inputs.tolist())
-    kinematics = Kinematics(HANDS["nyu"])
-    expected = kinematics.joints(inputs[None])[0]
-    np.testing.assert_allclose(found["outputs"], expected, atol=1e-7)
-    np.testing.assert_allclose(kinematics.joints(np.array([json.loads(found["text"])]))[0], expected, atol=1e-7)

@@ -15,8 +15,7 @@ from docs.making import pages
 from handpose.body.render import normalise_depth, render_crop
 from handpose.fit.body import CapsuleModel
 from handpose.frames.cameras import KINECT2
-from handpose.output.hand_page.assembly import page
-from handpose.output.hand_page.content import body, content, hand
+from handpose.output.hand_page.assembly import body, content, hand, page
 from layers.hand import skeleton as skeletons
 from layers.hand.kinematics import Kinematics
 from tests.handpose.output.hand_page.conftest import ARM
@@ -203,21 +202,6 @@ def test_the_surface_is_drawn_where_it_is(visit: Visit, bare: Path) -> None:
     assert tab.locator("#hover").inner_text() == ""
 
 
-def test_the_bodies_of_the_documents(visit: Visit, packaged: Path) -> None:
-    """The page opens with the packaged hand; each body has its own joints, poses and depth image."""
-    tab = visit(packaged)
-    name = tab.locator("#name")
-    assert name.inner_text() == "people: 31 joints, 26 of 47 DoFs free" and tab.locator("#depth").is_visible()
-    tab.get_by_role("button", name="fist").click()
-    assert tab.evaluate("hand.body.inputs.some((value) => value > 0.5 || value < -0.5)")
-    tab.locator("#bodies").select_option("arm")
-    assert name.inner_text() == "arm: 2 joints, 2 of 2 DoFs free" and joints_in(tab).shape == (2, 6)
-    assert tab.locator("#no-surface").is_visible() and not tab.locator("#depth").is_visible()
-    assert not tab.get_by_role("button", name="fist").count()
-    tab.locator("#bodies").select_option("person")
-    assert name.inner_text().startswith("person: ") and tab.locator("#distance").input_value() == "5600"
-
-
 def test_an_address_sets_body_pose_and_force(visit: Visit, packaged: Path) -> None:
     """An address as in chapters 8 and 9 sets their arm, its wrist at (3, 6), and torques of 0 and -300 N mm."""
     tab = visit(packaged, fragment="body=arm&shoulder=53.13&elbow=36.87&force=wrist,1,2,0&nose=1&force=wrist,2")
@@ -340,19 +324,3 @@ def test_nothing_else_runs_and_nothing_is_fetched(browser: Any, bare: Path) -> N
     tab.close()
     assert refused == ["nothing ran", "refused"]
     assert sum("Content Security Policy" in line for line in console) >= 2
-
-
-def test_a_phone_and_the_dark(visit: Visit, bare: Path) -> None:
-    """Nothing is wider than the screen of a phone, except the table of joints, which scrolls in its box; the background
-    is dark if the system's theme is dark.
-    """
-    tab = visit(bare, viewport={"width": 320, "height": 800}, color_scheme="dark")
-    tab.evaluate("hand.body.applyForce(0, [90, -90, 90])")  # the widest rows
-    tab.evaluate(f"document.querySelector('h1').textContent = '{'x' * 100}'")
-    for width in (320, 390):
-        tab.set_viewport_size({"width": width, "height": 800})
-        assert tab.evaluate("document.documentElement.scrollWidth") == width
-        scrolled = "(box) => { box.scrollLeft = 1e4; return [box.scrollLeft, getComputedStyle(box).overflowX]; }"
-        left, overflow = tab.locator(".scroll").evaluate(scrolled)
-        assert left > 0 and overflow == "auto"
-    assert tab.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(20, 23, 28)"

@@ -7,9 +7,7 @@ import json
 import struct
 
 import numpy as np
-import pytest
 
-from handpose.body.joint_formats.formats import FORMATS, FormatName
 from handpose.frames.cameras import CAMERAS
 from handpose.output.drawing.view import Contrast, View, Window
 from handpose.output.live.messages import MAX_SAMPLES, Grid, Messages, grid_of
@@ -32,13 +30,6 @@ def test_records_are_those_of_a_track_with_the_bones_in_each() -> None:
         for hand in expected["hands"]:
             hand.pop("bones_mm", None)
         assert found == json.loads(json.dumps(expected))
-
-
-@pytest.mark.parametrize("joints", FORMATS)
-def test_records_of_all_formats_are_valid(joints: FormatName) -> None:
-    messages = Messages(HEADER, joints, gestures=True)
-    assert not json_schema.faults(json.loads(messages.header), "header")
-    assert not json_schema.faults(json.loads(messages.line(messages.record(BOTH))), "frame")
 
 
 def test_records_have_no_raw_positions() -> None:
