@@ -1,10 +1,10 @@
-"""handpose/body/fingers.py"""
+"""handpose/body/model.py: Fingers"""
 
 from __future__ import annotations
 
 import numpy as np
 
-from handpose.body.fingers import FINGERS, Fingers, has_fingers
+from handpose.body.model import FINGERS, Fingers, has_fingers
 from handpose.fit.body import CapsuleModel
 from layers.hand import skeleton
 from tests.support.made_tracks import any_skeleton

@@ -27,18 +27,6 @@ def test_a_pose_turned_with_its_picture(model: CapsuleModel, quarter: int) -> No
     assert (np.abs(found[:, 3:6]) <= np.pi + 1e-9).all()
 
 
-def test_counter_clockwise_is_as_in_numpy(model: CapsuleModel) -> None:
-    """np.rot90 turns a picture counter-clockwise: a hand that points up then points to the left."""
-    up = np.zeros((128, 128))
-    up[:40, 60:68] = 1
-    assert np.rot90(up)[60:68, :40].all()
-    point = np.array([0.0, 1, 0])  # up, as joints have it: x right, y up
-    turned = np.array([-1.0, 0, 0])
-    angle = np.pi / 2
-    R = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
-    np.testing.assert_allclose(R @ point, turned, atol=1e-12)
-
-
 @pytest.mark.parametrize("name", PLANS)
 def test_a_plan_from_near(name: str) -> None:
     """The refining plan has one start, no tournament, no more iterations, all points and the final robustness."""

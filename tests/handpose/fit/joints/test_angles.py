@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from handpose.fit.joints import angles
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
-from layers.hand.skeleton_file import SkeletonParameter
-from netlib.proto import prototxt, schema
+from tests.support.made_tracks import skeleton_of
 
 SKELETON = skeletons.load()
 
@@ -102,7 +101,7 @@ def test_no_flip_where_a_bone_would_feel_it():
             'joint { name: "r" rotate { axis: Z dof: "a" } rotate { axis: X dof: "b" } bone { axis: Y length: 1 } } '
         )
         text = dofs + first + f'joint {{ name: "t" parent: "r" {second} }} {extra}'
-        return skeletons.Skeleton(schema.read(prototxt.parse(text), SkeletonParameter, "test"))
+        return skeleton_of(text)
 
     assert len(angles.flips(skeleton('rotate { axis: X dof: "c" } bone { axis: Y length: 1 }'))) == 1
     assert not angles.flips(skeleton('rotate { axis: X dof: "c" } bone { axis: X length: 1 }'))
