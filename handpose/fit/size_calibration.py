@@ -15,10 +15,9 @@ import numpy as np
 
 from handpose.fit.body import SIZE, THICKNESS, TYPICAL_SIZE
 from handpose.fit.depth_fit import STARTS_TOGETHER, DepthFitter
-from handpose.fit.levenberg_marquardt import Stage, descend
 from handpose.fit.objective import Objective
 from handpose.fit.observation import Observation
-from handpose.fit.search import data_cost
+from handpose.fit.search import Stage, data_cost, descend
 from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.system.memory import blocks

@@ -6,7 +6,7 @@ chosen joints and J their derivative by the F free DoFs, (F, 3 k) as in ``Kinema
     |r|² + ridge |x|²                gradient / 2  =  b  =  J r + ridge x        A  =  J Jᵀ + ridge
 
 Joints that are unknown in a frame are left out of r and J. Everything is in the unit of the skeleton's bones:
-half-cubes for the NYU hand. The steps are those of ``levenberg_marquardt``.
+half-cubes for the NYU hand. The steps are those of ``handpose.fit.search``.
 
 The cost has many local minima, and each start (``starts``) leads to one. The first is near the goal: the rotation of
 the whole body, from a grid, that brings the joints closest after aligning centroids, with the limbs' initial pose (one
@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from handpose.fit.joints.angles import canonical, rotations
-from handpose.fit.levenberg_marquardt import minimise
+from handpose.fit.search import minimise
 from layers.hand.bodies import kinematics_of
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array

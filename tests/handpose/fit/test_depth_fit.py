@@ -7,8 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handpose.body.model import Surface
-from handpose.body.render import Capsules, normalise_depth, render_crop
 from handpose.fit.body import CapsuleModel
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.network_errors import LOST_MM, NetworkErrors
@@ -18,25 +16,6 @@ from handpose.fit.search import ACCURATE, FAST, Plan
 from handpose.frames.cameras import NYU
 from netlib import engine
 from tests.handpose.fit.conftest import Scene, error, start_of
-from tests.support.made_tracks import skeleton_of
-
-# Three bones in a row, unlike a hand: moves in space, turns about all axes, has two bending joints.
-WORM = """name: "worm"
-dof { name: "x" } dof { name: "y" } dof { name: "z" } dof { name: "rz" } dof { name: "rx" } dof { name: "ry" }
-dof { name: "bend" lower: -1.5 upper: 1.5 } dof { name: "curl" lower: -1.5 upper: 1.5 }
-joint { name: "tail" translate { axis: X dof: "x" } translate { axis: Y dof: "y" } translate { axis: Z dof: "z" }
-        rotate { axis: Z dof: "rz" } rotate { axis: X dof: "rx" } rotate { axis: Y dof: "ry" } }
-joint { name: "side" parent: "tail" bone { axis: Y length: 0.3 } }
-joint { name: "one" parent: "tail" bone { axis: X length: 0.5 } }
-joint { name: "two" parent: "one" rotate { axis: Z dof: "bend" } bone { axis: X length: 0.4 } }
-joint { name: "three" parent: "two" rotate { axis: Z dof: "curl" } bone { axis: X length: 0.3 } }
-flesh {
-  capsule { from: "tail" to: "side" radius: 0.12 radius: 0.08 }
-  capsule { from: "tail" to: "one" radius: 0.12 radius: 0.1 }
-  capsule { from: "one" to: "two" radius: 0.1 radius: 0.08 }
-  capsule { from: "two" to: "three" radius: 0.08 radius: 0.05 }
-}
-"""
 
 
 @pytest.fixture(scope="module")
@@ -111,27 +90,6 @@ def test_the_wrong_hand_explains_less(fitter: DepthFitter, scene: Scene) -> None
     assert (right.cost < left.cost).all()
 
 
-def test_any_body_with_surface() -> None:
-    """A worm of three bones, drawn at a known pose, is fitted from a start with errors of 0.15."""
-    skeleton = skeleton_of(WORM)
-    surface, rng = Surface(skeleton), np.random.default_rng(0)
-    inputs = np.zeros((8, 8))
-    inputs[:, 3:6] = rng.normal(0, 0.5, (8, 3))
-    inputs[:, 6:] = rng.uniform(-1, 1, (8, 2))
-    uvd = np.tile([320.0, 240, 700], (8, 1))
-    ends = surface.ends(surface.kinematics.forward(inputs)) * 150 + NYU.unproject(uvd)[:, None]
-    radii = np.tile(surface.radii * 150, (8, 1, 1))
-    capsules = Capsules(ends[:, surface.start], ends[:, surface.end], radii[..., 0], radii[..., 1])
-    crops = normalise_depth(render_crop(capsules, uvd, 300.0), uvd[:, 2], 300.0)
-    fitter = DepthFitter(CapsuleModel(skeleton, 150.0))
-    start = inputs + rng.normal(0, 0.15, inputs.shape)
-    found = fitter.fit(observe(crops, uvd, NYU, 300.0), [fitter.model.variables_of(start)] * 4, ACCURATE)
-    truth = surface.kinematics.joints(inputs) * 150
-    before = np.linalg.norm(surface.kinematics.joints(start) * 150 - truth, axis=2).mean(axis=1)
-    after = np.linalg.norm(found.joints - truth, axis=2).mean(axis=1)
-    assert np.median(after) < 3 and before.mean() > 15
-
-
 def test_from_the_frame_before(fitter: DepthFitter, scene: Scene) -> None:
     """The previous frame is one more start, which wins if the network is far off, and loses if it is far off itself."""
     model = fitter.model
@@ -150,15 +108,14 @@ def test_from_the_frame_before(fitter: DepthFitter, scene: Scene) -> None:
     assert (accurate.start == 4).mean() > 0.5
 
 
-@pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)
-def test_frames_without_a_frame_before(fitter: DepthFitter, few: Scene, plan: Plan) -> None:
+def test_frames_without_a_frame_before(fitter: DepthFitter, few: Scene) -> None:
     """A frame with NaN as its previous frame is fitted as if it had none; the other frames are not affected."""
-    starts = [few.truth + np.random.default_rng(q).normal(0, 0.1, few.truth.shape) for q in plan.quarters]
+    starts = [few.truth + np.random.default_rng(q).normal(0, 0.1, few.truth.shape) for q in ACCURATE.quarters]
     before = few.truth.copy()
     before[::2] = np.nan
-    found = fitter.fit(few.seen, starts, plan, before=before)
-    alone = fitter.fit(few.seen, starts, plan)
-    followed = fitter.fit(few.seen, starts, plan, before=few.truth)
+    found = fitter.fit(few.seen, starts, ACCURATE, before=before)
+    alone = fitter.fit(few.seen, starts, ACCURATE)
+    followed = fitter.fit(few.seen, starts, ACCURATE, before=few.truth)
     np.testing.assert_array_equal(found.x[::2], alone.x[::2])
     np.testing.assert_array_equal(found.x[1::2], followed.x[1::2])
 

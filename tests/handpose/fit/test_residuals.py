@@ -108,15 +108,6 @@ def test_how_residuals_change(model: CapsuleModel, scene: Scene) -> None:
         assert front.mean() > 0.7 and np.percentile(off, 95) < 2
 
 
-def test_points_find_their_capsules(model: CapsuleModel, scene: Scene) -> None:
-    """At the true pose the observed points lie on the capsules, except for the forearm, whose angles are unknown."""
-    cones = cones_at(model, scene.truth)
-    capsule = nearest_capsules(cones, scene.seen)
-    off = np.linalg.norm(point_residuals(cones, scene.seen, capsule).value, axis=1)
-    hand = ~model.surface.limbs[capsule]
-    assert hand.mean() > 0.5 and np.median(off[hand]) < 1.5
-
-
 def test_the_nearest_of_all_capsules(model: CapsuleModel, scene: Scene) -> None:
     """No other capsule is nearer by more than the effect of different radii."""
     cones = cones_at(model, scene.truth)

@@ -171,14 +171,6 @@ def test_nothing_moves_nothing_lags() -> None:
     assert np.isnan(lag_s(NUMBERS[:3], TIMES[:3], moving(TIMES[:3]), moving(TIMES[:3])))
 
 
-def test_jitter_is_the_deviation_of_the_noise() -> None:
-    """Noise of 1 / sqrt 3 mm per coordinate gives a deviation of 1 mm."""
-    still = np.broadcast_to(BASE, (3000, 31, 3))
-    noise = np.random.default_rng(2).normal(0, 3**-0.5, still.shape)
-    found = jitter(np.arange(3000), np.arange(3000) / RATE, still + noise + (9, 9, 9), still)
-    assert found == pytest.approx(1.0, abs=0.01)
-
-
 def test_jitter_by_hand() -> None:
     """With every other frame moved by 1 mm, a window of 15 frames has 7 of them, and the figures follow by hand."""
     still = np.broadcast_to(BASE, (42, 31, 3))

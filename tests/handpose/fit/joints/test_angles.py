@@ -40,19 +40,6 @@ def test_the_hand_has_six_pairs():
     ]
 
 
-@pytest.mark.parametrize("number", range(6))
-def test_a_flip_changes_no_joint(rng, number):
-    """Both forms of a pair put all 31 joints at the same places."""
-    flip = angles.flips(SKELETON)[number]
-    theta = SKELETON.theta(draw(rng))
-    other = theta.copy()
-    other[:, list(flip.turned)] += np.pi
-    other[:, flip.mirrored] = np.pi - other[:, flip.mirrored]
-    other[:, list(flip.negated)] *= -1
-    a, b = (kinematics_of(SKELETON).joints(t - SKELETON.initial) for t in (theta, other))
-    assert np.abs(theta - other).max() > 0.1 and np.allclose(a, b, atol=1e-12)
-
-
 def test_canonical_keeps_the_pose_and_is_unique(rng):
     """Joints are unchanged; all 64 combinations of flips, and whole turns, give the same angles."""
     x = draw(rng, 5)
