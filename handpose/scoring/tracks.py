@@ -113,22 +113,18 @@ class Seen(NamedTuple):
     said_lost: bool  # True if it was not found and the track lists it as lost
 
 
-class Gone(NamedTuple):
-    """A true hand in a frame in which it is not visible; ``tracked`` is None if the track does not list it as lost."""
-
-    number: int
-    true: LostHand
-    tracked: LostHand | None
-
-
 @dataclass
 class Followed:
-    """The frames of one true hand, matched."""
+    """The frames of one true hand, matched.
+
+    seen  where it is visible
+    gone  where it is not: the true hand, and that of the track; None if the track does not list it as lost
+    """
 
     id: int
     hand: Side
     seen: list[Seen] = field(default_factory=list)
-    gone: list[Gone] = field(default_factory=list)
+    gone: list[tuple[LostHand, LostHand | None]] = field(default_factory=list)
 
 
 class Matched(NamedTuple):
@@ -168,7 +164,7 @@ def match(tracked: Iterable[TrackedFrame], true: Iterable[TrackedFrame], bound_m
                 partly += 1
             elif gone.hand is not None:
                 own = hands.setdefault(gone.id, Followed(gone.id, gone.hand))
-                own.gone.append(Gone(number, gone, lost.get(last.get(gone.id, -1))))
+                own.gone.append((gone, lost.get(last.get(gone.id, -1))))
         extra = max(len(other.hands) - len(pairs) - partly, 0)
         if extra:
             invented[number] = extra
@@ -294,7 +290,7 @@ def score(
 def _scores(header: TrackHeader, hand: Followed) -> HandScores:
     found = [one for one in hand.seen if one.tracked is not None]
     tracked = [one.tracked for one in hand.seen if one.tracked is not None]
-    reasons = [(one.true.reason, one.tracked.reason) for one in hand.gone if one.tracked is not None]
+    reasons = [(true.reason, said.reason) for true, said in hand.gone if said is not None]
     right = [other.hand == hand.hand for other in tracked]
     numbers, times = np.array([one.number for one in found]), np.array([one.time for one in found])
     shape = (len(found), len(header.skeleton.joint_names), 3)
