@@ -21,8 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.body.fingers import Fingers, has_fingers
-from handpose.body.model import Surface
+from handpose.body.model import Fingers, Surface, has_fingers
 from handpose.body.render import Capsules
 from layers.hand.bodies import kinematics_of
 from layers.hand.kinematics import Pose, rotation

@@ -84,27 +84,21 @@ class DepthFit:
 class DepthFitter:
     """Fits one body.
 
-    errors   of the network that predicts the starts; by default those of an unknown network
-    weights  of the terms
-    seed     of the drawn starts
+    errors  of the network that predicts the starts; by default those of an unknown network
+    seed    of the drawn starts
     """
 
-    def __init__(
-        self, model: CapsuleModel, errors: NetworkErrors | None = None, weights: Weights | None = None, seed: int = 0
-    ) -> None:
+    def __init__(self, model: CapsuleModel, errors: NetworkErrors | None = None, seed: int = 0) -> None:
         self.model, self.seed = model, seed
         self.errors = errors or unknown_errors(self.model)
-        self.objective = Objective(self.model, weights or Weights(), self.errors.poses)
+        self.objective = Objective(self.model, Weights(), self.errors.poses)
         self.precision = np.linalg.inv(self.errors.limbs)
 
     @classmethod
-    def of_file(
-        cls, skeleton: Skeleton, path: str | Path | Content, unit_mm: float, weights: Weights | None = None,
-        seed: int = 0,
-    ) -> DepthFitter:
+    def of_file(cls, skeleton: Skeleton, path: str | Path | Content, unit_mm: float, seed: int = 0) -> DepthFitter:
         """A fitter for crops of two such units, with the network's errors of a weights file. Raises DataError."""
         model = CapsuleModel(skeleton, unit_mm)
-        return cls(model, read_errors(path, model), weights, seed)
+        return cls(model, read_errors(path, model), seed)
 
     def fit(
         self, seen: Observation, starts: Sequence[Array], plan: Plan, *, size: float | Array | None = None,
@@ -204,15 +198,7 @@ class DepthFitter:
         error_mm = np.minimum(error_mm * np.interp(seen.cut_mm, CUT_MM, CUT_ERROR), LOST_MM)
         confidence = confidence * np.interp(seen.cut_mm, CUT_MM, CUT_CONFIDENCE)
         return DepthFit(
-            inputs=model.inputs_of(found.x),
-            size=np.exp(found.x[:, SIZE]),
-            joints=joints,
-            network=network,
-            cost=found.parts.sum(axis=1),
-            uncertainty=uncertainty,
-            error_mm=error_mm,
-            confidence=confidence,
-            x=found.x,
-            start=found.start,
-            signs=signs,
+            inputs=model.inputs_of(found.x), size=np.exp(found.x[:, SIZE]), joints=joints, network=network,
+            cost=found.parts.sum(axis=1), uncertainty=uncertainty, error_mm=error_mm, confidence=confidence, x=found.x,
+            start=found.start, signs=signs,
         )

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.fit.body import SIZE, CapsuleModel
-from handpose.fit.levenberg_marquardt import minimise
+from handpose.fit.search import minimise
 from netlib.blob import Array
 from netlib.errors import NetlibError
 

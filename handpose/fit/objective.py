@@ -20,10 +20,9 @@ import numpy as np
 
 from handpose.body.nyu import CUBE_MM
 from handpose.fit.body import CapsuleModel, Posed
-from handpose.fit.depth_residuals import nearest_capsules, point_residuals, sphere_residuals, spheres_of
 from handpose.fit.network_errors import Poses
 from handpose.fit.observation import Floats, Observation
-from handpose.fit.residuals import Residuals, cones_of, joined, normal_equations
+from handpose.fit.residuals import Residuals, normal_equations, residuals_of
 from netlib.blob import Array
 
 MIN_SIZE_STD = 1e-4  # deviation of the logarithm of a size that is known
@@ -85,7 +84,7 @@ class Objective:
     def __init__(self, model: CapsuleModel, weights: Weights, poses: Poses | None = None) -> None:
         self.model, self.weights, self.poses = model, weights, poses
         self.larger = max(1.0, 2 * model.unit_mm / CUBE_MM)
-        self.spheres = spheres_of(model)
+        self.spheres = np.flatnonzero(~model.surface.limbs)  # none on a forearm, whose end is not modelled
         deviation = np.append(model.deviation, [max(weights.size, MIN_SIZE_STD), weights.thickness])
         self.plain = np.flatnonzero(np.isfinite(deviation))  # variables with a finite deviation
         self.plain_precision = deviation[self.plain] ** -2.0
@@ -106,12 +105,9 @@ class Objective:
 
     def measure(self, x: Array, seen: Observation, prior: Prior) -> Measured:
         """All terms at x (N, V) that do not depend on the robust distance."""
-        model = self.model
-        posed = model.posed(x)
-        cones = cones_of(model, posed)
-        points = point_residuals(cones, seen, nearest_capsules(cones, seen))
-        spheres = sphere_residuals(cones, seen, self.spheres, self.weights.slack * self.larger)
-        return Measured(posed, joined(points, spheres), *self._prior(x, posed, prior))
+        posed = self.model.posed(x)
+        residuals = residuals_of(self.model, posed, seen, self.spheres, self.weights.slack * self.larger)
+        return Measured(posed, residuals, *self._prior(x, posed, prior))
 
     def weigh(self, m: Measured, seen: Observation, robust: float) -> Cost:
         """The cost with a robust distance in mm, for a hand's cube."""

@@ -62,25 +62,17 @@ class Observation:
             name: values if name in ("outside", "nearest") else values[rows] for name, values in vars(self).items()
         })
 
-    def mirrored(self, which: NDArray[np.bool_] | None = None) -> Observation:
-        """The frames mirrored along x, so that left hands become right ones.
-
-        which  (N,) the frames to mirror, each with its own crop; by default all
-        """
-        turned = np.ones(len(self), bool) if which is None else which
-        flip = np.where(turned[:, None], MIRROR.astype(np.float32), np.float32(1))
-        offset = self.offset.copy()
-        offset[turned, 0] = self.outside.shape[-1] - 1 - offset[turned, 0]
+    def mirrored(self, which: NDArray[np.bool_]) -> Observation:
+        """The frames ``which`` (N,), each with its own crop, mirrored along x, so that left hands become right ones."""
+        flip = np.where(which[:, None], MIRROR.astype(np.float32), np.float32(1))
         changed = {name: getattr(self, name) * flip[:, :, None] for name in ("points", "rays")}
-        changed["center"] = self.center * flip
+        changed |= {"center": self.center * flip, "offset": self.offset.copy()}
+        changed["offset"][which, 0] = self.outside.shape[-1] - 1 - self.offset[which, 0]
         for name in ("outside", "nearest"):
             crops = getattr(self, name)
-            if which is None:
-                changed[name] = np.ascontiguousarray(crops[:, :, ::-1])
-            else:
-                changed[name] = crops.copy()
-                changed[name][self.frame[which]] = crops[self.frame[which], :, ::-1]
-        return Observation(**(vars(self) | changed | {"offset": offset}))
+            changed[name] = crops.copy()
+            changed[name][self.frame[which]] = crops[self.frame[which], :, ::-1]
+        return Observation(**(vars(self) | changed))
 
     def thinned(self, every: int) -> Observation:
         """The observations with every ``every``-th point."""

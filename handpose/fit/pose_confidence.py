@@ -49,7 +49,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.body.fingers import FINGERS
+from handpose.body.model import FINGERS
 from handpose.fit.body import CapsuleModel
 from handpose.fit.network_errors import GOOD_MM, LOST_MM
 from handpose.fit.network_errors import SIGNS as FIT_SIGNS

@@ -1,57 +1,44 @@
 """The size and thickness of one person's hand, from depth frames alone.
 
 In one frame, a larger hand farther away looks nearly the same, and a bent limb looks like a short one. All frames of a
-person have the same size, so all frames are fitted again with every size of a grid, each from its own fit. The result
+person have the same size, so all frames are fitted again with each of some sizes, each from its own fit. The result
 is the size with the least total cost, by a parabola through the three lowest. Frames count robustly, because some are
 fitted wrongly at any size.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from handpose.fit.body import MAX_SIZE, MIN_SIZE, SIZE, THICKNESS, TYPICAL_SIZE
+from handpose.fit.body import SIZE, THICKNESS, TYPICAL_SIZE
 from handpose.fit.depth_fit import STARTS_TOGETHER, DepthFitter
-from handpose.fit.levenberg_marquardt import Stage, descend
 from handpose.fit.objective import Objective
 from handpose.fit.observation import Observation
-from handpose.fit.search import data_cost
+from handpose.fit.search import Stage, data_cost, descend
 from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.system.memory import blocks
 
-GRID = np.geomspace(MIN_SIZE, MAX_SIZE, 25)  # the whole range of sizes that fits allow
 MIN_FRAMES = 5  # frames needed to estimate a size
 STAGES = (Stage(15, 4), Stage(10, 3))
 
 
-@dataclass(frozen=True)
-class HandSize:
-    """The estimated size of one hand.
+class HandSize(NamedTuple):
+    """The estimated size of one hand."""
 
-    size       relative to the skeleton
-    thickness  scale of the radii, relative to a skeleton of this size
-    sizes      (S,) of the grid
-    costs      (S,) mean cost of a frame for each size
-    """
-
-    size: float
-    thickness: float
-    sizes: Array
-    costs: Array
+    size: float  # relative to the skeleton
+    thickness: float  # scale of the radii, relative to a skeleton of this size
 
 
 def calibrate_size(
-    fitter: DepthFitter, seen: Observation, x: Array, progress: Callable[[int], None] = lambda done: None,
-    sizes: Array = GRID, deviation: float = np.inf,
+    fitter: DepthFitter, seen: Observation, x: Array, sizes: Array, deviation: float = np.inf
 ) -> HandSize:
     """Estimate the size of the hand in all frames, fitted as x (N, V). Raises DataError for too few frames.
 
-    progress   called with the number of further frames fitted, once for each size
-    sizes      at least three, with equal steps of their logarithms
+    sizes      to be tried: at least three, with equal steps of their logarithms
     deviation  of the logarithm of people's sizes about that of TYPICAL_SIZE. This prior counts as much as one frame,
                however many there are, because the model differs from a hand in the same way in all of them.
     """
@@ -68,12 +55,11 @@ def calibrate_size(
             prior = objective.prior_of(start, fitter.precision)
             found, cost = descend(objective, start, seen.take(rows), prior, STAGES)
             left[i, rows], thicknesses[i, rows] = data_cost(cost.parts), found[:, THICKNESS]
-            progress(rows.stop - rows.start)
     bounded = np.minimum(left, 3 * np.median(left.min(axis=0)))  # frames that no size explains do not count
     bounded += (np.log(sizes / TYPICAL_SIZE) / deviation)[:, None] ** 2
     whole = _lowest(sizes, bounded.mean(axis=1))
     thickness = float(np.exp(np.median(thicknesses[np.abs(np.log(sizes / whole)).argmin()])))
-    return HandSize(whole, thickness, sizes, bounded.mean(axis=1))
+    return HandSize(whole, thickness)
 
 
 def _lowest(sizes: Array, values: Array) -> float:

@@ -25,36 +25,22 @@ SETTLE_S = 0.4  # start of every rest that is not scored, because the track may 
 WINDOW_S = 0.5  # window; slower errors are drift, not jitter
 MOVING_MM_S = 100.0  # minimum mean speed of the joints of a moving hand
 LAGS_S = np.arange(-0.1, 0.3001, 0.005)  # lags tried; the best is refined by a parabola
+NAN = float("nan")
 
 
-class Jitter(NamedTuple):
-    """The jitter of tracked joints while the true ones are at rest; NaN without rest.
+def jitter(numbers: Array, times: Array, tracked: Array, true: Array) -> float:
+    """The jitter in mm of tracked joints while the true ones are at rest; NaN without rest.
 
-    deviation_mm  root mean square of the distances from their mean over windows of about ``WINDOW_S``: the standard
-                  deviation of all three coordinates together
-    frames        number of frames at rest
+    It is the root mean square of the distances from their mean over windows of about ``WINDOW_S``: the standard
+    deviation of all three coordinates together. The mean is removed window by window, which is a high-pass filter: a
+    wrong length of a bone is an error, but no jitter. Frames (N,) have numbers; a missing frame ends a rest.
     """
-
-    deviation_mm: float
-    frames: int
-
-
-def jitter(numbers: Array, times: Array, tracked: Array, true: Array) -> Jitter:
-    """The jitter at rest. Frames (N,) with their numbers; a missing frame ends a rest.
-
-    The mean is removed window by window, which is a high-pass filter: a wrong length of a bone is an error, but no
-    jitter.
-    """
-    squares = 0.0
-    freedom = frames = 0
+    squares, freedom = 0.0, 0
     for window in _windows(numbers, times, true):
         off = tracked[window] - true[window]
         squares += float(((off - off.mean(axis=0)) ** 2).sum())
         freedom += (len(window) - 1) * off.shape[1]
-        frames += len(window)
-    if not frames:
-        return Jitter(np.nan, 0)
-    return Jitter(float(np.sqrt(squares / freedom)), frames)
+    return float(np.sqrt(squares / freedom)) if freedom else NAN
 
 
 def _windows(numbers: Array, times: Array, true: Array) -> list[NDArray[np.int_]]:
@@ -97,7 +83,7 @@ def lag_s(numbers: Array, times: Array, tracked: Array, true: Array) -> float:
             squares[n] += float(((off - off.mean(axis=0)) ** 2).sum())
     best = int(squares.argmin())
     if not squares.any() or best in (0, len(LAGS_S) - 1):
-        return float("nan")
+        return NAN
     before, least, after = squares[best - 1 : best + 2]
     return float(LAGS_S[best] + (LAGS_S[1] - LAGS_S[0]) * (before - after) / (2 * (before - 2 * least + after)))
 
@@ -127,22 +113,18 @@ class Seen(NamedTuple):
     said_lost: bool  # True if it was not found and the track lists it as lost
 
 
-class Gone(NamedTuple):
-    """A true hand in a frame in which it is not visible; ``tracked`` is None if the track does not list it as lost."""
-
-    number: int
-    true: LostHand
-    tracked: LostHand | None
-
-
 @dataclass
 class Followed:
-    """The frames of one true hand, matched."""
+    """The frames of one true hand, matched.
+
+    seen  where it is visible
+    gone  where it is not: the true hand, and that of the track; None if the track does not list it as lost
+    """
 
     id: int
     hand: Side
     seen: list[Seen] = field(default_factory=list)
-    gone: list[Gone] = field(default_factory=list)
+    gone: list[tuple[LostHand, LostHand | None]] = field(default_factory=list)
 
 
 class Matched(NamedTuple):
@@ -182,7 +164,7 @@ def match(tracked: Iterable[TrackedFrame], true: Iterable[TrackedFrame], bound_m
                 partly += 1
             elif gone.hand is not None:
                 own = hands.setdefault(gone.id, Followed(gone.id, gone.hand))
-                own.gone.append(Gone(number, gone, lost.get(last.get(gone.id, -1))))
+                own.gone.append((gone, lost.get(last.get(gone.id, -1))))
         extra = max(len(other.hands) - len(pairs) - partly, 0)
         if extra:
             invented[number] = extra
@@ -213,8 +195,6 @@ def _by_number(frames: Iterable[TrackedFrame], what: str) -> dict[int, TrackedFr
     return found
 
 
-NAN = float("nan")
-
 
 @dataclass(frozen=True)
 class JointErrors:
@@ -239,8 +219,7 @@ class HandScores:
     id_switches     number of changes of the tracked id
     wrong_side      frames in which it is tracked as the other hand
     side_switches   number of changes of the tracked side
-    jitter_mm       at rest: deviation of the joints about their mean, see ``Jitter``
-    rest_frames     number of frames at rest
+    jitter_mm       at rest: deviation of the joints about their mean, see ``jitter``
     lag_ms          while it moves
     bone_change_mm  (K,) largest deviation of each bone from its median length; empty if it was never found
     """
@@ -259,7 +238,6 @@ class HandScores:
     wrong_side: int
     side_switches: int
     jitter_mm: float
-    rest_frames: int
     lag_ms: float
     bone_change_mm: tuple[float, ...]
 
@@ -312,7 +290,7 @@ def score(
 def _scores(header: TrackHeader, hand: Followed) -> HandScores:
     found = [one for one in hand.seen if one.tracked is not None]
     tracked = [one.tracked for one in hand.seen if one.tracked is not None]
-    reasons = [(one.true.reason, one.tracked.reason) for one in hand.gone if one.tracked is not None]
+    reasons = [(true.reason, said.reason) for true, said in hand.gone if said is not None]
     right = [other.hand == hand.hand for other in tracked]
     numbers, times = np.array([one.number for one in found]), np.array([one.time for one in found])
     shape = (len(found), len(header.skeleton.joint_names), 3)
@@ -320,7 +298,6 @@ def _scores(header: TrackHeader, hand: Followed) -> HandScores:
         np.array([one.xyz for one in hands]).reshape(shape) for hands in (tracked, [one.true for one in found])
     )
     off = np.linalg.norm(xyz - true, axis=2)
-    shakes = jitter(numbers, times, xyz, true)
     return HandScores(
         id=hand.id,
         hand=hand.hand,
@@ -335,8 +312,7 @@ def _scores(header: TrackHeader, hand: Followed) -> HandScores:
         id_switches=_changes([other.id for other in tracked]),
         wrong_side=right.count(False),
         side_switches=_changes(right),
-        jitter_mm=shakes.deviation_mm,
-        rest_frames=shakes.frames,
+        jitter_mm=jitter(numbers, times, xyz, true),
         lag_ms=1000 * lag_s(numbers, times, xyz, true),
         bone_change_mm=tuple(bone_changes(xyz, header.skeleton.parents).tolist()) if tracked else (),
     )

@@ -155,13 +155,8 @@ class Generator:
         recipe = asdict(self.recipe) | {
             "views": [[asdict(part) if part else None for part in v] for v in self.recipe.views]
         }
-        return {
-            "version": VERSION,
-            "seed": self.seed,
-            "split": self.split,
-            "body": body_hash(self.sampler.skeleton),
-            **recipe,
-        }
+        body = body_hash(self.sampler.skeleton)
+        return {"version": VERSION, "seed": self.seed, "split": self.split, "body": body, **recipe}
 
     def _another(self, subject: Subject) -> BodySampler:
         """Draws another person."""

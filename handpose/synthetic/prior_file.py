@@ -16,8 +16,8 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -202,71 +202,67 @@ def _load(path: Path, whole_path: Path) -> PosePrior:
     return prior
 
 
+# The numbers that fields of these names may have, in any message.
+_NUMBERS: dict[tuple[str, ...], tuple[Callable[[float], bool], str]] = {
+    ("std", "noise", "blend_noise", "scale_std", "bone_std", "center_jitter", "center_jitter_wide"): (
+        lambda value: 0 <= value <= MAX_DISTANCE_MM, f"0 or more, up to {MAX_DISTANCE_MM:g}"),
+    ("mean", "x", "y", "z"): (
+        lambda value: abs(value) <= MAX_DISTANCE_MM, f"a number between -{MAX_DISTANCE_MM:g} and {MAX_DISTANCE_MM:g}"),
+    ("most", "scale_clip"): (lambda value: value >= 0, "0 or more"),
+    ("any", "independent", "wide", "blend"): (lambda value: 0 <= value <= 1, "a fraction, 0 to 1"),
+    ("part",): (lambda value: 0 <= value <= 1, "a part of the range, 0 to 1"),
+    ("penetration",): (lambda value: not np.isnan(value), "a depth in mm"),
+    ("scale_mean",): (lambda value: 0 < value <= MAX_DISTANCE_MM, "a factor above 0"),
+    ("cube_mm",): (lambda value: 0 < value < np.inf, "a length in mm > 0"),
+    ("redraws",): (lambda value: 0 < value <= MAX_REDRAWS, f"1 to {MAX_REDRAWS}"),
+}
+
+
 def _check(prior: PosePrior) -> None:
     """Raise PrototxtError for invalid numbers and unknown names."""
     skeleton = prior.body()
-    if prior.camera not in CAMERAS:
-        raise _unknown(prior, "camera", prior.camera, CAMERAS)
-    if prior.center is not None and prior.center.joint not in skeleton.joint_names:
-        raise _unknown(prior.center, "joint", prior.center.joint, skeleton.joint_names)
-    normals = (prior.lateral_x, prior.lateral_y)
-    drawn: tuple[object, ...] = (
-        prior,
-        *normals,
-        *prior.turn,
-        *prior.bend,
-        *prior.spread,
-        *prior.between,
-        *prior.proportion,
-    )
-    for message in (*drawn, *(prior.center,) * (prior.center is not None)):
+    _known(prior, "camera", prior.camera, CAMERAS)
+    for message in _messages(prior):
         _check_numbers(message)
     _check_sizes(prior, skeleton)
     _check_center(prior, skeleton)
-    bent = [part for bend in prior.bend for part in (bend.shared, bend.own)]
-    betas: list[BetweenParameter | BetaParameter] = [*prior.between, *bent]
-    for beta in betas:
-        _expect(beta, "a", 0 < beta.a < np.inf and 0 < beta.b < np.inf, "a and b > 0")
-    _expect(prior, "cube_mm", 0 < prior.cube_mm < np.inf, "a length in mm > 0")
-    _expect(
-        prior.depth,
-        "low",
-        0 < prior.depth.low <= prior.depth.high <= MAX_DISTANCE_MM,
-        f"0 < low <= high <= {MAX_DISTANCE_MM:g}, in mm",
-    )
-    _expect(prior, "redraws", 0 < prior.redraws <= MAX_REDRAWS, f"1 to {MAX_REDRAWS}")
     _check_dofs(prior, skeleton)
-    _check_poses(prior, skeleton)
+    _check_poses(prior)
 
 
-def _check_numbers(message: object) -> None:
-    """Check that deviations are 0 or more, fractions 0 to 1, and positions and angles possible for a camera."""
-    for name, value in vars(message).items():
-        if name in ("std", "noise", "blend_noise", "scale_std", "bone_std") or name.startswith("center_jitter"):
-            _expect(message, name, 0 <= value <= MAX_DISTANCE_MM, f"0 or more, up to {MAX_DISTANCE_MM:g}")
-        elif name in ("mean", "x", "y", "z"):
-            expected = f"a number between -{MAX_DISTANCE_MM:g} and {MAX_DISTANCE_MM:g}"
-            _expect(message, name, abs(value) <= MAX_DISTANCE_MM, expected)
-        elif name in ("most", "scale_clip"):
-            _expect(message, name, value >= 0, "0 or more")
-        elif name == "penetration":
-            _expect(message, name, not np.isnan(value), "a depth in mm")
-        elif name == "scale_mean":
-            _expect(message, name, 0 < value <= MAX_DISTANCE_MM, "a factor above 0")
-        elif name in ("any", "independent", "wide", "blend") and value is not None:
-            _expect(message, name, 0 <= value <= 1, "a fraction, 0 to 1")
+def _messages(message: Any) -> Iterator[Any]:
+    """The message and all messages in it."""
+    yield message
+    for field in fields(message):
+        value = getattr(message, field.name)
+        for part in value if isinstance(value, tuple) else (value,):
+            if is_dataclass(part):
+                yield from _messages(part)
+
+
+def _check_numbers(message: Any) -> None:
+    """Check each number of a message alone, and ranges and Beta distributions."""
+    for names, (is_right, expected) in _NUMBERS.items():
+        for name in names:
+            value = getattr(message, name, None)
+            _expect(message, name, value is None or is_right(value), expected)
+    if isinstance(message, RangeParameter):
+        right = 0 < message.low <= message.high <= MAX_DISTANCE_MM
+        _expect(message, "low", right, f"0 < low <= high <= {MAX_DISTANCE_MM:g}, in mm")
+    elif isinstance(message, (BetaParameter, BetweenParameter)):
+        _expect(message, "a", 0 < message.a < np.inf and 0 < message.b < np.inf, "a and b > 0")
 
 
 def _check_sizes(prior: PosePrior, skeleton: Skeleton) -> None:
     """Check that no size or bone length can be drawn below 0."""
-    expected = "less than 1 / scale_clip, so that none is below 0"
-    _expect(prior, "scale_std", not prior.scale_std or prior.scale_std * prior.scale_clip < prior.scale_mean, expected)
-    _expect(prior, "bone_std", not prior.bone_std or prior.bone_std * prior.scale_clip < 1, expected)
+    drawn: list[tuple[object, str, float]] = [(prior, "scale_std", prior.scale_mean), (prior, "bone_std", 1.0)]
+    for message, name, mean in (*drawn, *((group, "std", 1.0) for group in prior.proportion)):
+        std = getattr(message, name)
+        expected = "less than 1 / scale_clip, so that none is below 0"
+        _expect(message, name, not std or std * prior.scale_clip < mean, expected)
     for group in prior.proportion:
-        _expect(group, "std", not group.std or group.std * prior.scale_clip < 1, expected)
         for joint in group.joint:
-            if joint not in skeleton.joint_names:
-                raise _unknown(group, "joint", joint, skeleton.joint_names)
+            _known(group, "joint", joint, skeleton.joint_names)
 
 
 def _check_center(prior: PosePrior, skeleton: Skeleton) -> None:
@@ -275,6 +271,7 @@ def _check_center(prior: PosePrior, skeleton: Skeleton) -> None:
         for name in ("center_jitter", "center_jitter_wide"):
             _expect(prior, name, not getattr(prior, name), "a center { ... } to be away from")
         return
+    _known(prior.center, "joint", prior.center.joint, skeleton.joint_names)
     joint = skeleton.joint_names.index(prior.center.joint)
     carries = skeleton.parents[joint] < 0 and len(translations(skeleton, joint)) == 3
     _expect(prior.center, "joint", carries, "one without a parent that translates along X, Y and Z")
@@ -289,38 +286,31 @@ def translations(skeleton: Skeleton, joint: int) -> dict[int, int]:
 def _check_dofs(prior: PosePrior, skeleton: Skeleton) -> None:
     """Check that every DoF exists and is drawn once, and that those that need limits have them."""
     chains = [chain for bend in prior.bend for chain in bend.chain]
-    turned: list[tuple[object, str]] = [(turn, turn.dof) for turn in prior.turn]
     several: list[ChainParameter | SpreadParameter | BetweenParameter] = [*chains, *prior.spread, *prior.between]
-    limited: list[tuple[object, str]] = [(message, dof) for message in several for dof in message.dof]
+    drawn: list[tuple[object, str]] = [(turn, turn.dof) for turn in prior.turn]
+    drawn += [(message, dof) for message in several for dof in message.dof]
     seen: set[str] = set()
-    for message, dof in (*turned, *limited):
-        if dof not in skeleton.dof_names:
-            raise _unknown(message, "dof", dof, skeleton.dof_names)
+    for message, dof in drawn:
+        _known(message, "dof", dof, skeleton.dof_names)
         _expect(message, "dof", dof not in seen, f"DoF {dof!r} once")
         d = skeleton.dof_names.index(dof)
         _expect(message, "dof", not skeleton.fixed[d], f"no fixed DoF such as {dof!r}")
-        seen.add(dof)
-    for message, dof in limited:
-        d = skeleton.dof_names.index(dof)
-        bounded = np.isfinite(skeleton.lower[d]) and np.isfinite(skeleton.upper[d])
+        bounded = isinstance(message, TurnParameter) or np.isfinite([skeleton.lower[d], skeleton.upper[d]]).all()
         _expect(message, "dof", bool(bounded), f"limits of DoF {dof!r} in {prior.skeleton}")
+        seen.add(dof)
 
 
-def _check_poses(prior: PosePrior, skeleton: Skeleton) -> None:
-    """Check that the chains and DoFs of poses exist, and that values are fractions of their ranges."""
+def _check_poses(prior: PosePrior) -> None:
+    """Check that the chains and DoFs of poses exist, and that each is given once."""
     chains = [chain.name for bend in prior.bend for chain in bend.chain]
     drawn = [dof for spread in prior.spread for dof in spread.dof]
     drawn += [dof for between in prior.between for dof in between.dof]
-    names: set[str] = set()
-    for pose in prior.pose:
-        _expect(pose, "name", pose.name not in names, f"pose {pose.name!r} once")
-        names.add(pose.name)
+    for n, pose in enumerate(prior.pose):
+        _expect(pose, "name", pose.name not in [other.name for other in prior.pose[:n]], f"pose {pose.name!r} once")
         for parts, known in ((pose.bend, chains), (pose.at, drawn)):
             for i, part in enumerate(parts):
-                if part.of not in known:
-                    raise _unknown(part, "of", part.of, known)
+                _known(part, "of", part.of, known)
                 _expect(part, "of", part.of not in [other.of for other in parts[:i]], f"{part.of!r} once in a pose")
-                _expect(part, "part", 0 <= part.part <= 1, "a part of the range, 0 to 1")
     _expect(prior, "blend", not prior.blend or bool(prior.pose), "a pose { ... } to be between")
 
 
@@ -329,6 +319,7 @@ def _expect(message: object, field: str, true: bool, expected: str) -> None:
         raise PrototxtError(schema.position_of(message, field), f"{field}: expected {expected}")
 
 
-def _unknown(message: object, field: str, name: str, known: Iterable[str]) -> PrototxtError:
-    advice = did_you_mean(name, known) or f"; expected one of {', '.join(known)}"
-    return PrototxtError(schema.position_of(message, field), f"unknown {field} {name!r}{advice}")
+def _known(message: object, field: str, name: str, known: Collection[str]) -> None:
+    if name not in known:
+        advice = did_you_mean(name, known) or f"; expected one of {', '.join(known)}"
+        raise PrototxtError(schema.position_of(message, field), f"unknown {field} {name!r}{advice}")

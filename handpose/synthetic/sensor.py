@@ -57,32 +57,17 @@ class Sensor:
 KINECT = Sensor()
 # Short-range coded light (RealSense SR300 and SR305): fine steps, torn edges, more holes.
 CODED_LIGHT = Sensor(
-    pixel_shift=(0.0, 0.5),
-    block_shift=(0.0, 0.4),
-    baseline=48.0,
-    disparity_noise=(0.0, 0.15),
-    disparity_step=0.03125,
-    flying=(0.0, 0.1),
-    dropout=(0.0, 0.4),
-    holes=(0.0, 0.02),
+    pixel_shift=(0.0, 0.5), block_shift=(0.0, 0.4), baseline=48.0, disparity_noise=(0.0, 0.15), disparity_step=0.03125,
+    flying=(0.0, 0.1), dropout=(0.0, 0.4), holes=(0.0, 0.02),
 )
 # Time of flight (Kinect v2, Azure Kinect): no blocks and no steps, noise of millimetres, flying pixels.
 TIME_OF_FLIGHT = Sensor(
-    pixel_shift=(0.0, 0.3),
-    block_shift=(0.0, 0.0),
-    baseline=0.0,
-    depth_noise=(0.5, 5.0),
-    flying=(0.1, 0.5),
-    dropout=(0.0, 0.3),
-    holes=(0.0, 0.004),
+    pixel_shift=(0.0, 0.3), block_shift=(0.0, 0.0), baseline=0.0, depth_noise=(0.5, 5.0), flying=(0.1, 0.5),
+    dropout=(0.0, 0.3), holes=(0.0, 0.004),
 )
 # A Kinect with large errors.
 NOISY_KINECT = Sensor(
-    pixel_shift=(0.2, 0.6),
-    block_shift=(0.4, 1.2),
-    disparity_noise=(0.05, 0.2),
-    dropout=(0.05, 0.3),
-    holes=(0.0, 0.015),
+    pixel_shift=(0.2, 0.6), block_shift=(0.4, 1.2), disparity_noise=(0.05, 0.2), dropout=(0.05, 0.3), holes=(0.0, 0.015)
 )
 
 

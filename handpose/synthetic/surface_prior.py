@@ -82,12 +82,7 @@ def draw_capsules(
 
 
 def _least_towards_camera(
-    rng: np.random.Generator,
-    prior: SurfacePrior,
-    surface: Surface,
-    inputs: Array,
-    bones: Array,
-    scale: Array,
+    rng: np.random.Generator, prior: SurfacePrior, surface: Surface, inputs: Array, bones: Array, scale: Array,
     offset: Array,
 ) -> Array:
     """Ends (N, K, 3) with drawn limbs: of the first draw that does not point at the camera, or the best."""

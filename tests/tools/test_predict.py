@@ -12,7 +12,7 @@ import pytest
 
 import netlib
 from handpose import read_track
-from handpose.body.fingers import FINGERS
+from handpose.body.model import FINGERS
 from handpose.body.nyu import EVALUATION_JOINTS
 from handpose.estimate import packaged, pipeline, starts
 from handpose.frames.cameras import KINECT2

@@ -193,13 +193,13 @@ def joints_of(skeleton: Skeleton, hand: Side, xyz: ArrayLike) -> Array:
     return found
 
 
-def frames_of(skeleton: Skeleton, right: Array) -> HandFrames:
-    """The directions of a hand whose joints, of a right hand or mirrored, are ``right`` (K, 3) mm.
+def hand_frames(skeleton: Skeleton, hand: Side, xyz: Array) -> HandFrames:
+    """The directions of a hand of this side, mirrored if it is a left one, for joints (K, 3) mm in camera axes.
 
-    Raises DataError for other bodies than hands, and for degenerate hands: joints of the palm on a line or at one
-    point, bones without a length, or a metacarpal perpendicular to the palm.
+    Raises DataError for other bodies than hands, joints that are not finite, and degenerate hands: joints of the palm
+    on a line or at one point, bones without a length, or a metacarpal perpendicular to the palm.
     """
-    rest, right = _rest(skeleton), joints_of(skeleton, "right", right)
+    right, rest = joints_of(skeleton, hand, xyz) * mirror_of(hand), _rest(skeleton)
     moved = right[rest.palm_joints]
     R = best_rotation(rest.palm - rest.palm.mean(axis=0), moved - moved.mean(axis=0))
     points = rest.points @ right  # wrist, then cmc and mcp of every finger
@@ -233,14 +233,6 @@ def frames_of(skeleton: Skeleton, right: Array) -> HandFrames:
             a, b = _spread_and_bend(d, rest.ahead[finger])
             back[finger] = M @ (rotation(2, a) @ rotation(0, b))[:, 2]
     return HandFrames(dorsal, radial, bones, back, palm)
-
-
-def hand_frames(skeleton: Skeleton, hand: Side, xyz: Array) -> HandFrames:
-    """The directions of a hand of this side, mirrored if it is a left one, for joints (K, 3) mm in camera axes.
-
-    Raises DataError for other bodies than hands, joints that are not finite, and degenerate hands (``frames_of``).
-    """
-    return frames_of(skeleton, joints_of(skeleton, hand, xyz) * mirror_of(hand))
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.fit.joints.fit_joints import fit_joints
-from handpose.fit.joints.pose_problem import JointFit
+from handpose.fit.joints.fit_joints import JointFit, fit_joints
 from layers.hand.skeleton import Skeleton
 from netlib import files
 from netlib.blob import Array
@@ -45,13 +44,8 @@ class AbsoluteFit:
 
 
 def fit_absolute(
-    skeleton: Skeleton,
-    xyz: Array,
-    half_cube: Array,
-    joints: Sequence[int],
-    *,
-    fit: Callable[..., JointFit] = fit_joints,
-    **options: Any,
+    skeleton: Skeleton, xyz: Array, half_cube: Array, joints: Sequence[int], *,
+    fit: Callable[..., JointFit] = fit_joints, **options: Any,
 ) -> AbsoluteFit:
     """Fit the hand to joints (N, K, 3) in mm, whose unit of the skeleton is ``half_cube`` (N,) mm. Raises DataError.
 

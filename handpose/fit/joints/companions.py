@@ -31,8 +31,6 @@ from netlib.files.paths import exists
 
 VERSION = 3  # increase after a change of the code that changes the angles
 
-Done = Callable[[int, Path, Array], object]  # number of a companion from 1 on, the file, its residuals
-
 
 def companions_of(files: Sequence[Path], out: Path) -> list[Path]:
     """The path of each file's companion. Raises DataError if two of them, or a file and its own, are the same."""
@@ -49,18 +47,14 @@ def companions_of(files: Sequence[Path], out: Path) -> list[Path]:
 
 
 def fit_list(
-    files: Sequence[Path],
-    out: Path,
-    name: str,
-    skeleton: Skeleton,
-    *,
-    on_done: Done = lambda number, target, residuals: None,
-    **options: Any,
+    files: Sequence[Path], out: Path, name: str, skeleton: Skeleton, *,
+    on_done: Callable[[int, Path, Array], object] = lambda number, target, residuals: None, **options: Any,
 ) -> tuple[Array, Array]:
     """Write the companions of all files to a folder, with a list of this name. Raises DataError.
 
-    Returns the inputs (N, D) of all frames and the residuals (N, K) in mm. ``on_done`` is called for each companion
-    when it is complete; ``options`` are those of ``fit_file``. Only companions of the same files are replaced.
+    Returns the inputs (N, D) of all frames and the residuals (N, K) in mm. ``on_done`` is called for each complete
+    companion with its number from 1 on, its file and its residuals; ``options`` are those of ``fit_file``. Only
+    companions of the same files are replaced.
     """
     targets = companions_of(files, out)
     _refuse_others(files, targets, out / name)
@@ -88,13 +82,7 @@ def _refuse_others(files: Sequence[Path], targets: Sequence[Path], names: Path) 
 
 
 def fit_file(
-    path: Path,
-    target: Path,
-    skeleton: Skeleton,
-    *,
-    limits: bool = True,
-    ridge: float = 0.0,
-    starts: int = 4,
+    path: Path, target: Path, skeleton: Skeleton, *, limits: bool = True, ridge: float = 0.0, starts: int = 4,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Array:
     """Fit the frames of one file and write its companion atomically; returns the residuals (n, K) in mm.

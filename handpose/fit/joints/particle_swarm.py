@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from handpose.fit.joints.angles import rotations
-from handpose.fit.joints.pose_problem import JointFit, PoseProblem, checked
+from handpose.fit.joints.fit_joints import JointFit, PoseProblem, checked
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.engine import for_each
@@ -22,14 +22,8 @@ CONSTRICTION, ATTRACTION = 0.7298, 2.05  # Clerc and Kennedy (2002): the swarm c
 
 
 def fit_joints_by_swarm(
-    skeleton: Skeleton,
-    targets: ArrayLike,
-    joints: Sequence[int] | None = None,
-    *,
-    particles: int = 128,
-    generations: int = 200,
-    seed: int = 0,
-    progress: Callable[[int], None] = lambda done: None,
+    skeleton: Skeleton, targets: ArrayLike, joints: Sequence[int] | None = None, *, particles: int = 128,
+    generations: int = 200, seed: int = 0, progress: Callable[[int], None] = lambda done: None,
 ) -> JointFit:
     """Fit every frame independently, within the limits. Raises DataError.
 

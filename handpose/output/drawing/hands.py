@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.body.fingers import FINGERS
+from handpose.body.model import FINGERS
 from handpose.body.nyu import CUBE_MM
 from handpose.frames.cameras import NYU, Camera
 from handpose.frames.crops import crop_pixels, restore_joints

@@ -25,10 +25,10 @@ import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from handpose.body.fingers import FINGERS, has_fingers
 from handpose.body.gestures import GestureReader
 from handpose.body.joint_formats.formats import FormatName
 from handpose.body.joint_formats.frames import hand_frames
+from handpose.body.model import FINGERS, has_fingers
 from handpose.output.tracks import joint_values
 from handpose.output.tracks.growing import GrowingFile, TrackWriter
 from handpose.output.tracks.json_values import free_dofs

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from handpose.body.fingers import FINGERS
 from handpose.body.joint_formats.formats import FormatName
 from handpose.body.joint_formats.frames import hand_frames
+from handpose.body.model import FINGERS
 from handpose.body.sides import Side, side_of
 from handpose.fit.pose_confidence import unknown_finger_errors
 from handpose.frames.cameras import Camera

@@ -6,16 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from handpose.body.model import Surface
+from handpose.body.model import FINGERS, Fingers, Surface, has_fingers
 from handpose.body.render import Capsules
-from handpose.frames.cameras import NYU
+from handpose.fit.body import CapsuleModel
 from layers.hand import skeleton as skeletons
-from layers.hand.skeleton import Skeleton
-from layers.hand.skeleton_file import SkeletonParameter, text_of
+from layers.hand.skeleton_file import text_of
 from netlib.errors import NetlibError, PrototxtError
-from netlib.proto import prototxt, schema
-from tests.handpose.whole_images import render_image
 from tests.support.bad_input import bad_inputs
+from tests.support.made_tracks import any_skeleton, skeleton_of
 
 HAND = skeletons.load()
 SURFACE_BLOCK = Surface(HAND)
@@ -34,14 +32,9 @@ flesh {
 """
 
 
-def body(text: str) -> Skeleton:
-    """The skeleton described by a text."""
-    return Skeleton(schema.read(prototxt.parse(text), SkeletonParameter, "test"))
-
-
 def test_the_table_of_an_arm() -> None:
     """Names become indices; the surface's own joint and DoF follow the skeleton's."""
-    surface = Surface(body(ARM))
+    surface = Surface(skeleton_of(ARM))
     assert surface.whole.joint_names == ["root", "end", "tip"] and surface.skeleton.joint_names == ["root", "end"]
     assert (surface.start.tolist(), surface.end.tolist(), surface.limbs.tolist()) == ([0, 1], [1, 2], [False, True])
     np.testing.assert_array_equal(surface.radii, [[0.2, 0.2], [0.2, 0.1]])
@@ -53,7 +46,7 @@ def test_the_table_of_wedges() -> None:
     wedges = """wedge { joint: "root" joint: "end" joint: "tip" radius: 0.3 radius: 0.2 radius: 0.1 part: "web" }
       wedge { joint: "tip" joint: "end" joint: "side" radius: 0.1 radius: 0.2 radius: 0.4 }
       joint { name: "side" parent: "root" bone { axis: Y length: 1 } }"""
-    surface = Surface(body(ARM.replace("  offset", wedges + "\n  offset", 1)))
+    surface = Surface(skeleton_of(ARM.replace("  offset", wedges + "\n  offset", 1)))
     ends = list(zip(surface.start.tolist(), surface.end.tolist()))
     assert ends == [(0, 1), (0, 2), (1, 2), (2, 3), (1, 3), (0, 1), (1, 2)]
     assert surface.parts == ["web", "web", "web", "", "", "upper", ""]
@@ -64,59 +57,35 @@ def test_the_table_of_wedges() -> None:
 
 def test_offsets_turn_with_their_axes() -> None:
     """With the shoulder at a quarter turn and the elbow back, the offsets equal those worked out by hand."""
-    surface = Surface(body(ARM))
+    surface = Surface(skeleton_of(ARM))
     pose = surface.kinematics.forward(np.array([[0, np.pi / 2, -np.pi / 2, 0.0]]))
     np.testing.assert_allclose(surface.ends(pose)[0], [[0, 0, 0], [2 - 0.5, 0, 0], [3, 0, -0.25]], atol=1e-12)
     np.testing.assert_allclose(surface.ends(pose, size=2.0, offset=0.5)[0, 1], [1.5, 0, 0], atol=1e-12)
     np.testing.assert_allclose(surface.ends(pose, offset=0.0), pose.joints, atol=1e-12)
 
 
-def test_surface_lies_towards_the_palm() -> None:
-    """Seen from the palm, more surface is in front of the wrist than seen from the back; the joints are the same."""
-    inputs = np.zeros((2, len(SURFACE_BLOCK.whole.initial)))
-    inputs[:, :47] = -HAND.initial
-    inputs[1, HAND.dof_names.index("palm_rot_y")] += np.pi
-    pose = SURFACE_BLOCK.kinematics.forward(inputs)
-    ends, joints = SURFACE_BLOCK.ends(pose) * 150 + (0, 0, 800), pose.joints * 150 + (0, 0, 800)
-    own = ~SURFACE_BLOCK.limbs  # a forearm would hide the wrist
-    radii = np.stack([SURFACE_BLOCK.radii[own] * 150] * 2)
-    hand = Capsules(ends[:, SURFACE_BLOCK.start[own]], ends[:, SURFACE_BLOCK.end[own]], radii[..., 0], radii[..., 1])
-    at = NYU.project(joints)
-    for joint, least, most in (("wrist_middle", 14, 24), ("ring_mcp", 8, 18), ("ring_tip", -3, 3)):
-        k = HAND.joint_names.index(joint)
-        palm, back = (
-            joints[n, k, 2] - image[round(at[n, k, 1]), round(at[n, k, 0])]
-            for n, image in enumerate(render_image(hand, NYU))
-        )
-        assert least < palm - back < most
-
-
 def test_what_keeps_apart() -> None:
     """Parts of different digits, and digits and palm, are pairs; parts that touch at rest, or have no name, are not."""
-    name = [
-        f"{SURFACE_BLOCK.whole.joint_names[a]}-{SURFACE_BLOCK.whole.joint_names[b]}"
-        for a, b in zip(SURFACE_BLOCK.start, SURFACE_BLOCK.end)
-    ]
-    pairs = {frozenset((name[i], name[j])) for i, j in zip(*SURFACE_BLOCK.apart)}
+    names = SURFACE_BLOCK.whole.joint_names
+    ends = [(names[a], names[b]) for a, b in zip(SURFACE_BLOCK.start, SURFACE_BLOCK.end)]
+    pairs = {frozenset((ends[i], ends[j])) for i, j in zip(*SURFACE_BLOCK.apart)}
+    tip, thumb, ring = ("index_dip", "index_tip"), ("thumb_dip", "thumb_tip"), ("ring_dip", "ring_tip")
     for one, other in (
-        ("index_dip-index_tip", "middle_base-middle_pip_a"),
-        ("thumb_pip-thumb_dip", "index_base-index_pip_a"),
-        ("thumb_dip-thumb_tip", "wrist_left-little_mcp"),
-        ("ring_pip_b-ring_dip", "wrist_middle-index_mcp"),
+        (tip, ("middle_base", "middle_pip_a")), (thumb, ("wrist_left", "little_mcp")),
+        (("thumb_pip", "thumb_dip"), ("index_base", "index_pip_a")),
+        (("ring_pip_b", "ring_dip"), ("wrist_middle", "index_mcp")),
     ):
         assert frozenset((one, other)) in pairs
     for one, other in (
-        ("index_dip-index_tip", "index_base-index_pip_a"),
-        ("index_mcp-index_base", "middle_mcp-middle_base"),
-        ("ring_base-ring_pip_a", "wrist_left-ring_mcp"),
-        ("ring_dip-ring_tip", "wrist_middle-thumb_mcp"),
-        ("ring_dip-ring_tip", "forearm-elbow"),
+        (tip, ("index_base", "index_pip_a")), (("index_mcp", "index_base"), ("middle_mcp", "middle_base")),
+        (("ring_base", "ring_pip_a"), ("wrist_left", "ring_mcp")), (ring, ("wrist_middle", "thumb_mcp")),
+        (ring, ("forearm", "elbow")),
     ):
         assert frozenset((one, other)) not in pairs
 
 
 def test_penetration_of_two_arms() -> None:
-    crossed = body(
+    crossed = skeleton_of(
         """dof { name: "y" } joint { name: "a" } joint { name: "b" parent: "a" bone { axis: X length: 2 } }
         joint { name: "c" translate { axis: Y dof: "y" } } joint { name: "d" parent: "c" bone { axis: Z length: 2 } }
         joint { name: "e" parent: "c" bone { axis: Y length: 5 } }
@@ -128,13 +97,13 @@ def test_penetration_of_two_arms() -> None:
     np.testing.assert_allclose(surface.penetration(ends, np.stack([surface.radii] * 2)), [-4.2, 0.2])
     a, b, radii = ends[:, surface.start], ends[:, surface.end], np.stack([surface.radii] * 2)
     np.testing.assert_allclose(surface.mean_penetration(Capsules(a, b, radii[..., 0], radii[..., 1])), [0, 0.2])
-    alone = Surface(body(ARM))
+    alone = Surface(skeleton_of(ARM))
     assert alone.penetration(np.zeros((1, 3, 3)), alone.radii[None]) == -np.inf
 
 
 def test_surface_is_written_and_scaled_with_its_body() -> None:
-    assert body(text_of(HAND.param, "hand", "")).param.flesh == HAND.param.flesh
-    surface, twice = Surface(body(ARM)), Surface(body(ARM).scaled(2))
+    assert skeleton_of(text_of(HAND.param, "hand", "")).param.flesh == HAND.param.flesh
+    surface, twice = Surface(skeleton_of(ARM)), Surface(skeleton_of(ARM).scaled(2))
     inputs = np.full((1, 4), 0.3)
     inputs[:, 0] = 0
     np.testing.assert_allclose(twice.radii, 2 * surface.radii)
@@ -148,7 +117,7 @@ FLESH = ARM[ARM.index("flesh") :]
 
 
 @bad_inputs(PrototxtError, {
-    f"{old} -> {new}": ((old, new), f"<text>:{line}") for old, new, line in (
+    f"{old} -> {new}": ((old, new), f"body.prototxt:{line}") for old, new, line in (
         ('from: "root"', 'from: "rot"', "10:13: error: unknown joint 'rot' (did you mean 'root'?)"),
         ('offset { joint: "tip"', 'offset { joint: "tp"', "9:12: error: unknown joint 'tp' (did you mean 'tip'?)"),
         ('axes: "root"', 'axes: "rooot"', "8:25: error: unknown joint 'rooot' (did you mean 'root'?)"),
@@ -176,4 +145,29 @@ FLESH = ARM[ARM.index("flesh") :]
 def test_mistakes(given: tuple[str, str], rejected: Any) -> None:
     assert ARM.count(given[0]) == 1
     with rejected:
-        Surface(body(ARM.replace(*given)))
+        Surface(skeleton_of(ARM.replace(*given)))
+
+
+def test_the_joints_of_each_finger(model: CapsuleModel) -> None:
+    """Three points of each finger: the middle of its two points at the PIP joint, the DIP joint and the tip."""
+    names = model.skeleton.joint_names
+    joints = np.random.default_rng(0).normal(size=(2, len(names), 3))
+    found = Fingers(model.surface).joints(joints)
+    assert found.shape == (2, 5, 3, 3)
+    a, b = (joints[1, names.index(f"ring_pip_{end}")] for end in "ab")
+    np.testing.assert_allclose(found[1, FINGERS.index("ring"), 0], (a + b) / 2)
+    for row, point in enumerate(("thumb_pip", "thumb_dip", "thumb_tip")):
+        np.testing.assert_allclose(found[0, 0, row], joints[0, names.index(point)])
+
+
+def test_the_surface_of_each_finger(model: CapsuleModel) -> None:
+    """Every finger has capsules, to its tip; none belongs to two fingers or to the arm."""
+    surface = model.surface
+    capsules = Fingers(surface).capsules
+    assert capsules.sum(axis=0).max() == 1 and not (capsules & surface.limbs).any()
+    for finger, own in zip(FINGERS, capsules, strict=True):
+        assert model.skeleton.joint_names.index(f"{finger}_tip") in surface.end[own]
+
+
+def test_bodies_without_fingers() -> None:
+    assert has_fingers(HAND) and not has_fingers(any_skeleton(1))

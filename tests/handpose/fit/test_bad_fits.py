@@ -22,7 +22,7 @@ from tests.handpose.body.test_surface_model import ARM
 from tests.handpose.fit import test_root_motion
 from tests.handpose.fit.conftest import Scene
 from tests.handpose.fit.test_body import body
-from tests.handpose.fit.test_depth_residuals import PIPE
+from tests.handpose.fit.test_residuals import PIPE
 from tests.support.bad_input import bad_inputs
 
 HAND = skeleton.load()
@@ -71,10 +71,10 @@ def test_what_cannot_be_fitted(given: Callable[[], object], rejected: Any) -> No
     "starts": (lambda fit, x, scene: fit.fit(scene.seen, [x], ACCURATE),
                "1 starts, expected 4 for the plan 'accurate'"),
     "frames": (lambda fit, x, scene: fit.fit(scene.seen, [x[:11]], FAST), "starts of 11 frames for 12 crops"),
-    "few frames": (lambda fit, x, scene: calibrate_size(fit, scene.seen.take(slice(0, 4)), scene.truth[:4]),
+    "few frames": (lambda fit, x, scene: calibrate_size(fit, scene.seen.take(slice(0, 4)), scene.truth[:4], np.ones(3)),
                    "4 frames to estimate a hand's size from, expected 5 or more"),
 })
 def test_mistakes(model: CapsuleModel, scene: Scene, given: Callable[..., object], rejected: Any) -> None:
     """The number of starts must match the quarter turns, the number of frames the crops; a size needs 5 frames."""
     with rejected:
-        given(DepthFitter(model), model.variables_of(model.inputs_of(scene.truth)), scene)
+        given(DepthFitter(model), scene.truth, scene)

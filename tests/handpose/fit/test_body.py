@@ -7,18 +7,16 @@ import pytest
 
 from handpose.fit.body import SIZE, THICKNESS, CapsuleModel
 from layers.hand.bodies import kinematics_of
-from layers.hand.skeleton import Skeleton
-from layers.hand.skeleton_file import SkeletonParameter
-from netlib.proto import prototxt, schema
 from tests.handpose.body.test_surface_model import ARM
 from tests.handpose.fit.conftest import slopes
+from tests.support.made_tracks import skeleton_of
 
 COUPLED = ARM.replace('rotate { axis: Z dof: "elbow" }', 'rotate { axis: Z dof: "shoulder" }')
 
 
 def body(text: str) -> CapsuleModel:
     """The surface of a skeleton given as text; one unit is 10 mm."""
-    return CapsuleModel(Skeleton(schema.read(prototxt.parse(text), SkeletonParameter, "test")), 10.0)
+    return CapsuleModel(skeleton_of(text), 10.0)
 
 
 def exact_ends(model: CapsuleModel, x: np.ndarray) -> np.ndarray:

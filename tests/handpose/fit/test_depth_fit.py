@@ -7,8 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handpose.body.model import Surface
-from handpose.body.render import Capsules, normalise_depth, render_crop
 from handpose.fit.body import CapsuleModel
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.network_errors import LOST_MM, NetworkErrors
@@ -16,30 +14,8 @@ from handpose.fit.observation import observe
 from handpose.fit.rounding import NETWORK_STEP, rounded
 from handpose.fit.search import ACCURATE, FAST, Plan
 from handpose.frames.cameras import NYU
-from layers.hand.skeleton import Skeleton
-from layers.hand.skeleton_file import SkeletonParameter
 from netlib import engine
-from netlib.proto import prototxt, schema
-from tests.handpose.fit.conftest import Scene
-from tests.handpose.fit.test_descent import error, start_of
-
-# Three bones in a row, unlike a hand: moves in space, turns about all axes, has two bending joints.
-WORM = """name: "worm"
-dof { name: "x" } dof { name: "y" } dof { name: "z" } dof { name: "rz" } dof { name: "rx" } dof { name: "ry" }
-dof { name: "bend" lower: -1.5 upper: 1.5 } dof { name: "curl" lower: -1.5 upper: 1.5 }
-joint { name: "tail" translate { axis: X dof: "x" } translate { axis: Y dof: "y" } translate { axis: Z dof: "z" }
-        rotate { axis: Z dof: "rz" } rotate { axis: X dof: "rx" } rotate { axis: Y dof: "ry" } }
-joint { name: "side" parent: "tail" bone { axis: Y length: 0.3 } }
-joint { name: "one" parent: "tail" bone { axis: X length: 0.5 } }
-joint { name: "two" parent: "one" rotate { axis: Z dof: "bend" } bone { axis: X length: 0.4 } }
-joint { name: "three" parent: "two" rotate { axis: Z dof: "curl" } bone { axis: X length: 0.3 } }
-flesh {
-  capsule { from: "tail" to: "side" radius: 0.12 radius: 0.08 }
-  capsule { from: "tail" to: "one" radius: 0.12 radius: 0.1 }
-  capsule { from: "one" to: "two" radius: 0.1 radius: 0.08 }
-  capsule { from: "two" to: "three" radius: 0.08 radius: 0.05 }
-}
-"""
+from tests.handpose.fit.conftest import Scene, error, start_of
 
 
 @pytest.fixture(scope="module")
@@ -67,49 +43,32 @@ def test_a_fast_fit(fitter: DepthFitter, scene: Scene) -> None:
 
 def test_more_starts_are_better_explained(fitter: DepthFitter, scene: Scene) -> None:
     """The accurate plan has a lower cost on average; its confidence is NaN, because its errors were not measured."""
-    inputs = fitter.model.inputs_of(start_of(scene, fitter.model))
-    fast = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], FAST)
-    accurate = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)] * 4, ACCURATE)
+    start = start_of(scene, fitter.model)
+    fast, accurate = fitter.fit(scene.seen, [start], FAST), fitter.fit(scene.seen, [start] * 4, ACCURATE)
     assert np.log(accurate.cost).mean() < np.log(fast.cost).mean()
     assert np.isnan(accurate.error_mm).all() and np.isnan(accurate.confidence).all()
 
 
 @pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)
-def test_frames_and_threads(fitter: DepthFitter, few: Scene, plan: Plan) -> None:
-    """A frame's fit is independent of other frames and of the number of threads, and is reproducible bit for bit."""
-    inputs = fitter.model.inputs_of(start_of(few, fitter.model))
-    quarters = len(plan.quarters)
-    whole = fitter.fit(few.seen, [fitter.model.variables_of(inputs)] * quarters, plan)
-    again = fitter.fit(few.seen, [fitter.model.variables_of(inputs)] * quarters, plan)
-    np.testing.assert_array_equal(whole.x, again.x)
-    one = fitter.fit(few.seen.take(slice(3, 4)), [fitter.model.variables_of(inputs[3:4])] * quarters, plan)
+def test_the_same_frames_give_the_same_bits(fitter: DepthFitter, few: Scene, plan: Plan) -> None:
+    """A fit does not depend on other frames, the number of threads, and differences of predictions by 1e-7."""
+    start, quarters, threads = start_of(few, fitter.model), len(plan.quarters), engine.get().threads()
+    whole = fitter.fit(few.seen, [start] * quarters, plan)
+    one = fitter.fit(few.seen.take(slice(3, 4)), [start[3:4]] * quarters, plan)
     np.testing.assert_allclose(one.joints[0], whole.joints[3], atol=1e-6)
-    threads = engine.get().threads()
+    nearly = start + np.random.default_rng(0).normal(0, 1e-7, start.shape) * (start != 0)
     try:
         engine.get().set_threads(1)
-        np.testing.assert_array_equal(
-            fitter.fit(few.seen, [fitter.model.variables_of(inputs)] * quarters, plan).x, whole.x
-        )
+        np.testing.assert_array_equal(fitter.fit(few.seen, [nearly] * quarters, plan).x, whole.x)
     finally:
         engine.get().set_threads(threads)
-
-
-@pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)
-def test_last_bits_of_predictions_change_nothing(fitter: DepthFitter, few: Scene, plan: Plan) -> None:
-    """Predictions that differ by 1e-7, as between two processors, give the same fit."""
-    inputs = fitter.model.inputs_of(start_of(few, fitter.model))
-    nearly = inputs + np.random.default_rng(0).normal(0, 1e-7, inputs.shape) * (inputs != 0)
-    quarters = len(plan.quarters)
-    found, again = (fitter.fit(few.seen, [fitter.model.variables_of(own)] * quarters, plan) for own in (inputs, nearly))
-    np.testing.assert_array_equal(found.x, again.x)
 
 
 def test_nothing_to_be_seen_is_no_hand(fitter: DepthFitter, scene: Scene) -> None:
     """An empty crop and a speck get confidence 0; the error stays finite, so that JSON can represent it."""
     crops = np.ones((2, 128, 128), np.float32)
     crops[1, 60:70, 60:70] = 0
-    inputs = fitter.model.inputs_of(scene.truth[:2])
-    found = fitter.fit(observe(crops, scene.center_uvd[:2], NYU, 300.0), [fitter.model.variables_of(inputs)], FAST)
+    found = fitter.fit(observe(crops, scene.center_uvd[:2], NYU, 300.0), [scene.truth[:2]], FAST)
     assert (found.confidence == 0).all() and (found.error_mm == LOST_MM).all() and np.isinf(found.uncertainty).all()
 
 
@@ -124,40 +83,11 @@ def test_less_is_sure_of_what_the_image_cuts(fitter: DepthFitter, scene: Scene) 
         np.testing.assert_array_equal(one.x, found[0].x)
 
 
-def test_a_known_size_is_kept(fitter: DepthFitter, scene: Scene) -> None:
-    """A known size is kept to within 0.002."""
-    inputs = fitter.model.inputs_of(start_of(scene, fitter.model))
-    found = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], FAST, size=1.07)
-    assert found.size == pytest.approx(1.07, abs=2e-3)
-
-
 def test_the_wrong_hand_explains_less(fitter: DepthFitter, scene: Scene) -> None:
     """From the true pose, every right hand costs less as a right hand than as its mirror image."""
-    inputs = fitter.model.inputs_of(scene.truth)
-    right = fitter.fit(scene.seen, [fitter.model.variables_of(inputs)] * 4, ACCURATE)
-    left = fitter.fit(scene.seen.mirrored(), [fitter.model.variables_of(inputs)] * 4, ACCURATE)
+    right = fitter.fit(scene.seen, [scene.truth] * 4, ACCURATE)
+    left = fitter.fit(scene.seen.mirrored(np.ones(12, bool)), [scene.truth] * 4, ACCURATE)
     assert (right.cost < left.cost).all()
-
-
-def test_any_body_with_surface() -> None:
-    """A worm of three bones, drawn at a known pose, is fitted from a start with errors of 0.15."""
-    skeleton = Skeleton(schema.read(prototxt.parse(WORM), SkeletonParameter, "worm"))
-    surface, rng = Surface(skeleton), np.random.default_rng(0)
-    inputs = np.zeros((8, 8))
-    inputs[:, 3:6] = rng.normal(0, 0.5, (8, 3))
-    inputs[:, 6:] = rng.uniform(-1, 1, (8, 2))
-    uvd = np.tile([320.0, 240, 700], (8, 1))
-    ends = surface.ends(surface.kinematics.forward(inputs)) * 150 + NYU.unproject(uvd)[:, None]
-    radii = np.tile(surface.radii * 150, (8, 1, 1))
-    capsules = Capsules(ends[:, surface.start], ends[:, surface.end], radii[..., 0], radii[..., 1])
-    crops = normalise_depth(render_crop(capsules, uvd, 300.0), uvd[:, 2], 300.0)
-    fitter = DepthFitter(CapsuleModel(skeleton, 150.0))
-    start = inputs + rng.normal(0, 0.15, inputs.shape)
-    found = fitter.fit(observe(crops, uvd, NYU, 300.0), [fitter.model.variables_of(start)] * 4, ACCURATE)
-    truth = surface.kinematics.joints(inputs) * 150
-    before = np.linalg.norm(surface.kinematics.joints(start) * 150 - truth, axis=2).mean(axis=1)
-    after = np.linalg.norm(found.joints - truth, axis=2).mean(axis=1)
-    assert np.median(after) < 3 and before.mean() > 15
 
 
 def test_from_the_frame_before(fitter: DepthFitter, scene: Scene) -> None:
@@ -178,28 +108,27 @@ def test_from_the_frame_before(fitter: DepthFitter, scene: Scene) -> None:
     assert (accurate.start == 4).mean() > 0.5
 
 
-@pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)
-def test_frames_without_a_frame_before(fitter: DepthFitter, few: Scene, plan: Plan) -> None:
+def test_frames_without_a_frame_before(fitter: DepthFitter, few: Scene) -> None:
     """A frame with NaN as its previous frame is fitted as if it had none; the other frames are not affected."""
-    starts = [few.truth + np.random.default_rng(q).normal(0, 0.1, few.truth.shape) for q in plan.quarters]
+    starts = [few.truth + np.random.default_rng(q).normal(0, 0.1, few.truth.shape) for q in ACCURATE.quarters]
     before = few.truth.copy()
     before[::2] = np.nan
-    found = fitter.fit(few.seen, starts, plan, before=before)
-    alone = fitter.fit(few.seen, starts, plan)
-    followed = fitter.fit(few.seen, starts, plan, before=few.truth)
+    found = fitter.fit(few.seen, starts, ACCURATE, before=before)
+    alone = fitter.fit(few.seen, starts, ACCURATE)
+    followed = fitter.fit(few.seen, starts, ACCURATE, before=few.truth)
     np.testing.assert_array_equal(found.x[::2], alone.x[::2])
     np.testing.assert_array_equal(found.x[1::2], followed.x[1::2])
 
 
-def test_sizes_of_several_hands(fitter: DepthFitter, scene: Scene) -> None:
-    """Each frame can have its own known size, which also holds for the start from the previous frame."""
-    inputs, sizes = fitter.model.inputs_of(scene.truth), np.linspace(0.9, 1.1, len(scene.truth))
-    for found in (
-        fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], FAST, size=sizes),
-        fitter.fit(scene.seen, [fitter.model.variables_of(inputs)], FAST, size=sizes, before=scene.truth),
-        fitter.follow(scene.seen, scene.truth, np.zeros(12), FAST, size=sizes),
+def test_known_sizes_are_kept(fitter: DepthFitter, scene: Scene) -> None:
+    """All frames have a known size, or each its own, which also holds for the start from the previous frame."""
+    sizes = np.linspace(0.9, 1.1, len(scene.truth))
+    for found, size in (
+        (fitter.fit(scene.seen, [scene.truth], FAST, size=1.07), 1.07),
+        (fitter.fit(scene.seen, [scene.truth], FAST, size=sizes, before=scene.truth), sizes),
+        (fitter.follow(scene.seen, scene.truth, np.zeros(12), FAST, size=sizes), sizes),
     ):
-        np.testing.assert_allclose(found.size, sizes, atol=3e-3)
+        np.testing.assert_allclose(found.size, size, atol=3e-3)
 
 
 @pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)

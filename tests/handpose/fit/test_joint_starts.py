@@ -6,12 +6,7 @@ import numpy as np
 
 from handpose.fit.body import SIZE, CapsuleModel
 from handpose.fit.joint_starts import aligned, near_joints
-from tests.handpose.fit.conftest import Scene
-
-
-def error(model: CapsuleModel, x: np.ndarray, scene: Scene) -> np.ndarray:
-    """Mean distance (N,) of the joints from the true ones, in mm."""
-    return np.asarray(np.linalg.norm(model.joints(x) - scene.joints, axis=2).mean(axis=1))
+from tests.handpose.fit.conftest import Scene, error
 
 
 def test_true_joints(model: CapsuleModel, scene: Scene) -> None:

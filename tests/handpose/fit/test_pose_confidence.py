@@ -8,6 +8,7 @@ import pytest
 from handpose.fit.network_errors import LOST_MM
 from handpose.fit.pose_confidence import (
     CONSTANT,
+    FINGER_SPREAD,
     SIGNS,
     SPREAD,
     WEIGHTS,
@@ -18,6 +19,7 @@ from handpose.fit.pose_confidence import (
     pose_signs,
     side_chance,
     side_evidence,
+    unknown_finger_errors,
 )
 from handpose.fit.support import JointDepths, Support
 
@@ -100,3 +102,29 @@ def test_the_side_by_its_cost() -> None:
         == 1 - side_chance(side_evidence(100, 80))
     )
     assert side_chance(side_evidence(80, 400)) == side_chance(side_evidence(80, np.inf)) < 0.99
+
+
+SEEN = {"behind": np.zeros((1, 5)), "before": np.zeros((1, 5)), "lag_mm": np.zeros((1, 5)), "seen": np.ones((1, 5))}
+
+
+def test_finger_errors_worked_by_hand() -> None:
+    """A seen finger of a hand with 1 mm has the constant; each sign adds its weight, of its finger alone."""
+    hand = np.ones(1)
+    constant = np.exp(0.715 + FINGER_SPREAD**2 / 2)
+    np.testing.assert_allclose(finger_errors(hand, **SEEN), [[constant] * 5])
+    np.testing.assert_allclose(finger_errors(hand * np.e, **SEEN), [[constant * np.exp(0.327)] * 5])
+    weights = {
+        "behind": (np.e - 1, 0.270),
+        "before": (np.e - 1, 0.118),
+        "lag_mm": (np.e - 1, 0.095),
+        "seen": (-1, 0.291),
+    }
+    for sign, (change, weight) in weights.items():
+        worse = finger_errors(hand, **SEEN | {sign: SEEN[sign] + change * (np.arange(5) == 2)})
+        np.testing.assert_allclose(worse[0], constant * np.exp([0, 0, weight, 0, 0]))
+
+
+def test_finger_errors_are_bounded() -> None:
+    """The largest error is that of a lost hand, and without knowledge it is NaN."""
+    assert finger_errors(np.array([LOST_MM]), **SEEN | {"behind": np.full((1, 5), 1e6)}) == pytest.approx(LOST_MM)
+    assert np.isnan(unknown_finger_errors()).all() and unknown_finger_errors().shape == (5,)

@@ -3,10 +3,161 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from handpose.fit.body import CapsuleModel
-from handpose.fit.residuals import Residuals, belonging, cones_of, joined, normal_equations
-from tests.handpose.fit.conftest import slopes, written_out
+from handpose.fit.observation import Observation, observe
+from handpose.fit.residuals import (
+    Cones,
+    Residuals,
+    belonging,
+    cones_of,
+    nearest_capsules,
+    normal_equations,
+    point_residuals,
+    sphere_residuals,
+)
+from handpose.frames.cameras import NYU
+from tests.handpose.fit.conftest import Scene, written_out
+from tests.handpose.fit.test_body import body
+
+PIPE = """name: "pipe" dof { name: "x" } dof { name: "turn" }
+joint { name: "a" translate { axis: X dof: "x" } rotate { axis: Z dof: "turn" } }
+joint { name: "b" parent: "a" bone { axis: X length: 10 } }
+flesh { capsule { from: "a" to: "b" radius: %g radius: %g } }
+"""
+
+
+def pipe(ra: float = 1, rb: float = 1) -> CapsuleModel:
+    """A capsule along x, 100 mm long; radii in cm."""
+    return body(PIPE % (ra, rb))
+
+
+def cones_at(model: CapsuleModel, x: np.ndarray) -> Cones:
+    """All capsules at variables x."""
+    return cones_of(model, model.posed(x))
+
+
+def spheres_of(model: CapsuleModel) -> np.ndarray:
+    """The capsules of the skeleton's own joints."""
+    return np.flatnonzero(~model.surface.limbs)
+
+
+def looking(points: np.ndarray) -> Observation:
+    """Points (P, 3) seen by a distant camera along z."""
+    P = len(points)
+    rays = np.tile(np.array([[0], [0], [1]], np.float32), (1, 1, P))
+    zero = np.zeros((1, 128, 128), np.float32)
+    one = np.ones(1, np.float32)
+    return Observation(points.T[None].astype(np.float32), rays, np.ones((1, P), np.float32), np.zeros(1, int), zero,
+                       zero, np.zeros((1, 3), np.float32), one, one[:, None], one[:, None], 0 * one)
+
+
+@pytest.mark.parametrize(
+    ("point", "place", "values"),
+    [
+        ((50, 0, -10), 0.5, (0, 0)),  # on the facing side
+        ((50, 0, -13), 0.5, (3, 0)),  # in front of it
+        ((50, 0, -6), 0.5, (-4, 0)),  # inside
+        ((-7, 0, 0), 0.0, (-3, 0)),  # at the round end
+        ((50, 10, 0), 0.5, (0, 0)),  # on the outline
+        ((50, 4, 8), 0.5, (-6, 8)),  # behind: to the outline, sideways and along the ray
+        ((50, 0, 10), 0.5, (-10, 10)),  # on the far side, which the camera cannot see
+    ],
+)
+def test_residuals_of_a_pipe(point: tuple[float, ...], place: float, values: tuple[float, ...]) -> None:
+    """The residuals equal values worked out by hand."""
+    model = pipe()
+    found = point_residuals(cones_at(model, np.zeros((1, 4))), looking(np.array([point])), np.zeros((1, 1), int))
+    assert found.place[0, 0] == pytest.approx(place)
+    assert found.value[0, :, 0] == pytest.approx(values, abs=1e-3)
+
+
+def test_the_surface_of_a_cone() -> None:
+    """For different radii, points on the tangent cone have residual 0, at any place along it."""
+    model, (a, b, ra, rb) = pipe(2, 1), (0.0, 100.0, 20.0, 10.0)
+    tilt = np.arcsin((ra - rb) / (b - a))
+    s = np.linspace(0.05, 0.9, 9)
+    r = ra + s * (rb - ra)
+    points = np.stack([s * b + r * np.sin(tilt), 0 * s, -r * np.cos(tilt)], axis=1)
+    found = point_residuals(cones_at(model, np.zeros((1, 4))), looking(points), np.zeros((1, 9), int))
+    np.testing.assert_allclose(found.value, 0, atol=1e-3)
+    np.testing.assert_allclose(found.place[0], s, atol=1e-4)
+
+
+def test_how_residuals_change(model: CapsuleModel, scene: Scene) -> None:
+    """With fixed capsules, direction and swelling are the residuals' derivatives by each variable.
+
+    This holds for the facing side only: the place of points behind it slides along the outline, to second order.
+    """
+    rng = np.random.default_rng(0)
+    x = scene.truth + rng.normal(0, 0.03, scene.truth.shape)
+    capsule = nearest_capsules(cones_at(model, x), scene.seen)
+
+    def values(x: np.ndarray) -> np.ndarray:
+        return point_residuals(cones_at(model, x), scene.seen, capsule).value.astype(float)
+
+    r = point_residuals(cones_at(model, x), scene.seen, capsule)
+    J = written_out(model, model.posed(x), r)
+    for v in range(model.variables):
+        d = np.zeros(model.variables)
+        d[v] = 2e-3
+        slope = (values(x + d) - values(x - d)) / 4e-3
+        front = (r.value[:, 1] == 0) & (slope[:, 1] == 0)
+        off = np.abs(slope - J[..., v])[:, 0][front]  # mm per radian
+        assert front.mean() > 0.7 and np.percentile(off, 95) < 2
+
+
+def test_the_nearest_of_all_capsules(model: CapsuleModel, scene: Scene) -> None:
+    """No other capsule is nearer by more than the effect of different radii."""
+    cones = cones_at(model, scene.truth)
+    chosen = nearest_capsules(cones, scene.seen)
+
+    def distance(capsule: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(point_residuals(cones, scene.seen, capsule).value, axis=1)
+
+    every = np.stack([distance(np.full(chosen.shape, m)) for m in range(len(model.start))])
+    assert (distance(chosen) - every.min(axis=0)).max() < 2
+
+
+def test_nothing_sticks_out_of_its_own_picture(model: CapsuleModel, scene: Scene) -> None:
+    """At the true pose few spheres lie where nothing was seen; if the hand is moved by 30 mm, many do."""
+    aside, near = np.tile(scene.truth, (2, 1, 1))
+    aside[:, 0] += 0.2
+    near[:, 2] -= 0.2
+    places = (cones_at(model, x) for x in (scene.truth, aside, near))
+    still, aside, near = (sphere_residuals(cones, scene.seen, spheres_of(model), 3.0).value for cones in places)
+    assert (still > 2).mean() < 0.02 and (aside[:, 0] > 2).mean() > 0.2 and (near[:, 1] > 10).mean() > 0.4
+
+
+def test_how_they_change(model: CapsuleModel, scene: Scene) -> None:
+    """The interpolated outline has an exact slope: active residuals change as direction and swelling predict."""
+    x = scene.truth.copy()
+    x[:, 0] += 0.1
+    r = sphere_residuals(cones_at(model, x), scene.seen, spheres_of(model), 3.0)
+    J = written_out(model, model.posed(x), r)[:, 0]
+    for v in range(0, model.variables, 3):
+        d = np.zeros(model.variables)
+        d[v] = 1e-3
+        both = [
+            sphere_residuals(cones_at(model, x + step), scene.seen, spheres_of(model), 3.0).value.astype(float)
+            for step in (d, -d)
+        ]
+        active = (both[0][:, 0] > 0) & (both[1][:, 0] > 0) & (r.value[:, 0] > 0)
+        off = np.abs((both[0] - both[1])[:, 0] / 2e-3 - J[..., v])[active]
+        assert active.sum() > 25 and np.percentile(off, 80) < 4  # mm per radian, except at borders of pixels
+
+
+def test_a_sphere_before_a_plate(model: CapsuleModel) -> None:
+    """The residual, worked out by hand, of a sphere in front of a plate that lies 30 mm behind the centre."""
+    seen = observe(np.full((1, 128, 128), 0.2, np.float32), [[320, 240, 700]], NYU, 300.0)
+    cones = cones_at(model, np.zeros((1, model.variables)))
+    found = sphere_residuals(cones, seen, spheres_of(model), 3.0)
+    c, radius = cones.of(belonging(found.capsule, len(model.start))).at(found.place)
+    expected = np.maximum(30 - (c[:, 2] - radius) - 3, 0)
+    shown = (np.abs(c[:, :2]) < 120).all(axis=1)
+    np.testing.assert_allclose(found.value[:, 1][shown], expected[shown], atol=1e-3)
+    assert (found.value[:, 0] == 0).all() and (found.place == 1).all()  # the plate fills the picture
 
 
 def some_residuals(model: CapsuleModel, rng: np.random.Generator, N: int, R: int) -> Residuals:
@@ -58,22 +209,3 @@ def test_the_order_of_points_changes_nothing(model: CapsuleModel) -> None:
         shuffled = Residuals(*(np.ascontiguousarray(values[..., order]) for values in r))
         for one, other in zip(found, normal_equations(model, posed, shuffled, weight[..., order])):
             np.testing.assert_array_equal(one, other)
-
-
-def test_how_a_point_moves(model: CapsuleModel) -> None:
-    """The motion of the ends, interpolated at the place, is the derivative of the point."""
-    rng = np.random.default_rng(1)
-    x, r = rng.normal(0, 0.2, (2, model.variables)), some_residuals(model, rng, 2, 20)
-    belongs = belonging(r.capsule, len(model.start))
-    moved = slopes(lambda x: cones_of(model, model.posed(x)).of(belongs).at(r.place)[0].swapaxes(1, 2), x)
-    posed = model.posed(x)
-    n, s = np.arange(2)[:, None], r.place[..., None, None]
-    mixed = posed.motion[n, model.start[r.capsule]] * (1 - s) + posed.motion[n, model.end[r.capsule]] * s
-    np.testing.assert_allclose(mixed, moved, atol=0.3)  # mm per radian, of differences in float32
-
-
-def test_joined(model: CapsuleModel) -> None:
-    """Residuals are concatenated along their last axis."""
-    rng = np.random.default_rng(2)
-    both = joined(some_residuals(model, rng, 2, 3), some_residuals(model, rng, 2, 4))
-    assert both.capsule.shape == (2, 7) and both.direction.shape == (2, 3, 2, 7)

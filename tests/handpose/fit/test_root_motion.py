@@ -1,4 +1,4 @@
-"""handpose/fit/body.py: RootMotion, compared with the kinematics, for roots of every kind"""
+"""handpose/fit/body.py: RootMotion, compared with the kinematics, for roots of every kind; and WorldPose"""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import itertools
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from handpose.fit.body import SIZE, CapsuleModel, RootMotion
+from handpose.fit.body import SIZE, CapsuleModel, RootMotion, crop_variables, world_pose
 from layers.hand.bodies import kinematics_of
 from tests.support.made_tracks import skeleton_of
 
@@ -78,3 +80,17 @@ def test_place_and_rotation(model: CapsuleModel, made: CapsuleModel | None) -> N
     joint = int(np.flatnonzero(own.skeleton.parents < 0)[0])
     np.testing.assert_allclose(root.place(x), pose.joints[:, joint] * 150)
     np.testing.assert_allclose(root.rotation(x), kinematics.rotation_of(pose, joint), atol=1e-12)
+
+
+CENTERS = st.tuples(*(st.floats(-500, 500),) * 3)
+
+
+@given(seed=st.integers(0, 10**6), first=CENTERS, second=CENTERS)
+def test_any_crop_centre(model: CapsuleModel, seed: int, first: tuple[float, ...], second: tuple[float, ...]) -> None:
+    """Any pose of the hand is converted between any two centres: its joints in space stay the same."""
+    x = np.random.default_rng(seed).uniform(-1, 1, model.variables)
+    x[model.root] *= 4
+    again = crop_variables(model, world_pose(model, x, np.array(first)), np.array(second))
+    np.testing.assert_allclose(model.joints(again[None])[0] + second, model.joints(x[None])[0] + first, atol=1e-3)
+    others = model.root_motion.others
+    np.testing.assert_array_equal(again[others], x[others])

@@ -171,23 +171,13 @@ def test_nothing_moves_nothing_lags() -> None:
     assert np.isnan(lag_s(NUMBERS[:3], TIMES[:3], moving(TIMES[:3]), moving(TIMES[:3])))
 
 
-def test_jitter_is_the_deviation_of_the_noise() -> None:
-    """Noise of 1 / sqrt 3 mm per coordinate gives a deviation of 1 mm."""
-    still = np.broadcast_to(BASE, (3000, 31, 3))
-    noise = np.random.default_rng(2).normal(0, 3**-0.5, still.shape)
-    found = jitter(np.arange(3000), np.arange(3000) / RATE, still + noise + (9, 9, 9), still)
-    assert found.deviation_mm == pytest.approx(1.0, abs=0.01)
-    assert 2900 < found.frames <= 3000 - 12
-
-
 def test_jitter_by_hand() -> None:
     """With every other frame moved by 1 mm, a window of 15 frames has 7 of them, and the figures follow by hand."""
     still = np.broadcast_to(BASE, (42, 31, 3))
     tracked = still.copy()
     tracked[::2, :, 0] += 1.0
     found = jitter(np.arange(42), np.arange(42) / RATE, tracked, still)
-    assert found.frames == 30
-    assert found.deviation_mm == pytest.approx((2 * 15 * (7 / 15) * (8 / 15) / 28) ** 0.5)
+    assert found == pytest.approx((2 * 15 * (7 / 15) * (8 / 15) / 28) ** 0.5)
 
 
 def test_drift_and_movement_are_no_jitter() -> None:
@@ -196,10 +186,10 @@ def test_drift_and_movement_are_no_jitter() -> None:
     stops = moving(np.minimum(times, 5.0))
     late = moving(np.minimum(times - 0.1, 5.0))
     assert rests(np.arange(600), stops) == [(150, 600)]
-    assert jitter(np.arange(600), times, late + times[:, None, None], stops).deviation_mm < 0.3
-    assert jitter(np.arange(600), times, late, stops).deviation_mm == pytest.approx(0.0, abs=1e-9)
-    assert np.isnan(jitter(NUMBERS, TIMES, moving(TIMES), moving(TIMES)).deviation_mm)
-    assert jitter(NUMBERS[:1], TIMES[:1], moving(TIMES[:1]), moving(TIMES[:1])).frames == 0
+    assert jitter(np.arange(600), times, late + times[:, None, None], stops) < 0.3
+    assert jitter(np.arange(600), times, late, stops) == pytest.approx(0.0, abs=1e-9)
+    assert np.isnan(jitter(NUMBERS, TIMES, moving(TIMES), moving(TIMES)))
+    assert np.isnan(jitter(NUMBERS[:1], TIMES[:1], moving(TIMES[:1]), moving(TIMES[:1])))
 
 
 def test_a_missing_frame_ends_a_rest() -> None:

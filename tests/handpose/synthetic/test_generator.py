@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import pickle
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -52,23 +51,6 @@ def test_frames_depend_on_seed_split_and_number_only(generator: Generator, frame
     assert_equal(generator.block(0), frames)
     for other in (Generator(8).block(0), Generator(7, "test").block(0), generator.block(1)):
         assert (np.abs(other.joint - frames.joint).max(axis=1) > 0.05).all()
-
-
-def test_a_generator_in_another_process(generator: Generator, frames: Frames) -> None:
-    """A generator is pickled as its numbers, and the copy draws the same frames."""
-    sent = pickle.dumps(Generator(7, "train", Recipe()))
-    assert len(sent) < 60_000
-    assert_equal(pickle.loads(sent).block(0), frames)
-
-
-def test_the_scene_of_a_block(generator: Generator, frames: Frames) -> None:
-    """The scene has the joints before clipping at the cube, and the depth of the frames."""
-    scene = generator.scene(0)
-    joints = scene.bodies.joints.reshape(BLOCK, -1)
-    assert np.abs(joints).max() > 1
-    np.testing.assert_array_equal(np.clip(joints, -1, 1).astype(np.float32), frames.joint)
-    np.testing.assert_array_equal(scene.depth, frames.depth[:, 0])
-    np.testing.assert_array_equal(scene.center_uvd, frames.center_uvd)
 
 
 def test_joints_are_inside_the_surface() -> None:

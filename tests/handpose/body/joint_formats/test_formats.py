@@ -9,7 +9,7 @@ import pytest
 from posed_hands import MIRROR, PEOPLE, any_pose, right_hand
 
 from handpose.body.joint_formats.formats import ANGLES, FORMATS, FormatName, anatomical_angles, formatted, turned
-from handpose.body.joint_formats.frames import FINGERS, frames_of
+from handpose.body.joint_formats.frames import FINGERS, hand_frames
 from handpose.body.nyu import EVALUATION_JOINTS
 from handpose.frames.cameras import KINECT2
 from layers.hand.kinematics import Kinematics
@@ -92,7 +92,7 @@ def test_frames_are_the_models() -> None:
     for seed in range(5):
         inputs = any_pose(np.random.default_rng(seed))
         frames = Kinematics(PEOPLE).forward(inputs[None]).frames[0]
-        found = frames_of(PEOPLE, right_hand(inputs))
+        found = hand_frames(PEOPLE, "right", right_hand(inputs))
         for finger in FINGERS:
             assert np.allclose(found.back[finger], frames[PEOPLE.joint_names.index(f"{finger}_base")][:, 2])
         assert np.allclose(found.back["thumb"], -frames[PEOPLE.joint_names.index("thumb_pip")][:, 1])

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-import h5py
 import numpy as np
 import pytest
 
-from handpose.fit.joints.absolute_joints import fit_absolute, write_fit
+from handpose.fit.joints.absolute_joints import fit_absolute
 from handpose.fit.joints.particle_swarm import fit_joints_by_swarm
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
@@ -41,15 +38,3 @@ def test_the_way_of_fitting(xyz: np.ndarray) -> None:
     options = {"particles": 4, "generations": 2, "progress": reported.append}
     found = fit_absolute(SKELETON, xyz, HALF, ALL, fit=fit_joints_by_swarm, **options)
     assert sum(reported) == 3 and found.residuals_mm.mean() > 1
-
-
-def test_a_file(xyz: np.ndarray, tmp_path: Path) -> None:
-    """The file has the fitted arrays and the numbers of the frames."""
-    found = fit_absolute(SKELETON, xyz, HALF, ALL, starts=1)
-    write_fit(tmp_path / "new" / "fit.h5", found, np.array([3, 5, 9]))
-    with h5py.File(tmp_path / "new" / "fit.h5") as file:
-        arrays = {name: file[name][...] for name in file}
-    assert sorted(arrays) == ["center", "dof", "half_cube", "index", "residual_mm"]
-    assert arrays["index"].tolist() == [3, 5, 9]
-    assert np.array_equal(arrays["dof"], found.inputs) and np.array_equal(arrays["half_cube"], HALF)
-    assert np.array_equal(arrays["residual_mm"], found.residuals_mm) and np.array_equal(arrays["center"], found.center)

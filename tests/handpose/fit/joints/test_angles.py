@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from handpose.fit.joints import angles
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
-from layers.hand.skeleton_file import SkeletonParameter
-from netlib.proto import prototxt, schema
+from tests.support.made_tracks import skeleton_of
 
 SKELETON = skeletons.load()
 
@@ -39,19 +38,6 @@ def test_the_hand_has_six_pairs():
     assert [names[d] for d in (*thumb.turned, thumb.mirrored, *thumb.negated)] == [
         "thumb_pip_rot_z", "thumb_pip_rot_y", "thumb_dip_rot_z", "thumb_tip_rot_z",
     ]
-
-
-@pytest.mark.parametrize("number", range(6))
-def test_a_flip_changes_no_joint(rng, number):
-    """Both forms of a pair put all 31 joints at the same places."""
-    flip = angles.flips(SKELETON)[number]
-    theta = SKELETON.theta(draw(rng))
-    other = theta.copy()
-    other[:, list(flip.turned)] += np.pi
-    other[:, flip.mirrored] = np.pi - other[:, flip.mirrored]
-    other[:, list(flip.negated)] *= -1
-    a, b = (kinematics_of(SKELETON).joints(t - SKELETON.initial) for t in (theta, other))
-    assert np.abs(theta - other).max() > 0.1 and np.allclose(a, b, atol=1e-12)
 
 
 def test_canonical_keeps_the_pose_and_is_unique(rng):
@@ -102,7 +88,7 @@ def test_no_flip_where_a_bone_would_feel_it():
             'joint { name: "r" rotate { axis: Z dof: "a" } rotate { axis: X dof: "b" } bone { axis: Y length: 1 } } '
         )
         text = dofs + first + f'joint {{ name: "t" parent: "r" {second} }} {extra}'
-        return skeletons.Skeleton(schema.read(prototxt.parse(text), SkeletonParameter, "test"))
+        return skeleton_of(text)
 
     assert len(angles.flips(skeleton('rotate { axis: X dof: "c" } bone { axis: Y length: 1 }'))) == 1
     assert not angles.flips(skeleton('rotate { axis: X dof: "c" } bone { axis: X length: 1 }'))

@@ -7,7 +7,6 @@ import h5py
 import numpy as np
 import pytest
 
-import netlib
 from handpose.fit.joints import companions
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
@@ -44,10 +43,10 @@ def write(path, **arrays):
         file.attrs["made_from"] = "a test"
 
 
-def fitted(source, name="part.h5", **options):
+def fitted(source, hand=SKELETON, **options):
     """The path of the companion angles/part.h5, and the residuals."""
-    target = source.parent.parent / "angles" / name
-    return target, companions.fit_file(source, target, SKELETON, **options)
+    target = source.parent.parent / "angles" / "part.h5"
+    return target, companions.fit_file(source, target, hand, **options)
 
 
 def net_on(files, net_of, *tops):
@@ -60,8 +59,6 @@ def net_on(files, net_of, *tops):
         f'hdf5_data_param {{ source: "{source}" batch_size: {FRAMES * len(files)} }} }}'
     )
 
-
-# ------------------------------------------------------------------------------------- file contents
 
 
 def test_the_angles_put_the_joints_where_they_are(source):
@@ -93,17 +90,6 @@ def test_joints_that_are_cut_off_are_left_out(source):
         )
 
 
-def test_without_half_cubes_the_cube_is_the_usual_one(source):
-    """Without half-cubes, residuals are in mm of 300 mm cubes, and larger by the ratio of the cubes."""
-    with h5py.File(source, "a") as file:
-        file["joint"][...] *= np.float32(0.9)  # a hand too small for the model, so that a residual remains
-    _, own = fitted(source)
-    with h5py.File(source, "a") as file:
-        del file["half_cube"]
-    _, usual = fitted(source)
-    assert np.nanmean(own) > 1 and np.nanmean(usual / own) == pytest.approx(150 / SEEN_MM)
-
-
 def test_options_reach_the_fit(source):
     """A large ridge keeps the hand near its initial pose, which increases the residual."""
     _, free = fitted(source)
@@ -111,52 +97,25 @@ def test_options_reach_the_fit(source):
     assert np.nanmean(pulled) > 10 > np.nanmean(free)
 
 
-# -------------------------------------------------------------------------------------------- links
 
-
-def test_a_list_of_companions_reads_like_the_list_of_the_data(source, net_of):
-    """The companion gives the same depth and joints, and the angles."""
-    target, _ = fitted(source)
+def test_a_list_of_companions_reads_like_the_list_of_the_data(source, tmp_path, net_of):
+    """The companion gives the same depth and joints, and its own angles, also where both folders were moved."""
+    with h5py.File(source, "a") as file:
+        file["dof"] = np.full((FRAMES, 47), 9.0)  # as in synthetic data
     first = net_on([source], net_of, "depth", "joint").forward()
-    second = net_on([target], net_of, "depth", "joint", "dof").forward()
-    for name in ("depth", "joint"):
-        assert np.array_equal(first[name], second[name])
-    with h5py.File(target) as file:
-        assert np.array_equal(second["dof"], file["dof"])
-        assert file.attrs["made_from"] == "a test"
-        assert (sorted(file), file.attrs["rest_in"]) == (["dof", "residual_mm"], "../data/part.h5")
-
-
-def test_both_folders_can_be_moved(source, tmp_path, net_of):
-    """Links are relative to the companion, so that both folders can be moved together."""
     fitted(source)
     (tmp_path / "elsewhere").mkdir()
     for folder in ("data", "angles"):
         (tmp_path / folder).rename(tmp_path / "elsewhere" / folder)
     target = tmp_path / "elsewhere" / "angles" / "part.h5"
-    assert net_on([target], net_of, "depth", "dof").forward()["depth"].shape == (FRAMES, 1, 4, 4)
-
-
-def test_angles_that_the_data_have_already(source):
-    """The companion's angles take precedence over angles in the data, as in synthetic data."""
-    with h5py.File(source, "a") as file:
-        file["dof"] = np.full((FRAMES, 47), 9.0)
-    target, _ = fitted(source)
+    second = net_on([target], net_of, "depth", "joint", "dof").forward()
+    for name in ("depth", "joint"):
+        assert np.array_equal(first[name], second[name])
     with h5py.File(target) as file:
-        assert (np.abs(file["dof"][...]) < 9).all()
+        assert np.array_equal(second["dof"], file["dof"]) and (np.abs(file["dof"][...]) < 9).all()
+        assert file.attrs["made_from"] == "a test"
+        assert (sorted(file), file.attrs["rest_in"]) == (["dof", "residual_mm"], "../data/part.h5")
 
-
-def test_a_link_whose_file_has_gone(source, net_of):
-    """The error names the missing data file on one line."""
-    target, _ = fitted(source)
-    source.unlink()
-    message = r"data/part.h5: cannot read the rest of .*part.h5: No such file or directory"
-    with pytest.raises(netlib.DataError, match=message) as error:
-        net_on([target], net_of, "depth", "dof")
-    assert "\n" not in str(error.value)
-
-
-# --------------------------------------------------------------------------------------------- reuse
 
 
 def test_what_is_there_is_kept(source):
@@ -169,50 +128,28 @@ def test_what_is_there_is_kept(source):
     assert second == pytest.approx(first, abs=1e-6, nan_ok=True)
 
 
+LONGER = [replace(j, bone=j.bone and replace(j.bone, length=1.1 * j.bone.length)) for j in SKELETON.param.joint]
+
+
 @pytest.mark.parametrize(
     "change",
     [
-        lambda source: os.utime(source, ns=(1, 1)) or {},
-        lambda source: {"starts": 2},
-        lambda source: {"limits": False},
-        lambda source: {"ridge": 1e-3},
+        lambda source, target: os.utime(source, ns=(1, 1)) or {},
+        lambda source, target: {"starts": 2},
+        lambda source, target: {"limits": False},
+        lambda source, target: {"ridge": 1e-3},
+        lambda source, target: {"hand": skeleton.Skeleton(replace(SKELETON.param, joint=tuple(LONGER)))},
+        lambda source, target: target.write_bytes(target.read_bytes()[:200]) and {},
     ],
-    ids=["the file", "starts", "limits", "ridge"],
+    ids=["the file", "starts", "limits", "ridge", "another hand of this name", "a broken companion"],
 )
 def test_what_has_changed_is_made_again(source, change):
-    """A rewritten data file, or other options of the fit, cause a new fit."""
     target, _ = fitted(source)
+    options = change(source, target)
     os.utime(target, ns=(1, 1))
-    fitted(source, **change(source))
+    fitted(source, **options)
     assert target.stat().st_mtime_ns > 1
 
-
-def test_another_hand_of_the_same_name(source):
-    """The skeleton is identified by its numbers, not its name: angles of another hand are fitted again."""
-    target, _ = fitted(source)
-    longer = [replace(j, bone=j.bone and replace(j.bone, length=1.1 * j.bone.length)) for j in SKELETON.param.joint]
-    other = skeleton.Skeleton(replace(SKELETON.param, joint=tuple(longer)))
-    residuals = companions.fit_file(source, target, other)
-    assert other.name == SKELETON.name and np.nanmean(residuals) > 1
-
-
-def test_a_companion_that_is_broken_is_made_again(source):
-    """A truncated companion is replaced."""
-    target, residuals = fitted(source)
-    target.write_bytes(target.read_bytes()[:200])
-    assert np.array_equal(fitted(source)[1], residuals, equal_nan=True)
-
-
-# -------------------------------------------------------------------------------------------- mistakes
-
-
-def test_companions_go_to_another_folder(source, tmp_path):
-    """Companions keep the names of their files."""
-    files = [source, source.with_name("more.h5")]
-    assert companions.companions_of(files, tmp_path / "out") == [
-        tmp_path / "out" / "part.h5",
-        tmp_path / "out" / "more.h5",
-    ]
 
 
 @bad_inputs(DataError, {

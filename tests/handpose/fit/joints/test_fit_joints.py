@@ -13,8 +13,7 @@ from handpose.frames.cameras import NYU
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
-from layers.hand.skeleton_file import SkeletonParameter
-from netlib.proto import prototxt, schema
+from tests.support.made_tracks import skeleton_of
 
 SKELETON = skeletons.load()
 
@@ -39,19 +38,12 @@ def test_all_joints_give_the_pose_back(inputs, limits):
     assert np.median(errors.max(axis=1)) < 0.01
 
 
-def test_fourteen_joints_fit_exactly(inputs):
-    """NYU's 14 evaluation joints are reproduced, although they do not determine all angles."""
-    targets = joints_of(SKELETON, inputs)[:, EVALUATION_JOINTS]
-    found = fit_joints(SKELETON, targets, EVALUATION_JOINTS, starts=32)
-    assert found.residuals.shape == (40, 14) and found.residuals.mean(axis=1).max() < 1e-4
-
-
 def test_a_body_whose_root_does_not_turn():
     """A body without a rotating root is fitted from its initial rotation alone."""
     text = """dof { name: "bend" }
         joint { name: "root" bone { axis: X length: 1 } }
         joint { name: "tip" parent: "root" rotate { axis: Z dof: "bend" } bone { axis: X length: 1 } }"""
-    arm = skeletons.Skeleton(schema.read(prototxt.parse(text), SkeletonParameter, "arm"))
+    arm = skeleton_of(text)
     bent = np.array([[0.5], [-2.0]])
     assert np.allclose(fit_joints(arm, joints_of(arm, bent)).inputs, bent, atol=1e-6)
 
@@ -63,7 +55,7 @@ def test_a_root_that_turns_about_two_axes(rng, limits):
         dof { name: "c" lower: -2 upper: 1 }
         joint { name: "root" rotate { axis: Z dof: "a" } rotate { axis: X dof: "b" } bone { axis: Y length: 1 } }
         joint { name: "tip" parent: "root" rotate { axis: X dof: "c" } bone { axis: Y length: 1 } }"""
-    arm = skeletons.Skeleton(schema.read(prototxt.parse(text), SkeletonParameter, "arm"))
+    arm = skeleton_of(text)
     found = fit_joints(arm, joints_of(arm, rng.uniform(-2, 1, (50, 3))), limits=limits)
     assert found.residuals.max() < 1e-5
     assert not limits or ((found.inputs >= arm.lower - 1e-9) & (found.inputs <= arm.upper + 1e-9)).all()
