@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.body.fingers import FINGERS
+from handpose.body.model import FINGERS
 from netlib import files
 from netlib.blob import Array
 from netlib.errors import DataError
