@@ -23,7 +23,6 @@ from handpose.output.hand_page.assembly import body, content, hand, page
 from handpose.output.tracks import csv_file, joint_values
 from handpose.output.tracks.json_values import free_dofs
 from handpose.output.tracks.predictions import document, frame_values
-from handpose.sequences.movements import poses
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.tracking.track import TrackedFrame, TrackHeader
@@ -166,6 +165,8 @@ def write_page(path: Path, found: Sequence[tuple[str, Hand]], predictor: Predict
 
     Raises OSError, NetlibError, and DataError if there is none.
     """
+    from handpose.sequences.movements import poses  # imported here, because SciPy's rotations take a while
+
     hands = [_on_page(image, prediction, predictor) for image, prediction in found if prediction.has_joints]
     if not hands:
         raise DataError(f"{path}: not written: nothing has joints, which need a confidence of at least "
