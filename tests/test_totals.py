@@ -36,7 +36,7 @@ ROOMS = {
     "setup.py": Size(40, 16, 40.0),
     "tests": Size(43079, 24533, 25.7),
     "tests/support": Size(1479, 812, 28.1),  # a part of the row above
-    "tools": Size(5170, 3229, 29.9),
+    "tools": Size(5171, 3229, 30.0),
 }
 LINES = {  # of files that are not Python, by their patterns
     ("prototxt/*.prototxt", "models/*.prototxt"): 3892,

@@ -197,13 +197,13 @@ def check_options(
     if cube_mm is not None and not (isinstance(cube_mm, Real) and low <= cube_mm <= high):
         raise NetlibError(f"cube_mm={cube_mm!r}; expected {low:g} to {high:g} mm")
     check_whole("refine", refine, 0, MAX_REFINE)
-    check_confidence(min_confidence)
+    check_probability("min_confidence", min_confidence)
 
 
-def check_confidence(min_confidence: float) -> None:
-    """Raise NetlibError unless the argument ``min_confidence`` is a number from 0 to 1."""
-    if not (isinstance(min_confidence, Real) and 0 <= min_confidence <= 1):
-        raise NetlibError(f"min_confidence={min_confidence!r}; expected a number from 0 to 1")
+def check_probability(name: str, value: float) -> None:
+    """Raise NetlibError unless the argument ``name`` is a number from 0 to 1."""
+    if not (isinstance(value, Real) and 0 <= value <= 1):
+        raise NetlibError(f"{name}={value!r}; expected a number from 0 to 1")
 
 
 def check_whole(name: str, value: object, low: int, high: int) -> None:

@@ -5,9 +5,9 @@ with open_recording("frames") as recording:
     for frame in tracker.follow(recording):
         print(frame.time, [hand.xyz for hand in frame.hands], [hand.reason for hand in frame.lost])
 
-The fit of a hand starts from the pose extrapolated from its motion, at intervals also from the network's
-prediction, and the better result is used. While there are fewer hands than
-allowed, the finder looks for more, and a new hand is followed if it is present enough.
+The fit of a hand starts from the pose extrapolated from its motion, at intervals also from the network's prediction,
+and the better result is used. While fewer hands than allowed have a sure pose, the finder looks for more. What it sees
+is present; a hand is followed once there is a pose, too.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from handpose.estimate.finder import FoundHand
 from handpose.estimate.hand import MIN_CONFIDENCE, MIN_PRESENCE, Hand, judge
 from handpose.estimate.nets import refuse_other_bodies
 from handpose.estimate.packaged import load_predictor
-from handpose.estimate.predictor import Predictor, check_confidence, check_whole
+from handpose.estimate.predictor import Predictor, check_probability, check_whole
 from handpose.fit.search import ACCURATE, Fit, Plan
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import check_size
@@ -77,7 +77,8 @@ class Tracker:
         if predictor.fitter is None or predictor.finder is None:
             raise NetlibError("a tracker needs a predictor with a fit and a finder")
         check_whole("hands", hands, 1, MAX_HANDS)
-        check_confidence(min_confidence)
+        check_probability("min_confidence", min_confidence)
+        check_probability("min_presence", min_presence)
         refuse_other_bodies(predictor.skeleton, "only hands are followed")
         self.predictor, self.camera = predictor, predictor.camera
         self.limit, self.smooth, self.surface = hands, smooth, surface

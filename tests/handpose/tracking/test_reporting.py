@@ -91,10 +91,11 @@ def test_nothing_is_changed_by_0() -> None:
     assert SureHands(0)(frame) is frame
 
 
+@pytest.mark.parametrize("name", ["min_confidence", "min_presence"])
 @pytest.mark.parametrize("least", [-0.1, 1.1, np.nan, "0.3", None])
-def test_values_that_are_no_confidence(predictor: Predictor, least: Any) -> None:
-    with pytest.raises(NetlibError, match=r"^min_confidence=.*; expected a number from 0 to 1$"):
-        Tracker(predictor, min_confidence=least)
+def test_values_that_are_no_probability(predictor: Predictor, least: Any, name: str) -> None:
+    with pytest.raises(NetlibError, match=f"^{name}=.*; expected a number from 0 to 1$"):
+        Tracker(predictor, **{name: least})
 
 
 def test_the_tracker_reports_by_this_rule(predictor: Predictor, shown: Take) -> None:
