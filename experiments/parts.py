@@ -37,7 +37,6 @@ MECHANISMS: dict[str, tuple[str, Any]] = {  # the place of a constant or functio
     "tiles between layers": ("fast.plan._agree_on_tiles", lambda order, hidden: {}),
     "ReLU after the pooling": ("fast.plan._pool_first", lambda row, hidden: list(row)),
     "windows without background": ("fast.convolution_tiles.WindowTiles.fits", staticmethod(lambda *sizes: False)),
-    "products without packing": ("fast.convolution_tiles.unpacked_parts", lambda rows, inner, columns: 1),
     "items one at a time": ("fast.inner_product.FEW_ITEMS", 0),
     "blocked products": ("fast.inner_product.MAX_BLOCK", 1 << 30),
     "updates in blocks": ("netlib.updates.BLOCK", 1 << 40),

@@ -44,7 +44,7 @@ import numpy as np
 import scipy
 
 from fast.fast_layer import FastLayer
-from fast.geometry import Geometry, NotFiniteError, check_finite, unpacked_parts
+from fast.geometry import Geometry, NotFiniteError, check_finite
 from fast.tiles import FastBlob, SparseTiles, pitch_of, store_plain, tile_of, tiles_of, untile
 from netlib.blob import Array, Blob, Blobs
 
@@ -126,11 +126,9 @@ class RowTiles:
         out = y.diff if tile_of(y) else layer.buffer("dY", storage)
         dy = tiles_of(y, y.diff, T, pitch, out)[:Ho].reshape(Ho, T * O, -1)
         X = self.lower(layer, x, w.shape, T, pitch)
-        inner = kh * X.shape[1]
-        parts = unpacked_parts(inner, dy.shape[1], dy.shape[2])
-        product = layer.buffer("G", (Ho, parts, inner, T * O))
-        np.matmul(stacked_rows(X, kh, parts), stacked_rows(dy, 1, parts).swapaxes(2, 3), out=product)
-        found = fold(product.sum(axis=(0, 1)).T, w.shape, T)
+        product = layer.buffer("G", (Ho, kh * X.shape[1], T * O))
+        np.matmul(stacked_rows(X, kh), dy.swapaxes(1, 2), out=product)
+        found = fold(product.sum(axis=0).T, w.shape, T)
         check_finite(found)
         check_finite(w)
         dw += found
@@ -176,20 +174,18 @@ def fold(M: Array, w: tuple[int, ...], T: int) -> Array:
     return total.transpose(0, 3, 1, 2)
 
 
-def stacked_rows(X: Array, kh: int, parts: int) -> Array:
-    """View X (H, R, L) as (H - kh + 1, parts, kh R, L / parts): each kh consecutive rows, with the columns in parts.
+def stacked_rows(X: Array, kh: int) -> Array:
+    """View X (H, R, L) as (H - kh + 1, kh R, L): each kh consecutive rows.
 
     X must be C-contiguous. NumPy's as_strided takes 3 us for each of the hundreds of views per batch and is not used.
     """
     (H, R, L), item = X.shape, X.itemsize
-    shape = (H - kh + 1, parts, kh * R, L // parts)
-    return np.ndarray(shape, X.dtype, X, 0, (R * L * item, L // parts * item, L * item, item))
+    return np.ndarray((H - kh + 1, kh * R, L), X.dtype, X, 0, (R * L * item, L * item, item))
 
 
 def multiply(M: Array, X: Array, kh: int, out: Array) -> None:
     """Compute out (H - kh + 1, rows of M, L) = M @ each kh consecutive rows of X (H, R, L)."""
-    parts = unpacked_parts(M.shape[0], M.shape[1], X.shape[2])
-    np.matmul(M, stacked_rows(X, kh, parts), out=stacked_rows(out, 1, parts))
+    np.matmul(M, stacked_rows(X, kh), out=out)
 
 
 class WindowTiles:

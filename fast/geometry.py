@@ -26,8 +26,6 @@ from netlib.system.memory import blocks
 
 MIN_PART = 32  # rows of a part; a multiple of the rows that BLAS computes together, so that all parts round alike
 MIN_BLOCK_COST = 5_000_000  # multiplications of a block, on average, from which blocks run on several threads
-UNPACKED = 1_000_000  # multiplications; OpenBLAS copies the factors of larger products first
-MAX_PARTS = 4  # with more parts, copying the factors is faster
 MAX_OUTLIER = 4000.0  # relative to usual values; the errors of its neighbours are then 5e-4 of usual outputs
 SAMPLE = 256  # sums
 QUARTILE = 0.3186  # of the absolute values of numbers with a normal distribution and standard deviation 1
@@ -189,12 +187,6 @@ def _usual(values: Array) -> float:
     sample = np.abs(values.reshape(-1)[:: max(values.size // SAMPLE, 1) | 1])
     sample = sample[sample > 0]
     return float(np.partition(sample, sample.size // 4)[sample.size // 4]) / QUARTILE if sample.size else 0.0
-
-
-def unpacked_parts(rows: int, inner: int, columns: int) -> int:
-    """Number of parts to split the longest side of a product into, so that OpenBLAS does not copy factors."""
-    parts = max(1, -(-rows * inner * columns // UNPACKED))
-    return parts if parts <= MAX_PARTS and columns % parts == 0 else 1
 
 
 def run_parts(job: Callable[[slice], None], channels: int, group: int, cost: float) -> None:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from fast.fusing import After
-from fast.geometry import MAX_EXCESS, Algorithm, Geometry, Sizes, Sum, inside, run_blocks, run_parts, unpacked_parts
+from fast.geometry import MAX_EXCESS, Algorithm, Geometry, Sizes, Sum, inside, run_blocks, run_parts
 from fast.parallel import scratch
 from netlib.blob import Array
 from netlib.system.memory import blocks
@@ -77,21 +77,12 @@ def _correlate(weights: Array, X: Array, after: After, y: Array) -> None:
     n, O, R, Wo = y.shape
     out = scratch("result", (R, O, n * Wo), y.dtype)
     by_row = out.reshape(R, O, n, Wo).transpose(2, 1, 0, 3)
-    parts = unpacked_parts(O, weights.shape[1], n * Wo)
 
     def job(o: slice) -> None:
-        np.matmul(weights[o], _by_parts(X, parts), out=_by_parts(out[:, o], parts))
+        np.matmul(weights[o], X, out=out[:, o])
         after.write(by_row[:, o], y[:, o], o, axis=1)
 
     run_parts(job, O, 1, weights.size * n * R * Wo)
-
-
-def _by_parts(factor: Array, parts: int) -> Array:
-    """View factors (R, K, L), of which L is adjacent, as (R, parts, K, L / parts)."""
-    R, K, L = factor.shape
-    row, column, item = factor.strides
-    shape = (R, parts, K, L // parts)
-    return np.lib.stride_tricks.as_strided(factor, shape, (row, L // parts * item, column, item))
 
 
 def _gradient(X: Array, dy: Array, total: Array) -> None:
