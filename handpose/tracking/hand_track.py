@@ -37,7 +37,8 @@ MAX_JUMP_MM = 130.0  # 4 m/s at 30 frames per second: a pose that is found farth
 COMPARE = 0.1  # s between comparisons of the sides, until the side is decided
 # The side is decided by the mean log-ratio of the costs of the fits as either side. On real recordings a single ratio
 # has the right sign in 64% to 100% of the frames, and the mean of the first second always.
-COMPARED_S, MIN_COMPARED = 1.0, 6  # s of comparisons, and their minimum number
+MIN_COMPARED_S, MAX_COMPARED_S, MIN_COMPARED = 1.0, 3.0, 6  # s of comparisons: at least, at most; minimum number
+CLEAR = 0.1  # mean ratio that decides before the maximum
 MAX_SIDE_CONFIDENCE = 0.99  # of a side that is not decided
 
 
@@ -271,7 +272,9 @@ class HandTrack:
             return
         self._evidence += ratio
         self._compared += 1
-        if time - self._begun >= COMPARED_S and self._compared >= MIN_COMPARED:
+        seconds, mean = time - self._begun, abs(self._evidence) / self._compared
+        enough = seconds >= MIN_COMPARED_S and self._compared >= MIN_COMPARED
+        if enough and (mean > CLEAR or seconds >= MAX_COMPARED_S):
             self.sides = {self.hand: self.best}
 
 

@@ -13,7 +13,7 @@ from typing import Generic, TypeVar
 from handpose.body.sides import Side
 from handpose.tracking.track import TrackedFrame, TrackedHand
 
-MAX_HELD_S, MAX_HELD = 2.0, 150  # s and number of frames that are held; a side is mostly decided after 1 s
+MAX_HELD_S, MAX_HELD = 4.0, 150  # s and number of frames that are held; a side is decided within 3 s
 LIKELY_SIDE = 0.69  # probability of a side that is reported at the end of a recording, before it was decided
 
 T = TypeVar("T")

@@ -134,12 +134,21 @@ def test_the_mean_decides() -> None:
     assert list(one.sides) == ["right"]
 
 
+def test_small_differences_take_longer() -> None:
+    """A small mean difference decides only after three seconds."""
+    one = HandTrack(ESTIMATOR, both(right=1.01), 0.0, None)
+    compared(one, [both(right=1.01)] * 88)
+    assert not one.is_decided
+    compared(one, [both(right=1.01)] * 3, 89)
+    assert list(one.sides) == ["left"]
+
+
 @pytest.mark.parametrize(("side_prior", "side"), [(1.0, "right"), (-1.0, "left")])
 def test_what_else_is_known(side_prior: float, side: Side) -> None:
     """The prior of the side decides where the images do not."""
     one = HandTrack(ESTIMATOR, both(), 0.0, None, side_prior)
     assert one.best.estimate.hand == side
-    compared(one, [both()] * SECOND)
+    compared(one, [both()] * 91)
     assert list(one.sides) == [side]
 
 
