@@ -27,14 +27,14 @@ class Size(NamedTuple):
 ROOMS = {
     "docs": Size(1893, 1209, 29.4),
     "exercises": Size(2127, 889, 25.1),
-    "experiments": Size(2264, 1389, 31.2),
+    "experiments": Size(2263, 1389, 31.2),
     "export": Size(1250, 770, 29.4),
-    "fast": Size(5098, 3104, 35.5),
-    "handpose": Size(18975, 10869, 34.8),
+    "fast": Size(5077, 3089, 35.5),
+    "handpose": Size(18979, 10873, 34.8),
     "layers": Size(7400, 4211, 38.9),
     "netlib": Size(9197, 5407, 32.7),
     "setup.py": Size(40, 16, 40.0),
-    "tests": Size(43079, 24533, 25.7),
+    "tests": Size(43089, 24539, 25.7),
     "tests/support": Size(1479, 812, 28.1),  # a part of the row above
     "tools": Size(5171, 3229, 30.0),
 }
@@ -42,7 +42,7 @@ LINES = {  # of files that are not Python, by their patterns
     ("prototxt/*.prototxt", "models/*.prototxt"): 3892,
     ("*.js", "*.css", "*.html"): 2843,
 }
-WORDS = 66933  # of all documents
+WORDS = 66931  # of all documents
 
 
 def tracked(*patterns: str) -> list[Path]:
