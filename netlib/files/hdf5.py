@@ -2,7 +2,8 @@
 
 The HDF5 library can crash on a damaged file. A snapshot of this project therefore ends with a checksum of its bytes
 (``sealed``), which is compared before the library opens it; other programs ignore what follows the end of the file's
-content. A damaged file without it can crash or stall the library. In every file, what refers outside the file is refused.
+content. A damaged file without it can crash or stall the library. In every file, what refers outside the file is
+refused.
 
 Rows of contiguous data sets are read with plain reads, not through the library or by memory mapping, so a file that is
 truncated while in use causes an ordinary error instead of a crash.
