@@ -46,8 +46,9 @@ MAX_HANDS = 100  # larger numbers of hands are invalid
 SEARCH_S, SEARCH_ALONE_S = 0.2, 0.1  # s between searches with and without a tracked hand
 SAME_MM = 70.0  # palms closer together are the same hand
 # A place is fitted accurately only if a first fast fit has this confidence, and a hand is followed from this product of
-# presence and confidence on: in twelve real recordings true hands begin with 0.31 or more, others have up to 0.25.
-ENOUGH_FIRST, ENOUGH_BOTH = ENOUGH / 3, 0.27
+# presence and confidence on: in twelve real recordings true hands begin with 0.31 or more, and all but a person's elbow
+# has up to 0.25. Beside a followed hand another one needs this confidence; the elbow has up to 0.64.
+ENOUGH_FIRST, ENOUGH_BOTH, BESIDE = ENOUGH / 3, 0.27, 0.7
 AGAIN = dataclasses.replace(ACCURATE, quarters=(0,))  # of a tracked hand: its last pose replaces the turned crops
 
 
@@ -183,7 +184,8 @@ class Tracker:
                 break
             place.wait(time, at_once=not self.tracks)
             seen = self._seen_at(place.hand, found.depth, readings, self.size)
-            if place.presence * _confidence(seen) >= ENOUGH_BOTH:
+            confidence = _confidence(seen)
+            if place.presence * confidence >= ENOUGH_BOTH and (confidence >= BESIDE or not self.tracks):
                 self._begin(HandTrack(self.estimator, seen, time, self.size, self._side_prior(), place.presence), place)
 
     def _begin(self, track: HandTrack, place: PresentPlace) -> None:
