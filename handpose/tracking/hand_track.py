@@ -34,7 +34,7 @@ AHEAD_S = 0.4  # s by which a motion is extended at most
 KEPT = 0.7  # damping of the expected motion
 NEW = 0.6  # weight of the last two frames in the velocity
 MAX_JUMP_MM = 130.0  # 4 m/s at 30 frames per second: a pose that is found farther away is no motion of the hand
-COMPARE = 0.1  # s between comparisons of the sides, until the side is decided
+COMPARE = 0.1  # s between full fits until the side is decided, by which both are compared, and of a hand without a pose
 # The side is decided by the mean log-ratio of the costs of the fits as either side. On real recordings a single ratio
 # has the right sign in 64% to 100% of the frames, and the mean of the first second always.
 MIN_COMPARED_S, MAX_COMPARED_S, MIN_COMPARED = 1.0, 3.0, 6  # s of comparisons: at least, at most; minimum number
@@ -231,7 +231,7 @@ class HandTrack:
         palm predicted by the network.
         """
         sure = max((estimate.chance for estimate in estimates), default=0.0)
-        pause = PAUSE if self.is_decided else COMPARE
+        pause = PAUSE if self.is_decided and sure >= ENOUGH else COMPARE
         if (self.is_decided and sure >= SURE) or time - self._looked < pause:
             return []
         self._looked = time
