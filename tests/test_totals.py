@@ -42,7 +42,7 @@ LINES = {  # of files that are not Python, by their patterns
     ("prototxt/*.prototxt", "models/*.prototxt"): 3892,
     ("*.js", "*.css", "*.html"): 2843,
 }
-WORDS = 66938  # of all documents
+WORDS = 66902  # of all documents
 
 
 def tracked(*patterns: str) -> list[Path]:
