@@ -2,7 +2,7 @@
 
     python -m experiments constants
     python -m experiments constants --recording take joints.npy --recording other other.npy --seeds 0 1 2 3 4 --mirrored
-    python -m experiments constants ... --set tracking.hand_track.TROUBLE=inf tracking.hand_track.ALARM=inf
+    python -m experiments constants ... --set tracking.hand_track.KEPT=1 tracking.hand_track.NEW=1
 
 Without recordings the numbers that modules of handpose/fit, handpose/tracking and handpose/estimate name are listed.
 Labels are joints (frames, 5 fingers from the thumb on, MCP PIP DIP tip, 3) of a right hand in mm, x right, y down, z
@@ -87,14 +87,23 @@ def set_constant(text: str) -> None:
     if "handpose.tracking.tracker" in sys.modules:
         raise DataError(f"--set {text}: the tracker is already loaded, with the old value")
     setattr(importlib.import_module(f"handpose.{module}"), constant, number)
+    own = {f"handpose.{other}" for other, names in constants().items() if constant in names}
+    for other, loaded in list(sys.modules.items()):  # those that an earlier --set has loaded, and that import it
+        if other.startswith("handpose.") and other not in own and constant in vars(loaded):
+            setattr(loaded, constant, number)
+
+
+def array_in(path: Path) -> object:
+    """What a file of labels contains, mostly an array. Raises DataError."""
+    try:
+        return np.load(io.BytesIO(files.read_bytes(path, "the labels", DataError)), allow_pickle=False)
+    except ValueError:
+        raise DataError(f"{path}: not an array of numbers, expected an .npy of joints (frames, ..., 3)") from None
 
 
 def labels_of(path: Path) -> Array:
     """The labels (frames, 5, 3, 3) of PIP, DIP and tip, y up. Raises DataError."""
-    try:
-        values = np.load(io.BytesIO(files.read_bytes(path, "the labels", DataError)), allow_pickle=False)
-    except ValueError:
-        values = None
+    values = array_in(path)
     if not isinstance(values, np.ndarray) or values.shape[1:] != (5, 4, 3) or values.dtype.kind != "f":
         raise DataError(f"{path}: expected an .npy of joints (frames, 5, 4, 3) in mm")
     return np.asarray(values[:, :, 1:] * (1, -1, 1))

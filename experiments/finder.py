@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import argparse
 import functools
-import io
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -24,6 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from experiments.constants import array_in
 from handpose.body.sides import SIDES, Side, side_of
 from handpose.estimate.finder import Finder, FoundHand
 from handpose.estimate.nets import trained
@@ -34,7 +34,6 @@ from handpose.synthetic.prior_file import RangeParameter
 from handpose.synthetic.scenes import draw_scenes, prior_of
 from handpose.synthetic.sensor import sensor_of
 from handpose.synthetic.whole_scenes import BLOCK, HEIGHT, WIDTH, SceneGenerator
-from netlib import files
 from netlib.blob import Array
 from netlib.errors import DataError
 from tools.common.arguments import add_engine, count, seed
@@ -205,10 +204,7 @@ def recorded(source: str, labels: dict[Side, Path], part: str) -> Iterator[Label
 
 def _joints(path: Path) -> Array:
     """The array (frames, ..., 3) of a file of labels. Raises DataError."""
-    try:
-        values = np.load(io.BytesIO(files.read_bytes(path, "the labels", DataError)), allow_pickle=False)
-    except ValueError:
-        raise DataError(f"{path}: not an array of numbers, expected an .npy of joints (frames, ..., 3)") from None
+    values = array_in(path)
     if not isinstance(values, np.ndarray) or values.ndim < 2 or values.shape[-1] != 3 or values.dtype.kind != "f":
         raise DataError(f"{path}: {getattr(values, 'shape', 'several arrays')}, expected joints (frames, ..., 3) in mm")
     return values

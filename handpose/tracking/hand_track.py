@@ -214,7 +214,7 @@ class HandTrack:
         """The mean (3,) of its joints in mm, camera axes."""
         return np.asarray(self.best.estimate.xyz.mean(axis=0))
 
-    def regions(self, time: float, frame: FrameHands) -> list[SearchRegion]:
+    def regions(self, time: float) -> list[SearchRegion]:
         """The search regions in a frame; with and without the network, whose last use is recorded."""
         asked = self.time < self._seen or not self.is_decided or time - self._asked >= ASK
         self._asked = time if asked else self._asked
@@ -227,8 +227,8 @@ class HandTrack:
     def other_regions(self, frame: FrameHands, estimates: Sequence[Hand], time: float) -> list[SearchRegion]:
         """Further search regions for a full fit, if the pose or the side is uncertain.
 
-        These are the last pose, and the hand that the finder finds, as it is and without what is around it, or else the
-        palm predicted by the network.
+        They are about the palm that the network predicts from the finder's place, or from the crop without one; or else
+        about the last pose.
         """
         sure = max((estimate.chance for estimate in estimates), default=0.0)
         pause = PAUSE if self.is_decided and sure >= ENOUGH else COMPARE

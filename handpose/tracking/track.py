@@ -85,7 +85,6 @@ class TrackedHand:
     raw_xyz     (K, 3) mm, likewise: the joints before smoothing; None if poses are not smoothed, or if unknown
     poses       before and after smoothing; None likewise
     presence    probability that it is a hand; NaN if unknown
-    place       (3,) mm, camera axes: its middle, if that is not the mean of its joints
     """
 
     id: int
@@ -105,12 +104,11 @@ class TrackedHand:
     raw_xyz: Array | None = None
     poses: TrackedPoses | None = None
     presence: float = float("nan")
-    place: Array | None = None
 
     @property
     def palm_mm(self) -> Array:
         """The middle (3,) of the hand."""
-        return np.asarray(self.xyz.mean(axis=0)) if self.place is None else self.place
+        return np.asarray(self.xyz.mean(axis=0))
 
     @property
     def known_side(self) -> Side | None:

@@ -143,7 +143,7 @@ class Tracker:
         readings  the image with those readings that are nearer than the camera measures
         """
         tracks, depth = self.tracks, found.depth
-        regions = {track.id: track.regions(time, found) for track in tracks}
+        regions = {track.id: track.regions(time) for track in tracks}
         estimates = self._estimates(depth, readings, regions)
         others = {track.id: track.other_regions(found, estimates[track.id], time) for track in tracks}
         again = self._estimates(depth, readings, others, AGAIN)

@@ -39,12 +39,16 @@ def test_constants_that_cannot_be_set(text: str, line: str) -> None:
 
 
 def test_a_constant_is_set_before_the_tracker_is_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
-    from handpose.tracking import hand_track
+    from handpose.tracking import hand_track, present_hands
 
     monkeypatch.setattr(hand_track, "SURE", hand_track.SURE)
     monkeypatch.delitem(sys.modules, "handpose.tracking.tracker", raising=False)
     set_constant("tracking.hand_track.SURE=inf")
     assert np.inf == hand_track.SURE
+    monkeypatch.setattr(present_hands, "LOOK", present_hands.LOOK)
+    monkeypatch.setattr(hand_track, "LOOK", present_hands.LOOK)
+    set_constant("tracking.present_hands.LOOK=1")
+    assert hand_track.LOOK == present_hands.LOOK == 1, "it is loaded already, and imports the constant"
 
 
 def test_the_columns() -> None:

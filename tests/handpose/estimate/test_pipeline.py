@@ -78,7 +78,7 @@ def test_a_prediction_gone_astray(fixed: Callable[..., netlib.Net], frame: np.nd
 
 
 def test_a_hand_beside_the_start(frame: np.ndarray) -> None:
-    """With the crop about the start, too, it is found from 25 mm beside it; out of sight it is an error."""
+    """A start 25 mm off is near enough if the unmoved crop competes; a start outside the image is an error."""
     predictor = load_predictor(KINECT2, fit="fast", hand="right")
     for beside in ((0, 0, 0), (25, 0, 0)):
         start = KINECT2.project(np.array([30.0, -20, 700]) + beside)

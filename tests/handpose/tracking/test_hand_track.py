@@ -116,9 +116,9 @@ def test_which_hand_is_decided_and_kept(right: float, left: float, side: Side) -
     one = HandTrack(ESTIMATOR, both(right=right, left=left), 0.0, None)
     compared(one, [both(right=right, left=left)] * (SECOND - 2))
     assert set(one.sides) == set(SIDES) and not one.is_decided and 0.5 < one.side_confidence < 1
-    assert one.best.estimate.hand == side and {region.side for region in one.regions(1.0, SEEN)} == set(SIDES)
+    assert one.best.estimate.hand == side and {region.side for region in one.regions(1.0)} == set(SIDES)
     compared(one, [both(right=right, left=left)], SECOND - 1)
-    assert list(one.sides) == [side] and {region.side for region in one.regions(1.1, SEEN)} == {side}
+    assert list(one.sides) == [side] and {region.side for region in one.regions(1.1)} == {side}
     assert one.is_decided and one.side_confidence == 1
     says, other = both(right=right, left=left), both(right=left, left=right)
     compared(one, [other, says] * 30, SECOND)
@@ -168,7 +168,7 @@ def test_a_side_that_is_not_seen_says_nothing() -> None:
 def test_only_one_side_is_looked_for() -> None:
     """If only one side is tracked, it is decided from the start."""
     one = HandTrack(ESTIMATOR, [estimate("left")], 0.0, 1.1)
-    assert one.is_decided and one.decided == "left" and [region.size for region in one.regions(FRAME, SEEN)] == [1.1]
+    assert one.is_decided and one.decided == "left" and [region.size for region in one.regions(FRAME)] == [1.1]
 
 
 # --------------------------------------------------------------------------------------------- where next
@@ -177,17 +177,17 @@ def test_only_one_side_is_looked_for() -> None:
 def test_where_to_look_next() -> None:
     """The first region is at the hand; later ones are extrapolated, by no more than its velocity."""
     one = HandTrack(ESTIMATOR, [estimate(x=0)], 0.0, None)
-    (region,) = one.regions(FRAME, SEEN)
+    (region,) = one.regions(FRAME)
     np.testing.assert_array_equal(region.center_uvd, [0, 0, 600])
     assert region.before is one.best.estimate.body
     followed(one, [[estimate(x=10.0 * n)] for n in range(1, 10)])
-    (region,) = one.regions(10 * FRAME, SEEN)
+    (region,) = one.regions(10 * FRAME)
     assert (
         90 < region.center_uvd[0] <= 100
         and region.before is not None
         and region.before.place[0] == region.center_uvd[0]
     )
-    (later,) = one.regions(12 * FRAME, SEEN)
+    (later,) = one.regions(12 * FRAME)
     assert region.center_uvd[0] < later.center_uvd[0] <= 120
 
 
@@ -196,15 +196,15 @@ def test_the_network_is_asked_now_and_then() -> None:
     one = HandTrack(ESTIMATOR, [estimate()], 0.0, None)
     asked = []
     for n in range(1, 31):
-        (region,) = one.regions(n * FRAME, SEEN)
+        (region,) = one.regions(n * FRAME)
         asked.append(region.moved_mm is None)
         assert asked[-1] or region.moved_mm == 3
         followed(one, [[estimate()]], n)
     assert 0 < sum(asked) < 15
     assert not one.take([estimate(confidence=0.1)], [], 31 * FRAME)
-    assert one.regions(32 * FRAME, SEEN)[0].moved_mm is None, "it had no pose in the frame before"
+    assert one.regions(32 * FRAME)[0].moved_mm is None, "it had no pose in the frame before"
     undecided = HandTrack(ESTIMATOR, both(), 0.0, None)
-    assert all(region.moved_mm is None for n in range(1, 9) for region in undecided.regions(n * FRAME, SEEN))
+    assert all(region.moved_mm is None for n in range(1, 9) for region in undecided.regions(n * FRAME))
 
 
 def test_a_second_look() -> None:
@@ -284,11 +284,11 @@ def test_a_jump_is_no_movement() -> None:
     one = HandTrack(ESTIMATOR, [estimate(x=0)], 0.0, None)
     followed(one, [[estimate(x=10.0 * n)] for n in range(1, 10)])
     followed(one, [[estimate(x=250.0, goes_on=False)]], 10)
-    (region,) = one.regions(11 * FRAME, SEEN)
+    (region,) = one.regions(11 * FRAME)
     assert 256 < region.center_uvd[0] <= 260
     rests = HandTrack(ESTIMATOR, [estimate(x=0)], 0.0, None)
     followed(rests, [[estimate(x=0)], [estimate(x=0)], [estimate(x=180, goes_on=False)]])
-    assert rests.regions(4 * FRAME, SEEN)[0].center_uvd[0] == 180
+    assert rests.regions(4 * FRAME)[0].center_uvd[0] == 180
 
 
 def test_a_fast_start_is_a_movement() -> None:

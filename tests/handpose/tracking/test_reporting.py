@@ -49,10 +49,10 @@ def test_a_hand_that_becomes_unsure() -> None:
 
 
 def test_a_hand_that_was_never_sure() -> None:
-    """It is present where the tracker says, and is not listed as lost when the tracker loses it."""
-    unsure, gone = replace(tracked(confidence=0.1), place=np.array([1.0, 2, 600])), LostHand(1, "right", 1.0, "hidden")
+    """It is present at the mean of its joints, and is not listed as lost when the tracker loses it."""
+    unsure, gone = tracked(confidence=0.1), LostHand(1, "right", 1.0, "hidden")
     first, second = reported((unsure,), (gone,))
-    assert not first.hands and first.present[0].place == (1, 2, 600)
+    assert not first.hands and first.present[0].place == tuple(unsure.xyz.mean(axis=0))
     assert second == TrackedFrame(1, 1.0, ())
 
 
