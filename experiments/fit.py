@@ -6,9 +6,9 @@
 
 The default is the packaged network models/synthetic_hand. Frames are drawn from recipes (listed by
 tools/make_synthetic.py --help) with a split and seed that were not used for tuning. Errors are means over NYU's 14
-joints in mm. A frame has failed if its error is above 30 mm; "auc" measures how well the uncertainty predicts failures;
-"expected" is the mean error that the fit predicts; "right" is the fraction of frames with less uncertainty than their
-mirror image (--hands); "ms" is the time per frame in blocks of 64, with network and crop.
+joints in mm. A frame has failed if its error is above 30 mm; "auc" measures how well the expected error predicts
+failures; "expected" is its mean; "right" is the fraction of frames that are less uncertain than their mirror image
+(--hands); "ms" is the time per frame in blocks of 64, with network and crop.
 """
 
 from __future__ import annotations
@@ -24,12 +24,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.body.sides import SIDES
-from handpose.estimate.estimator import fit_crops, fit_starts
+from handpose.estimate.estimator import Candidate, HandEstimator, fit_starts
 from handpose.estimate.nets import refuse_other_bodies, skeleton_to_fit, trained
 from handpose.estimate.packaged import SYNTHETIC_HAND, checked_weights, read_card
 from handpose.fit.depth_fit import DepthFitter
-from handpose.fit.network_errors import GOOD_MM
-from handpose.fit.observation import HandCrops
+from handpose.fit.pose_confidence import GOOD_MM
 from handpose.fit.search import PLANS, Plan
 from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic import recipes
@@ -45,14 +44,12 @@ class FitFigures(NamedTuple):
     """The fits of N frames by one plan.
 
     error        (N,) mean error in mm over NYU's 14 joints
-    signs        (N, 5) from which the uncertainty is computed
+    expected     (N,) the error that is expected, and the confidence
     right        (N,) 1 if a frame's fit is less uncertain than its mirror image's, else 0; NaN if not requested
     seconds      (N,) time of a frame
     """
 
     error: Array
-    uncertainty: Array
-    signs: Array
     expected: Array
     confidence: Array
     right: Array
@@ -111,17 +108,19 @@ def measure(
 
 
 def _fit(net: Net, fitter: DepthFitter, scene: Scene, joints: Array, plan: Plan, hands: bool) -> FitFigures:
-    right, left = (
-        HandCrops.of_sides(scene.depth, scene.center_uvd, scene.camera, scene.cube_mm, side) for side in SIDES
-    )
+    estimator = HandEstimator(net, scene.cube_mm, fitter)
+    right, left = ([Candidate(center, side, crop=crop) for center, crop in zip(scene.center_uvd, scene.depth)]
+                   for side in SIDES)
     begun = time.perf_counter()
-    fit = fit_crops(net, fitter, right, plan)
+    found = estimator.estimate(right, scene.camera, plan)
     seconds = np.full(len(joints), (time.perf_counter() - begun) / len(joints))
     is_right = np.full(len(joints), np.nan)
     if hands:
-        is_right[:] = fit.uncertainty < fit_crops(net, fitter, left, plan).uncertainty
-    return FitFigures(mean_errors_14(fit.joints, joints), fit.uncertainty, fit.signs, fit.error_mm,
-                      fit.confidence, is_right, seconds)
+        others = estimator.estimate(left, scene.camera, plan)
+        is_right[:] = [hand.uncertainty < other.uncertainty for hand, other in zip(found, others)]
+    expected, confidence = np.transpose([(hand.error_mm, hand.confidence) for hand in found])
+    errors = mean_errors_14(np.stack([hand.joints_mm for hand in found]), joints)
+    return FitFigures(errors, expected, confidence, is_right, seconds)
 
 
 def auc(score: Array, failed: NDArray[np.bool_]) -> float:
@@ -177,6 +176,6 @@ def _errors(errors: Array) -> list[str]:
 
 
 def _others(fit: FitFigures) -> list[str]:
-    values = (("{:.3f}", auc(fit.uncertainty, fit.error > GOOD_MM)), ("{:.2f}", fit.expected.mean()),
+    values = (("{:.3f}", auc(fit.expected, fit.error > GOOD_MM)), ("{:.2f}", fit.expected.mean()),
               ("{:.1%}", fit.confidence.mean()), ("{:.1%}", fit.right.mean()), ("{:.1f}", 1000 * fit.seconds.mean()))
     return ["" if np.isnan(value) else form.format(value) for form, value in values]

@@ -4,17 +4,15 @@
         --model models/synthetic_hand/deploy.prototxt --out models/synthetic_hand/synthetic_hand.caffemodel.h5
 
 Measured on training frames of a recipe (listed by tools/make_synthetic.py --help) that the network was not trained on:
-the errors of its angles, which determine further starts of a fit and its prior; the distribution of the angles, natural
-poses for the fit; and how the uncertainty of each plan relates to joint errors, which gives the confidence. Weights of
-a net without a hand model are only rounded and compressed. Caffe can read the file.
+the errors of its angles, which determine further starts of a fit and its prior, and the distribution of the angles,
+natural poses for the fit. Weights of a net without a hand model are only rounded and compressed. Caffe can read the
+file.
 """
 
 from __future__ import annotations
 
 import argparse
 import hashlib
-from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from experiments.fit import Figures, measure, scenes_of
@@ -22,8 +20,7 @@ from handpose.estimate.nets import hand_layer, refuse_other_bodies, skeleton_to_
 from handpose.estimate.packaged import net_content, rounded, write_model
 from handpose.fit.body import CapsuleModel
 from handpose.fit.depth_fit import DepthFitter
-from handpose.fit.network_errors import NetworkErrors, Poses, covariance, table_of, uncertainty_of, weights_of
-from handpose.fit.search import PLANS, Plan
+from handpose.fit.network_errors import NetworkErrors, Poses, covariance
 from handpose.synthetic import recipes
 from handpose.synthetic.generator import Generator
 from netlib.net import Net
@@ -73,20 +70,15 @@ def _measure(net: Net, args: argparse.Namespace) -> None:
     refuse_other_bodies(skeleton_to_fit(net), "errors are measured on frames of hands")
     skeleton = skeleton_to_fit(net)
     generator = Generator(args.seed, "train", recipes.recipe(args.recipe))
-    with ProgressBar(3 * args.frames) as progress:
+    with ProgressBar(2 * args.frames) as progress:
 
-        def measured(errors: NetworkErrors | None, plans: Sequence[Plan]) -> Figures:
-            return measure(net, lambda unit: DepthFitter(CapsuleModel(skeleton, unit), errors),
-                           scenes_of(generator, args.frames), plans, progress=progress)
+        def measured() -> Figures:
+            return measure(net, lambda unit: DepthFitter(CapsuleModel(skeleton, unit)),
+                           scenes_of(generator, args.frames), (), progress=progress)
 
-        exact = measured(None, ())
+        exact = measured()
         _round(net, args.bits)
-        first = measured(None, ())
-        errors = NetworkErrors(covariance(first.limbs), {}, {}, Poses.of(first.poses))
-        found = measured(errors, list(PLANS.values()))
-    weights = {plan: weights_of(fit.signs, fit.error) for plan, fit in found.fits.items()}
-    tables = {plan: table_of(uncertainty_of(fit.signs, weights[plan]), fit.error) for plan, fit in found.fits.items()}
-    write_model(net, replace(errors, tables=tables, weights=weights), args.out)
+        found = measured()
+    write_model(net, NetworkErrors(covariance(found.limbs), Poses.of(found.poses)), args.out)
     say(f"{len(found.network)} frames of the recipe {args.recipe}: network {exact.network.mean():.2f} mm, with "
-        f"{args.bits} bits {first.network.mean():.2f} mm, "
-        + ", ".join(f"{plan} fit {fit.error.mean():.2f} mm" for plan, fit in found.fits.items()))
+        f"{args.bits} bits {found.network.mean():.2f} mm")

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.body.sides import Side, mirror_of
-from handpose.estimate.hand import Hand
+from handpose.estimate.hand import Hand, judge
 from handpose.estimate.nets import hand_poses, network_joints
 from handpose.fit.body import SIZE, CapsuleModel, WorldPose, crop_variables
 from handpose.fit.depth_fit import DepthFit, DepthFitter
@@ -71,8 +71,15 @@ class HandEstimator:
     def __init__(self, net: Net, cube_mm: float, fitter: DepthFitter | None) -> None:
         self.net, self.cube_mm, self.fitter = net, cube_mm, fitter
 
-    def estimate(self, candidates: Sequence[Candidate], camera: Camera, plan: Plan | None) -> list[Hand]:
-        """The hands in crops of one camera's frames; ``plan`` None: by the network alone. Raises NetlibError."""
+    def estimate(
+        self, candidates: Sequence[Candidate], camera: Camera, plan: Plan | None,
+        readings: NDArray[np.generic] | None = None,
+    ) -> list[Hand]:
+        """The hands in crops of one camera's frames, judged if the network's errors are known. Raises NetlibError.
+
+        plan      of the fit; None: by the network alone
+        readings  (height, width) mm, the frame of all crops, which judges the poses; None: each crop alone
+        """
         if plan is None or self.fitter is None:
             return [self._predicted(candidate, camera) for candidate in candidates]
         alike: dict[tuple[bool, bool], list[int]] = {}
@@ -81,7 +88,8 @@ class HandEstimator:
         found: dict[int, Hand] = {}
         for rows in alike.values():
             found |= zip(rows, self._fitted([candidates[i] for i in rows], camera, self.fitter, plan))
-        return [found[i] for i in range(len(candidates))]
+        hands = [found[i] for i in range(len(candidates))]
+        return judge(hands, readings) if self.fitter.errors.is_measured else hands
 
     def _predicted(self, candidate: Candidate, camera: Camera) -> Hand:
         """The hand by the network alone."""

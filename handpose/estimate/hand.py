@@ -22,6 +22,7 @@ from handpose.fit.pose_confidence import (
     unknown_finger_errors,
 )
 from handpose.frames.cameras import Camera
+from handpose.frames.crops import crop_scale
 from netlib.blob import Array
 
 MIN_CONFIDENCE = 0.3  # of a hand whose joints are given, unless the user asks for others
@@ -44,9 +45,9 @@ class Hand:
     is_tracked  True if the fit started from the pose expected from earlier frames
     is_predicted  False if the network was not run; then ``network_mm`` are the joints expected from earlier frames
     other       the same crop fitted as a hand of the other side, if both sides were tried
-    quality     expected error in mm and confidence by the whole frame (``judge``); None: those of the fit
-    evidence    what the whole frame shows of the pose; None before it is judged
-    finger_error_mm  (5,) expected error of each finger by the whole frame, from the thumb on; NaN before it is judged
+    quality     expected error in mm and confidence (``judge``); None before it is judged
+    evidence    what the image shows of the pose; None likewise
+    finger_error_mm  (5,) expected error of each finger, from the thumb on; NaN likewise
     presence    probability that this is a hand, by the finder; NaN if its place was given
     in_frame    False for a crop without its frame: then camera and centre are assumed
 
@@ -98,33 +99,33 @@ class Hand:
 
     @property
     def confidence(self) -> float:
-        """Probability that the mean error of the joints is below 30 mm; NaN if it was not measured for the network."""
-        return self.quality[1] if self.quality else self._of_fit("confidence")
+        """Probability that the mean error of the joints is below 30 mm; NaN before it is judged."""
+        return self.quality[1] if self.quality else float("nan")
 
     @property
     def chance(self) -> float:
-        """The confidence; if it was not measured, 1 for a visible hand and otherwise 0."""
+        """The confidence; if it is unknown, 1 for a visible hand and otherwise 0."""
         known = self.confidence
-        return known if np.isfinite(known) else float(np.isfinite(self.uncertainty))
+        return known if np.isfinite(known) else float(np.isfinite(self.cost))
 
     @property
     def error_mm(self) -> float:
         """The expected mean error of the joints; NaN likewise."""
-        return self.quality[0] if self.quality else self._of_fit("error_mm")
-
-    @property
-    def uncertainty(self) -> float:
-        """The uncertainty of the fit (``handpose.fit.network_errors``)."""
-        return self._of_fit("uncertainty")
+        return self.quality[0] if self.quality else float("nan")
 
     @property
     def cost(self) -> float:
-        """The cost of the fit: the sum of all terms."""
+        """The cost of the fit: the sum of all terms; infinite if the crop shows nothing."""
         return self._of_fit("cost")
 
     @property
+    def uncertainty(self) -> float:
+        """The uncertainty of the fit, by which crops and sides are compared."""
+        return self._of_fit("uncertainty")
+
+    @property
     def signs(self) -> Array:
-        """(5,) the signs that determine the uncertainty, as in ``DepthFit``."""
+        """(5,) the signs of failure, as in ``DepthFit``."""
         return np.asarray(self.the_fit.signs[0])
 
     @property
@@ -134,7 +135,7 @@ class Hand:
 
     @property
     def selection_cost(self) -> float:
-        """Compares poses of different plans: the expected error in mm, or the cost if it is unknown."""
+        """Compares poses: the expected error in mm, or the cost if it is unknown."""
         return self.cost if np.isnan(self.error_mm) else self.error_mm
 
     @property
@@ -210,17 +211,23 @@ class Hand:
         return float("nan") if self.fit is None else float(getattr(self.fit, name)[0])
 
 
-def judge(hands: Sequence[Hand], readings: NDArray[np.generic]) -> list[Hand]:
-    """Fitted hands with the error and the confidence of their poses in their frame (height, width) in mm.
+def judge(hands: Sequence[Hand], readings: NDArray[np.generic] | None) -> list[Hand]:
+    """Fitted hands of one body and cube with the error and the confidence of their poses, by what an image shows.
 
-    Hands without a fit, or of a network whose errors were not measured, are unchanged.
+    readings  (height, width) mm, the frame of all; None: each is judged by its crop alone
     """
-    if not hands or any(hand.fit is None or np.isnan(hand.error_mm) for hand in hands):
-        return list(hands)
+    if not hands:
+        return []
+    if readings is None:
+        return [judged_one for hand in hands for judged_one in _judge([hand], *_as_frame(hand))]
+    return _judge(hands, np.asarray(readings, np.float32), hands[0].camera)
+
+
+def _judge(hands: Sequence[Hand], readings: NDArray[np.float32], camera: Camera) -> list[Hand]:
     fits, center = DepthFit.concatenate([hand.the_fit for hand in hands]), [hand.mirrored_center_mm for hand in hands]
     evidence = evidence_of(
         hands[0].the_model, fits.x, np.stack(center), np.stack([mirror_of(hand.hand) for hand in hands]), fits.signs,
-        fits.joints, np.asarray(readings, np.float32), hands[0].camera,
+        fits.joints, readings, camera,
     )
     found = judged(evidence)
     return [
@@ -230,8 +237,16 @@ def judge(hands: Sequence[Hand], readings: NDArray[np.generic]) -> list[Hand]:
     ]
 
 
+def _as_frame(hand: Hand) -> tuple[NDArray[np.float32], Camera]:
+    """A hand's crop as a depth image in mm, and its camera."""
+    first, scale = (each[0] for each in crop_scale(hand.center_uvd[None], hand.cube_mm, hand.camera, len(hand.crop)))
+    (fx, fy), (u0, v0) = scale * (hand.camera.fx, hand.camera.fy), first + scale * (hand.camera.u0, hand.camera.v0)
+    depth, size = hand.center_uvd[2] + hand.crop * (hand.cube_mm / 2), len(hand.crop)
+    return depth.astype(np.float32), replace(hand.camera, fx=fx, fy=fy, u0=u0, v0=v0, width=size, height=size)
+
+
 def as_one_side(hand: Hand) -> Hand:
-    """A judged hand that was fitted as either side, with the errors and the confidence if the side may be wrong.
+    """A hand that was fitted as either side, with the errors and the confidence if the side may be wrong.
 
     The confidence is multiplied by the probability of this side, and the expected errors of the hand and of its fingers
     are those of this side or the distances of the other's joints, weighted by the probabilities.

@@ -72,7 +72,7 @@ class HandPipeline:
 
         Raises DataError for a place outside the image, or if the hand is predicted behind the camera; NetlibError.
         """
-        hand = self._select(self._candidates(depth, camera, start, unmoved_too), camera)
+        hand = self._select(self._candidates(depth, camera, start, unmoved_too), camera, depth)
         if not (hand.xyz[:, 2] > 0).all():
             raise DataError(f"a pose is predicted in which a joint is at a depth of {hand.xyz[:, 2].min():.0f} mm, "
                             "behind the camera")
@@ -115,16 +115,16 @@ class HandPipeline:
             candidate = replace(candidate, crop=crop, center_uvd=palm)
         return candidate
 
-    def _select(self, candidates: list[Candidate], camera: Camera) -> Hand:
+    def _select(self, candidates: list[Candidate], camera: Camera, depth: NDArray[np.generic]) -> Hand:
         """The hand of the crop whose fast fit is the least uncertain, as either side."""
         if self.plan is None or len(candidates) == 1:
-            return self.estimator.estimate(candidates[:1], camera, self.plan)[0]
-        fast = list(zip(self.estimator.estimate(candidates, camera, FAST), candidates))
-        place = min(fast, key=lambda found: _uncertainty(found[0]))[1]
+            return self.estimator.estimate(candidates[:1], camera, self.plan, depth)[0]
+        fast = list(zip(self.estimator.estimate(candidates, camera, FAST, depth), candidates))
+        place = min(fast, key=lambda found: found[0].uncertainty)[1]
         hands = {_key(candidate): hand for hand, candidate in fast} if self.plan is FAST else {}
         sides = [replace(place, side=side) for side in self.sides]
         left = [candidate for candidate in sides if _key(candidate) not in hands]
-        hands |= zip(map(_key, left), self.estimator.estimate(left, camera, self.plan))
+        hands |= zip(map(_key, left), self.estimator.estimate(left, camera, self.plan, depth))
         return _likelier([hands[_key(candidate)] for candidate in sides])
 
 
@@ -134,15 +134,10 @@ def _key(candidate: Candidate) -> tuple[object, ...]:
 
 
 def _likelier(sides: Sequence[Hand]) -> Hand:
-    """The less uncertain hand of those of one crop, with the other side's, if any, as ``other``."""
-    best, *others = sorted(sides, key=_uncertainty)
-    return replace(best, other=others[0]) if others else best
+    """The less uncertain hand of those of one crop, with the other side's, if any, as ``other``.
 
-
-def _uncertainty(hand: Hand) -> float:
-    """The score that chooses between a right and a left hand in one crop.
-
-    On 1,024 frames the uncertainty of a fast fit finds the right side in 99%, its cost in 93%; of an accurate fit
-    either finds it in 99.6%.
+    On 1,024 synthetic frames the uncertainty of a fast fit finds the right side in 99%, its cost in 93%. In 200 single
+    real frames that of an accurate fit finds it in 170, the error that is expected by the frame in 165.
     """
-    return 0.0 if hand.fit is None else hand.uncertainty
+    best, *others = sorted(sides, key=lambda hand: hand.uncertainty)
+    return replace(best, other=others[0]) if others else best

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from handpose.body.nyu import CUBE_MM
 from handpose.body.sides import SIDES, SOUGHT_SIDES, Side, SoughtSide
 from handpose.estimate.finder import Finder, FoundHand
-from handpose.estimate.hand import MIN_CONFIDENCE, Hand, as_one_side, judge
+from handpose.estimate.hand import MIN_CONFIDENCE, Hand, as_one_side
 from handpose.estimate.nets import cube_of, hand_layer, is_hand
 from handpose.estimate.pipeline import HandPipeline
 from handpose.estimate.starts import depth_around, find_hand
@@ -114,16 +114,14 @@ class Predictor:
         if not camera.width:
             camera = dataclasses.replace(camera, width=round(2 * camera.u0), height=round(2 * camera.v0))
         center = np.array([camera.u0, camera.v0, CROP_DEPTH_MM * max(1.0, self.cube_mm / CUBE_MM)])
-        found = dataclasses.replace(self.pipeline.in_crop(crop, camera, center), in_frame=False)
-        return found.given(self.min_confidence)
+        found = as_one_side(self.pipeline.in_crop(crop, camera, center))
+        return dataclasses.replace(found, in_frame=False).given(self.min_confidence)
 
     def in_frame(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> Hand:
         """The hand in a depth frame (height, width) in mm, 0 or masked where there is no reading.
 
         center  where to start, as for ``start``. Without it, of up to ``MOST`` hands that the finder finds, the one
                 with the highest product of presence and confidence is given
-
-        The hand's error and confidence are judged in the frame (``judge``, ``as_one_side``).
 
         Raises UnitError for depths that cannot be mm, DataError, also if no hand is found, NetlibError.
         """
@@ -143,8 +141,7 @@ class Predictor:
     ) -> Hand:
         """The hand at a start (3,), px, px, mm, as one side."""
         found = self.pipeline.in_frame(depth, camera, start, unmoved_too=unmoved_too)
-        [judged] = judge([found], depth)
-        return dataclasses.replace(as_one_side(judged), presence=presence)
+        return dataclasses.replace(as_one_side(found), presence=presence)
 
     def start(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> Array:
         """The centre (3,) of the first crop: u, v in px and d in mm. Raises DataError.

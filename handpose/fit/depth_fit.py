@@ -1,6 +1,6 @@
 """Fit the capsule model of a body to depth crops, started from a network's prediction.
 
-The fit halves the error of the network and estimates the remaining error.
+The fit halves the error of the network. What remains is judged by the image: ``pose_confidence``.
 
 fitter = DepthFitter(CapsuleModel(skeleton, CUBE_MM / 2), errors)
 seen = observe(crops, center_uvd, camera, CUBE_MM, plan.points)   # plan: search.FAST or search.ACCURATE
@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from handpose.fit.body import SIZE, THICKNESS, CapsuleModel
-from handpose.fit.network_errors import LOST_MM, NetworkErrors, read_errors, unknown_errors
+from handpose.fit.network_errors import NetworkErrors, read_errors, unknown_errors
 from handpose.fit.objective import Objective, Weights
 from handpose.fit.observation import Observation
 from handpose.fit.rounding import NETWORK_STEP, rounded
@@ -29,12 +29,13 @@ from netlib.errors import DataError
 from netlib.files import Content
 from netlib.system.memory import blocks
 
-MIN_VISIBLE = 0.01  # minimum share of foreground in a crop; with less, the uncertainty is infinite
+MIN_VISIBLE = 0.01  # minimum share of foreground in a crop; with less, the signs are infinite
 STAY = 0.9  # factor of the cost at the expected pose, so that fits do not jump between two equally good poses
 HOLD = 5.0  # precision of the expected limbs in ``follow``, relative to that of the network's limbs
-# The part of a hand beyond the image's edge is unknown, and a fit explains the rest well. So error and confidence
-# depend on the length of the edge that cuts the hand, as measured on whole hands with an artificial edge: docs/fit.md.
-CUT_MM, CUT_CONFIDENCE, CUT_ERROR = (40.0, 80.0, 160.0), (1.0, 0.8, 0.6), (1.0, 1.6, 2.2)
+# The uncertainty is a weighted geometric mean of 1 + each sign: a limb outside the silhouette is a worse sign than a
+# thick body. The weights are means of those that best separate failed fits from others (logistic regression), of two
+# networks and both plans, on synthetic frames.
+SIGN_WEIGHTS = np.array([0.16, 0.13, 0.13, 0.31, 0.27])
 STARTS_TOGETHER = 80  # fits per batch, so that their arrays stay in the cache
 
 
@@ -46,13 +47,11 @@ class DepthFit:
     size        (N,) relative to the skeleton
     joints      (N, K, 3) mm from the crops' centres
     network     (N, K, 3) mm, the joints of the first start: the network's, or in ``follow`` the expected ones
-    cost        (N,) sum of all terms
-    uncertainty (N,) uncertainty of the fit (``network_errors``)
-    error_mm    (N,) expected error of the joints, by the network's table; NaN without a table
-    confidence  (N,) probability that this error is below 30 mm; NaN likewise
+    cost        (N,) sum of all terms; infinite where nothing is visible
+    uncertainty (N,) by which crops and sides are compared: a mean of the signs
     x           (N, V) all variables, for ``CapsuleModel``
-    signs       (N, 5) that determine the uncertainty: the parts of the cost, and the distance in mm by which the
-                joints moved; infinite where nothing is visible
+    signs       (N, 5) of failure: the four parts of the cost, and the distance in mm by which the joints moved;
+                infinite where nothing is visible
     start       (N,) index of its start: first the quarter turns, then the expected pose, then those drawn
     """
 
@@ -62,8 +61,6 @@ class DepthFit:
     network: Array
     cost: Array
     uncertainty: Array
-    error_mm: Array
-    confidence: Array
     x: Array
     signs: Array
     start: Array
@@ -133,7 +130,7 @@ class DepthFitter:
         found = self._searched(
             seen, np.concatenate(tried), np.concatenate(priors), plan, size, np.concatenate(cost_factors)
         )
-        return self._results(found, seen, model.joints(first), plan)
+        return self._results(found, seen, model.joints(first))
 
     def follow(
         self, seen: Observation, before: Array, moved_mm: Array, plan: Plan, *, size: float | Array | None = None
@@ -150,7 +147,7 @@ class DepthFitter:
         found = self._searched(seen, before[None].copy(), priors, plan.refining(), size, np.ones((1, len(seen))), HOLD)
         off = (found.x - priors[0])[:, self.model.limbs]
         found.parts[:, 3] -= (HOLD - 1) * self.objective.weights.limbs * ((off @ self.precision) * off).sum(axis=1)
-        return self._results(found, seen, network, plan, moved_mm)
+        return self._results(found, seen, network, moved_mm)
 
     def _expected(self, before: Array) -> Array:
         """The prior for x (N, V): about x, but about the means for the thickness and the surface's own variables."""
@@ -185,20 +182,15 @@ class DepthFitter:
         for_each(blocks(N, max(STARTS_TOGETHER // K, 1)), job)
         return found
 
-    def _results(
-        self, found: Found, seen: Observation, network: Array, plan: Plan, moved_mm: Array | float = 0.0
-    ) -> DepthFit:
+    def _results(self, found: Found, seen: Observation, network: Array, moved_mm: Array | float = 0.0) -> DepthFit:
         """The results of fits that moved away from joints (N, K, 3), by ``moved_mm`` at least."""
         model, joints = self.model, self.model.joints(found.x)
         moved = np.maximum(np.linalg.norm(joints - network, axis=2).mean(axis=1), moved_mm)
         signs = np.column_stack([found.parts, moved])
         shown = (seen.outside < 0).mean(axis=(1, 2))[seen.frame]
         signs[shown < MIN_VISIBLE] = np.inf  # an empty crop contradicts no hand
-        uncertainty, error_mm, confidence = self.errors.expected(plan.name, signs)
-        error_mm = np.minimum(error_mm * np.interp(seen.cut_mm, CUT_MM, CUT_ERROR), LOST_MM)
-        confidence = confidence * np.interp(seen.cut_mm, CUT_MM, CUT_CONFIDENCE)
         return DepthFit(
             inputs=model.inputs_of(found.x), size=np.exp(found.x[:, SIZE]), joints=joints, network=network,
-            cost=found.parts.sum(axis=1), uncertainty=uncertainty, error_mm=error_mm, confidence=confidence, x=found.x,
+            cost=signs[:, :4].sum(axis=1), uncertainty=np.exp(np.log1p(signs) @ SIGN_WEIGHTS), x=found.x,
             start=found.start, signs=signs,
         )

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from handpose.body.sides import MIRROR, Side, is_mirrored
 from handpose.frames.cameras import Camera
-from handpose.frames.crops import Window, crop_scale, window
+from handpose.frames.crops import crop_scale, window
 from netlib.blob import Array
 from netlib.errors import DataError
 
@@ -38,7 +38,6 @@ class Observation:
     center   (N, 3) the crop's centre in camera axes
     half     (N,) half the cube's edge
     offset, factor  (N, 2) column and row of the crop: offset + factor * (x, y) / z
-    cut_mm   (N,) length of the image's edge along which the object is cut, so that a part of it is not visible
     """
 
     points: Floats
@@ -51,7 +50,6 @@ class Observation:
     half: Floats
     offset: Floats
     factor: Floats
-    cut_mm: Floats
 
     def __len__(self) -> int:
         return len(self.center)
@@ -196,27 +194,7 @@ def observe(
         half.astype(np.float32),
         (first + scale * middle).astype(np.float32),
         (scale * focal * (1, -1)).astype(np.float32),
-        _cut_mm(crops, picked, camera, half),
     )
-
-
-def _cut_mm(crops: NDArray[np.floating], picked: Window, camera: Camera, half: Array) -> Floats:
-    """The length in mm of the foreground in the rows and columns at the image's edges, for crops (N, S, S)."""
-    N, S, _ = crops.shape
-    pixels = np.zeros(N, int)
-    for n in range(N):
-        seen = np.abs(crops[n]) < BACKGROUND
-        for index, size, lines in ((picked.columns[n], camera.width, seen.T), (picked.rows[n], camera.height, seen)):
-            own = np.flatnonzero(index >= 0)
-            if not len(own):
-                continue
-            first, last = own[[0, -1]]
-            step = 1 + (index[last] - index[first]) // max(last - first, 1)  # image pixels between two of the crop
-            if first > 0 and index[first] < step:
-                pixels[n] += lines[first].sum()
-            if last < S - 1 and index[last] >= size - step:
-                pixels[n] += lines[last].sum()
-    return (pixels * (2 * half / S)).astype(np.float32)
 
 
 def _outside(crop: NDArray[np.floating]) -> Floats:

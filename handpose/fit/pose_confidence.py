@@ -1,10 +1,10 @@
 """Expected error and confidence of a pose as it is reported, by the image in which it was found.
 
-A fit's table (``network_errors``) knows the cost of the fit alone. The reported pose may be smoothed, its joints may be
-in empty space, and a fit to the visible part of a covered hand costs no more than one of a whole hand. So what is
-reported is judged by more signs, all 0 or more:
+The cost of a fit does not tell: a fit to the visible part of a covered hand costs no more than one of a whole hand, its
+joints may be in empty space, and the reported pose may be smoothed. So it is judged by several signs, all 0 or more:
 
-    surface, outline, front, prior, moved   of the fit, as in ``network_errors``
+    surface, outline, front, prior          of the fit: the parts of its cost
+    moved        mm, by which the fit moved the joints that the network predicted
     behind       mm, by which its joints are behind the surface that was read: the hand hides them itself
     before       mm, by which they are in front of it, in empty space
     penetration  mm, mean over the capsules of how deep another part penetrates them
@@ -51,13 +51,13 @@ from numpy.typing import NDArray
 
 from handpose.body.model import FINGERS
 from handpose.fit.body import CapsuleModel
-from handpose.fit.network_errors import GOOD_MM, LOST_MM
-from handpose.fit.network_errors import SIGNS as FIT_SIGNS
 from handpose.fit.support import JointDepths, Support, joint_depths, support_of_parts
 from handpose.frames.cameras import Camera
 from netlib.blob import Array
 
-SIGNS = (*FIT_SIGNS, "behind", "before", "penetration", "guessed")
+GOOD_MM = 30.0  # a pose with a larger error has failed
+LOST_MM = 150.0  # upper bound of expected errors: then the hand is elsewhere
+SIGNS = ("surface", "outline", "front", "prior", "moved", "behind", "before", "penetration", "guessed")
 WEIGHTS = np.array([0.31, 0.0, 0.04, 0.0, 0.60, 0.03, 0.01, 0.60, 0.52])
 CONSTANT = -0.53
 SPREAD = 0.42  # the deviation in the regression

@@ -147,7 +147,7 @@ def _chosen(better: NDArray[np.bool_], new: T, old: T) -> T:
 class Plan:
     """The plan of a search.
 
-    name      of the plan; ``NetworkErrors`` has a table for each
+    name      of the plan
     points    number of points sampled from a frame
     quarters  quarter turns of the crop for the network; 0 is the unchanged crop
     draws     number of further starts, drawn about the first prediction from the network's errors

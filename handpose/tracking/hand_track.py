@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.body.sides import SIDES, Side, mirror_of
+from handpose.body.sides import Side, mirror_of
 from handpose.estimate.estimator import SearchRegion
 from handpose.estimate.finder import Finder, FoundHand
 from handpose.estimate.hand import Hand
@@ -296,5 +296,4 @@ def _evidence_of(best: dict[Side, Hand]) -> float | None:
     """The evidence of one frame for a right hand; None without a visible hand of either side."""
     if len(best) < 2 or max(estimate.chance for estimate in best.values()) < ENOUGH:
         return None
-    right, left = (best[side].cost if np.isfinite(best[side].uncertainty) else np.inf for side in SIDES)
-    return side_evidence(right, left)
+    return side_evidence(best["right"].cost, best["left"].cost)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from handpose.body.render import Capsules, in_front, normalise_depth, render_crop
 from handpose.body.sides import Side, mirror_of
 from handpose.estimate.estimator import Candidate, HandEstimator, SearchRegion
-from handpose.estimate.hand import Hand, judge
+from handpose.estimate.hand import Hand
 from handpose.estimate.predictor import Predictor
 from handpose.estimate.starts import recenter
 from handpose.fit.body import WorldPose, crop_variables, world_pose
@@ -65,8 +65,9 @@ class PoseEstimator:
         for i, region in enumerate(regions):
             with contextlib.suppress(DataError):  # outside the image
                 candidates[i] = self._candidate(depth, region, readings)
-        hands = dict(zip(candidates, self.hands.estimate(list(candidates.values()), self.camera, plan or self.plan)))
-        found = dict(zip(hands, judge(list(hands.values()), depth if readings is None else readings)))
+        judging = depth if readings is None else readings
+        hands = self.hands.estimate(list(candidates.values()), self.camera, plan or self.plan, judging)
+        found = dict(zip(candidates, hands))
         return [found.get(i) for i in range(len(regions))]
 
     def _candidate(

@@ -7,10 +7,9 @@ from numpy.typing import NDArray
 
 from handpose.body.sides import Side
 from handpose.fit.body import CapsuleModel
-from handpose.tracking.lookahead import Lookahead
+from handpose.tracking.later_frames import LaterFrames
 from handpose.tracking.reasons import uncertain
 from handpose.tracking.track import PresentHand, TrackedFrame
-from handpose.tracking.two_way_smoothing import TwoWaySmoothing
 
 Ready = list[tuple[NDArray[np.float32], TrackedFrame]]
 
@@ -65,16 +64,15 @@ class Reporting:
 
     def __init__(self, model: CapsuleModel, min_confidence: float, at_once: bool) -> None:
         self.sure_hands, self._at_once = SureHands(min_confidence), at_once
-        self._lookahead = Lookahead[NDArray[np.float32]]()
-        self._smoothing = TwoWaySmoothing[NDArray[np.float32]](model)
+        self._later = LaterFrames[NDArray[np.float32]](model)
 
     def add(self, depth: NDArray[np.float32], frame: TrackedFrame) -> Ready:
         """Add the next frame. Returns those that are ready, in order."""
-        return self._sure([(depth, frame)] if self._at_once else self._smoothing.add(self._lookahead.add(depth, frame)))
+        return self._sure([(depth, frame)] if self._at_once else self._later.add(depth, frame))
 
     def finish(self) -> Ready:
         """The frames that are still held, at the end of the recording."""
-        return self._sure(self._smoothing.add(self._lookahead.finish()) + self._smoothing.finish())
+        return self._sure(self._later.finish())
 
     def _sure(self, ready: Ready) -> Ready:
         return [(depth, self.sure_hands(frame)) for depth, frame in ready]

@@ -13,7 +13,7 @@ from handpose.tracking.pose_estimator import PoseEstimator
 from netlib.errors import DataError
 
 FRAMES = 32  # number of poses collected
-BEST = 16  # number of the least uncertain poses that are used
+BEST = 16  # number of the poses that are used, the least uncertain ones
 EVERY = 0.1  # s between poses, which must differ
 CONFIDENT = 0.5
 NEAR = np.linspace(-0.12, 0.12, 9)  # logarithms of the sizes tried, about the median of the single fits

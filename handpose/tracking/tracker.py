@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from handpose.body.sides import Side
 from handpose.estimate.estimator import SearchRegion
 from handpose.estimate.finder import FoundHand
-from handpose.estimate.hand import MIN_CONFIDENCE, MIN_PRESENCE, Hand, judge
+from handpose.estimate.hand import MIN_CONFIDENCE, MIN_PRESENCE, Hand
 from handpose.estimate.nets import refuse_other_bodies
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor, check_probability, check_whole
@@ -220,7 +220,7 @@ class Tracker:
             first = self.predictor.pipeline.in_frame(depth, self.camera, start, unmoved_too=True)
         except DataError:  # outside the image, or behind the camera
             return []
-        if judge([first], depth)[0].chance < ENOUGH_FIRST:
+        if first.chance < ENOUGH_FIRST:
             return []
         sides = self.predictor.sides if hand.side is None else (hand.side,)
         regions = [SearchRegion(first.center_uvd, side, size=size) for side in sides]

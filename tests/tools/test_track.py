@@ -25,9 +25,9 @@ from handpose.frames.recording import DepthFrame
 from handpose.frames.writing import RecordingWriter
 from handpose.output.tracks.json_file import read_track
 from handpose.sequences.recordings import SyntheticRecording
+from handpose.tracking.later_frames import LaterFrames
 from handpose.tracking.track import TrackedFrame
 from handpose.tracking.tracker import Tracker, load_tracker
-from handpose.tracking.two_way_smoothing import TwoWaySmoothing
 from tests.support import json_schema
 from tests.support.running import run_tool
 from tools import track
@@ -82,9 +82,10 @@ def test_without_any_output_named() -> None:
     found = read_track("take.json")
     with open_recording("takes/take.npz") as recording:
         tracker = load_tracker(recording.camera)
-        smoothing = TwoWaySmoothing[None](tracker.estimator.model)
-        smoothing.add([(None, frame) for frame in tracker.follow(recording)])
-        expected = [frame for _, frame in smoothing.finish()]
+        later = LaterFrames[None](tracker.estimator.model)
+        for frame in tracker.follow(recording):
+            assert not later.add(None, frame)
+        expected = [frame for _, frame in later.finish()]
     assert not found.cut and found.header.smoothed and found.header.camera == ICVL
     assert len(found.frames) == COUNT
     for one, other in zip(found.frames, expected):
@@ -139,14 +140,14 @@ def test_options() -> None:
 ])
 def test_the_minimum_confidence(options: list[str], expected: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
     """It holds for what is written, after the smoothing; elsewhere the hand is lost, in every file."""
-    release = TwoWaySmoothing._release
+    release = LaterFrames._release
 
-    def doubtful(self: TwoWaySmoothing[Any], count: int) -> list[tuple[Any, TrackedFrame]]:
+    def doubtful(self: LaterFrames[Any], count: int) -> list[tuple[Any, TrackedFrame]]:
         after = (0.5, 0.1, 0.3, 0.29, 0.9, 0.0)
         return [(item, frame._replace(hands=tuple(replace(one, confidence=after[frame.number]) for one in frame.hands)))
                 for item, frame in release(self, count)]
 
-    monkeypatch.setattr(TwoWaySmoothing, "_release", doubtful)
+    monkeypatch.setattr(LaterFrames, "_release", doubtful)
     done = run_tool("track", "takes/take.npz", "--json", "a.json", "--csv", "a.csv", *options)
     frames = read_track("a.json").frames
     assert [frame.number for frame in frames if frame.hands] == expected

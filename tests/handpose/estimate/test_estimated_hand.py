@@ -7,25 +7,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from handpose.body.render import render
 from handpose.body.sides import MIRROR, SIDES, Side, mirror_of
 from handpose.estimate.hand import Hand, as_one_side, judge
 from handpose.fit.body import SIZE, THICKNESS, CapsuleModel
 from handpose.fit.depth_fit import DepthFit
 from handpose.frames.cameras import NYU
+from handpose.frames.crops import crop
 
 CENTER = np.array([NYU.u0 + 40, NYU.v0, 700.0])
 CROP = np.zeros((128, 128), np.float32)
 
 
-def fitted(model: CapsuleModel, side: Side, **said: float) -> Hand:
+def fitted(model: CapsuleModel, side: Side, cost: float = 2.5) -> Hand:
     """A hand with a fit of a random pose, of 0.95 times the size and 1.1 times the thickness."""
     x = np.random.default_rng(0).uniform(0, 0.4, (1, model.variables))
     x[0, SIZE], x[0, THICKNESS] = np.log([0.95, 1.1])
-    numbers = {"cost": 2.5, "uncertainty": 3.5, "error_mm": 12.0, "confidence": 0.8} | said
     fit = DepthFit(
         inputs=model.inputs_of(x), size=np.exp(x[:, SIZE]), joints=model.joints(x), network=model.joints(x) + 4, x=x,
-        signs=np.array([[1.0, 2, 3, 4, 5]]), start=np.zeros(1, int),
-        **{name: np.array([n]) for name, n in numbers.items()},
+        cost=np.array([cost]), uncertainty=np.array([3.5]), signs=np.array([[1.0, 2, 3, 4, 5]]), start=np.zeros(1, int),
     )
     return Hand(side, CROP, CENTER, 300.0, NYU, fit.network[0] * mirror_of(side), fit, model)
 
@@ -52,8 +52,8 @@ def test_without_a_fit() -> None:
 def test_values_of_the_fit(model: CapsuleModel) -> None:
     """A hand has the values of its fit, and the model's scales."""
     found = fitted(model, "right")
-    assert (found.cost, found.uncertainty, found.error_mm, found.confidence) == (2.5, 3.5, 12.0, 0.8)
-    assert found.size == pytest.approx(0.95) and found.thickness == pytest.approx(1.1) and found.moved_mm == 5
+    assert (found.cost, found.uncertainty, found.moved_mm) == (2.5, 3.5, 5)
+    assert found.size == pytest.approx(0.95) and found.thickness == pytest.approx(1.1)
     np.testing.assert_array_equal(found.inputs, found.whole_inputs[: len(model.skeleton.initial)])
 
 
@@ -72,13 +72,13 @@ def test_a_left_hand_is_mirrored_back(model: CapsuleModel, side: Side) -> None:
     )
 
 
-def test_errors_that_were_not_measured(model: CapsuleModel) -> None:
-    """Without a table of errors the selection cost is the fit's cost, and the chance of a visible hand is 1."""
-    unknown = {"error_mm": np.nan, "confidence": np.nan}
-    found, empty = fitted(model, "right", **unknown), fitted(model, "right", uncertainty=np.inf, **unknown)
-    assert np.isnan(found.confidence) and found.chance == 1 and found.selection_cost == found.cost
-    assert empty.chance == 0
-    known = fitted(model, "right")
+def test_before_it_is_judged(model: CapsuleModel) -> None:
+    """The selection cost is the fit's cost, and the chance of a visible hand is 1."""
+    found, empty = fitted(model, "right"), fitted(model, "right", cost=np.inf)
+    assert np.isnan([found.confidence, found.error_mm, *found.finger_error_mm]).all()
+    assert found.chance == 1 and found.selection_cost == found.cost and empty.chance == 0
+    assert as_one_side(replace(found, other=found)).quality is None
+    [known] = judge([found], np.full((NYU.height, NYU.width), 700.0))
     assert known.chance == known.confidence and known.selection_cost == known.error_mm
 
 
@@ -97,12 +97,15 @@ def test_the_side_lowers_the_confidence(model: CapsuleModel) -> None:
     distances = np.linalg.norm(own - others, axis=2).mean(axis=1)
     expected = (alone.finger_error_mm + np.maximum(distances, alone.finger_error_mm)) / 2
     np.testing.assert_allclose(doubtful.finger_error_mm, expected)
-    assert (alone.cost, alone.uncertainty) == (hand.cost, hand.uncertainty) and alone.error_mm != hand.error_mm
 
 
-def test_nothing_is_judged_that_was_not_measured(model: CapsuleModel) -> None:
-    """Without a fit, or for a network whose errors were not measured, the values stay NaN."""
-    unknown = fitted(model, "right", error_mm=np.nan, confidence=np.nan)
-    [found] = judge([unknown], np.full((NYU.height, NYU.width), 700.0))
-    assert found is unknown and as_one_side(replace(unknown, other=unknown)).quality is None
-    assert np.isnan(unknown.finger_error_mm).all()
+def test_a_crop_alone_shows_what_its_frame_shows(model: CapsuleModel) -> None:
+    """A crop of a rendered frame judges a pose as the frame does, up to the rounding of its pixels."""
+    hand = fitted(model, "right")
+    columns, rows = np.arange(NYU.width), np.arange(NYU.height)
+    x, y = (columns - NYU.u0) / NYU.fx, (rows - NYU.v0) / NYU.fy
+    frame = render(hand.capsules(in_space=True), x[None], y[None], np.array([1500.0]))[0]
+    shown = replace(hand, crop=crop(frame, CENTER, 300.0, NYU))
+    [whole], [alone] = judge([shown], frame), judge([shown], None)
+    assert alone.error_mm == pytest.approx(whole.error_mm, rel=0.1)
+    assert alone.confidence == pytest.approx(whole.confidence, abs=0.05)

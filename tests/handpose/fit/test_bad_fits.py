@@ -11,7 +11,6 @@ from handpose.body.nyu import EVALUATION_JOINTS
 from handpose.fit.body import CapsuleModel, RootMotion
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.joints.fit_joints import fit_joints
-from handpose.fit.network_errors import table_of
 from handpose.fit.observation import observe
 from handpose.fit.search import ACCURATE, FAST, turned_back
 from handpose.fit.size_calibration import calibrate_size
@@ -31,15 +30,10 @@ ROOT = (
 )
 PARTS = ("X Y", "Z X Y"), ("X Y Y", "Z X Y"), ("X Y Z", "Z X"), ("X Y Z", "Z X Z"), ("X Y Z", "Z X Y", "fixed: true"), (
     "X Y Z", "Z X Y", "", "abb")
-SAME = "fits with the same uncertainty, expected many different ones to measure"
 
 
 def poses(*shape: int, value: float = 0, joints: Any = None) -> Callable[[], object]:
     return lambda: fit_joints(HAND, np.full(shape, value), joints)
-
-
-def measured(uncertainty: float, count: int) -> Callable[[], object]:
-    return lambda: table_of(np.full(count, uncertainty), np.linspace(1, 50, count))
 
 
 @bad_inputs(DataError, {
@@ -53,8 +47,6 @@ def measured(uncertainty: float, count: int) -> Callable[[], object]:
         ("two roots", ARM.replace('joint { name: "end" parent: "root"', 'joint { name: "end"')))},
     "one crop": (lambda: observe(np.zeros((128, 128)), [[1, 2, 3]], KINECT2, 300.0),
                  "crops of shape (128, 128), expected (N, size, size)"),
-    **{f"{count} equal fits": (measured(3.0, count), f"{count} {SAME}") for count in (1, 30)},
-    "no crop shows anything": (measured(np.inf, 30), f"0 {SAME}"),
     "13 joints": (poses(2, 13, 3, joints=EVALUATION_JOINTS), "joints of shape (2, 13, 3), expected (N, 14, 3)"),
     "no joint": (poses(2, 31, 3, value=np.nan), "frame 0 has no known joint (2 such frames)"),
     "an infinite joint": (poses(2, 31, 3, value=np.inf), "frame 0 has an infinite joint"),

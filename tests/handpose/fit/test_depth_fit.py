@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from handpose.fit.body import CapsuleModel
-from handpose.fit.depth_fit import DepthFitter
-from handpose.fit.network_errors import LOST_MM, NetworkErrors
+from handpose.fit.depth_fit import SIGN_WEIGHTS, DepthFitter
+from handpose.fit.network_errors import NetworkErrors
 from handpose.fit.observation import observe
 from handpose.fit.rounding import NETWORK_STEP, rounded
 from handpose.fit.search import ACCURATE, FAST, Plan
@@ -21,12 +19,11 @@ from tests.handpose.fit.conftest import Scene, error, start_of
 @pytest.fixture(scope="module")
 def fitter(model: CapsuleModel) -> DepthFitter:
     """The fitter for a network whose limbs have errors of 0.15 radians."""
-    table = np.array([[1.0, 2, 1], [100, 20, 0.5], [1000, 60, 0]])
-    return DepthFitter(model, NetworkErrors(np.eye(20) * 0.15**2, {"fast": table}, {"fast": np.full(5, 0.2)}))
+    return DepthFitter(model, NetworkErrors(np.eye(20) * 0.15**2))
 
 
 def test_a_fast_fit(fitter: DepthFitter, scene: Scene) -> None:
-    """A fast fit returns joints near the truth, matching inputs, size and cost, and the error from the table."""
+    """A fast fit returns joints near the truth, and matching inputs, size and cost."""
     model = fitter.model
     start = start_of(scene, model)
     found = fitter.fit(scene.seen, [start], FAST)
@@ -34,19 +31,17 @@ def test_a_fast_fit(fitter: DepthFitter, scene: Scene) -> None:
     assert error(model, start, scene).mean() > 12
     np.testing.assert_allclose(found.joints, model.joints(found.x))
     assert ((found.size > 0.65) & (found.size < 1.36)).all() and (found.start == 0).all()
-    np.testing.assert_allclose(found.error_mm, np.interp(found.uncertainty, [1, 100, 1000], [2, 20, 60]))
-    assert np.isfinite(found.confidence).all()
     np.testing.assert_allclose(found.cost, found.signs[:, :4].sum(axis=1))
+    np.testing.assert_allclose(np.log(found.uncertainty), np.log1p(found.signs) @ SIGN_WEIGHTS)
     np.testing.assert_allclose(found.network, model.joints(rounded(start, NETWORK_STEP)), atol=1e-6)
     np.testing.assert_allclose(found.signs[:, 4], np.linalg.norm(found.joints - found.network, axis=2).mean(axis=1))
 
 
 def test_more_starts_are_better_explained(fitter: DepthFitter, scene: Scene) -> None:
-    """The accurate plan has a lower cost on average; its confidence is NaN, because its errors were not measured."""
+    """The accurate plan has a lower cost on average."""
     start = start_of(scene, fitter.model)
     fast, accurate = fitter.fit(scene.seen, [start], FAST), fitter.fit(scene.seen, [start] * 4, ACCURATE)
     assert np.log(accurate.cost).mean() < np.log(fast.cost).mean()
-    assert np.isnan(accurate.error_mm).all() and np.isnan(accurate.confidence).all()
 
 
 @pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)
@@ -65,22 +60,11 @@ def test_the_same_frames_give_the_same_bits(fitter: DepthFitter, few: Scene, pla
 
 
 def test_nothing_to_be_seen_is_no_hand(fitter: DepthFitter, scene: Scene) -> None:
-    """An empty crop and a speck get confidence 0; the error stays finite, so that JSON can represent it."""
+    """All signs of an empty crop and of a speck are infinite, and so is the cost."""
     crops = np.ones((2, 128, 128), np.float32)
     crops[1, 60:70, 60:70] = 0
     found = fitter.fit(observe(crops, scene.center_uvd[:2], NYU, 300.0), [scene.truth[:2]], FAST)
-    assert (found.confidence == 0).all() and (found.error_mm == LOST_MM).all() and np.isinf(found.uncertainty).all()
-
-
-def test_less_is_sure_of_what_the_image_cuts(fitter: DepthFitter, scene: Scene) -> None:
-    """The longer the image border cuts the hand, the lower the confidence; nothing else changes."""
-    start = [start_of(scene, fitter.model)]
-    cut = [np.full(len(scene.seen), mm, np.float32) for mm in (0, 40, 60, 300)]
-    found = [fitter.fit(replace(scene.seen, cut_mm=own), start, FAST) for own in cut]
-    for one, part, times in zip(found, (1, 1, 0.9, 0.6), (1, 1, 1.3, 2.2)):
-        np.testing.assert_allclose(one.confidence, part * found[0].confidence)
-        np.testing.assert_allclose(one.error_mm, np.minimum(times * found[0].error_mm, LOST_MM))
-        np.testing.assert_array_equal(one.x, found[0].x)
+    assert np.isinf(found.signs).all() and np.isinf(found.cost).all()
 
 
 def test_the_wrong_hand_explains_less(fitter: DepthFitter, scene: Scene) -> None:
@@ -133,7 +117,7 @@ def test_known_sizes_are_kept(fitter: DepthFitter, scene: Scene) -> None:
 
 @pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)
 def test_following(fitter: DepthFitter, scene: Scene, plan: Plan) -> None:
-    """Following reduces the error without a network; ``moved``, the network's error, still adds to the uncertainty."""
+    """Following reduces the error without a network; ``moved``, the network's error, stays a sign."""
     model = fitter.model
     before = scene.truth + np.random.default_rng(0).normal(0, 0.05, scene.truth.shape)
     before[:, -2:] = 0
@@ -145,7 +129,7 @@ def test_following(fitter: DepthFitter, scene: Scene, plan: Plan) -> None:
     np.testing.assert_allclose(found.signs[:, 4], np.maximum(own, moved), rtol=1e-6)
     calm = fitter.follow(scene.seen, before, np.zeros(len(before)), plan)
     np.testing.assert_array_equal(calm.x, found.x)
-    assert (calm.uncertainty <= found.uncertainty).all() and calm.uncertainty[-1] < found.uncertainty[-1]
+    assert (calm.signs <= found.signs).all() and calm.signs[-1, 4] < found.signs[-1, 4]
     np.testing.assert_array_equal(found.x, fitter.follow(scene.seen, before, moved, plan).x)
 
 

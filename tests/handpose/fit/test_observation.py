@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from handpose.fit.observation import observe
-from handpose.frames.cameras import KINECT2, NYU, Camera
-from handpose.frames.crops import crop_pixels, window
+from handpose.frames.cameras import NYU
+from handpose.frames.crops import crop_pixels
 from tests.handpose.fit.conftest import Scene
 
 
@@ -49,23 +49,6 @@ def test_outside_and_nearest() -> None:
     assert seen.nearest[0, 39, 49] == pytest.approx(30) and seen.nearest[0, 38, 49] == 150
     cut = np.full((1, 128, 128), 0.2, np.float32)
     assert observe(cut, [[320, 240, 700]], NYU, 300.0).outside.max() < -60 * px  # the plate continues beyond the crop
-
-
-@pytest.mark.parametrize("camera", [NYU, KINECT2], ids=lambda camera: camera.name)
-@pytest.mark.parametrize(("u", "v", "cut_mm"), [(0.5, 0.5, 0), (0.0, 0.5, 90), (1.0, 0.5, 90), (0.5, 0.0, 60),
-                                                (0.5, 1.0, 60), (0.0, 1.0, 75)])
-def test_what_the_edge_of_the_image_cuts(camera: Camera, u: float, v: float, cut_mm: float) -> None:
-    """``cut_mm`` is the length in mm along which the image border cuts a plate of 60 x 90 mm.
-
-    The plate's middle lies within the image, at its border, or at a corner."""
-    uvd = np.array([[u * (camera.width - 1), v * (camera.height - 1), 700]])
-    column, row = np.arange(128) - 63.5, (np.arange(128) - 63.5)[:, None]
-    plate = (abs(column) * 300 / 128 < 30) & (abs(row) * 300 / 128 < 45)
-    picked = window(uvd, 300.0, camera)
-    inside = (picked.columns[0] >= 0) & (picked.rows[0] >= 0)[:, None]
-    seen = observe(np.where(plate & inside, 0.1, 1.0)[None], uvd, camera, 300.0)
-    assert seen.cut_mm[0] == pytest.approx(cut_mm, abs=5)
-    assert seen.take(np.array([0, 0])).cut_mm.tolist() == seen.cut_mm.tolist() * 2
 
 
 def test_few_points_and_none() -> None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handpose.fit.network_errors import LOST_MM
 from handpose.fit.pose_confidence import (
     CONSTANT,
     FINGER_SPREAD,
+    LOST_MM,
     SIGNS,
     SPREAD,
     WEIGHTS,

@@ -50,7 +50,7 @@ def looking(points: np.ndarray) -> Observation:
     zero = np.zeros((1, 128, 128), np.float32)
     one = np.ones(1, np.float32)
     return Observation(points.T[None].astype(np.float32), rays, np.ones((1, P), np.float32), np.zeros(1, int), zero,
-                       zero, np.zeros((1, 3), np.float32), one, one[:, None], one[:, None], 0 * one)
+                       zero, np.zeros((1, 3), np.float32), one, one[:, None], one[:, None])
 
 
 @pytest.mark.parametrize(

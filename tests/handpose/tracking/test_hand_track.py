@@ -65,9 +65,12 @@ UNSEEN: Any = FakeHands(0.0)
 class AtPlace(Hand):
     """A hand of which only the place is known."""
 
-    def __init__(self, body: WorldPose, fit: DepthFit, side: Side, is_tracked: bool) -> None:
+    def __init__(
+        self, body: WorldPose, fit: DepthFit, side: Side, is_tracked: bool, quality: tuple[float, float]
+    ) -> None:
         crop = np.zeros((128, 128), np.float32)
-        super().__init__(side, crop, body.place, 300.0, NYU, np.zeros((1, 3)), fit, is_tracked=is_tracked)
+        super().__init__(side, crop, body.place, 300.0, NYU, np.zeros((1, 3)), fit, is_tracked=is_tracked,
+                         quality=quality)
         vars(self).update(body=body, center_mm=body.place)
 
 
@@ -81,10 +84,9 @@ def estimate(
 ) -> Hand:
     """An estimate of a hand at x mm."""
     one, none = np.ones(1), np.zeros((1, 3))
-    fit = DepthFit(none, one, none[None], none, cost * one, cost * one, error * one, confidence * one, none,
-                   np.full((1, 5), 3.0), one)
+    fit = DepthFit(none, one, none[None], none, cost * one, cost * one, none, np.full((1, 5), 3.0), one)
     body = WorldPose(np.array([x, 0, 600]), np.eye(3), np.zeros(4))
-    return AtPlace(body, fit, side, goes_on)
+    return AtPlace(body, fit, side, goes_on, (error, confidence))
 
 
 def both(x: float = 0.0, right: float = 1.0, left: float = 1.0, **said: float) -> list[Hand]:

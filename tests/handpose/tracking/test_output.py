@@ -36,16 +36,15 @@ def variables(model: CapsuleModel) -> np.ndarray:
 
 
 def track(
-    model: CapsuleModel, side: Side = "right", size: float | None = None, *, apart: float = 6.0, error_mm: float = 7.0,
-    readings: np.ndarray = EMPTY, center_uvd: np.ndarray = CENTER,
+    model: CapsuleModel, side: Side = "right", size: float | None = None, *, apart: float = 6.0,
+    readings: np.ndarray | None = EMPTY, center_uvd: np.ndarray = CENTER,
 ) -> Any:
     """A track with this pose, smoothed to one ``apart`` mm farther along x."""
     x, one = variables(model)[None], np.ones(1)
     signs = np.array([[30.0, 2, 0.2, 5, 10]])
-    fit = DepthFit(model.inputs_of(x), one, model.joints(x), model.joints(x), one, one, error_mm * one, 0.9 * one, x,
-                   signs, one)
+    fit = DepthFit(model.inputs_of(x), one, model.joints(x), model.joints(x), one, one, x, signs, one)
     hand = Hand(side, np.zeros((128, 128), np.float32), center_uvd, 300.0, NYU, np.zeros((31, 3)), fit, model)
-    [seen] = judge([hand], readings)
+    [seen] = [hand] if readings is None else judge([hand], readings)
     smooth = seen.body._replace(place=seen.body.place + (apart, 0, 0))
     best = SimpleNamespace(estimate=seen, smooth=smooth)
     return SimpleNamespace(id=4, size=size, best=best, hand=side, sides={side: best}, side_confidence=1.0, time=0.0,
@@ -130,7 +129,6 @@ def test_the_error_of_each_finger(model: CapsuleModel, image: np.ndarray, side: 
     assert worse[0] > 1.3 * whole[0] and (worse[1:] < 1.1 * whole[1:]).all()
 
 
-def test_errors_that_were_not_measured(model: CapsuleModel, image: np.ndarray) -> None:
-    """Confidence and expected error are those of the fit, that is unknown, without a table of the network's errors."""
-    hand = tracked_hand(track(model, error_mm=np.nan, readings=image), model, smooth=True, surface=False)
-    assert np.isnan(hand.error_mm) and hand.confidence == 0.9 and np.isnan(hand.finger_error_mm).all()
+def test_errors_that_were_not_measured(model: CapsuleModel) -> None:
+    hand = tracked_hand(track(model, readings=None), model, smooth=True, surface=False)
+    assert np.isnan([hand.error_mm, hand.confidence, *hand.finger_error_mm]).all()

@@ -60,9 +60,9 @@ def test_a_hand_is_seen(estimator: PoseEstimator, depth: np.ndarray, center: np.
 
 
 def test_the_wrong_hand_is_doubted(estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray) -> None:
-    """The uncertainty of the wrong side is larger than that of the right one."""
+    """The expected error of the wrong side is larger than that of the right one."""
     right, left = estimator.estimate(depth, [SearchRegion(center, side) for side in ("right", "left")])
-    assert right is not None and left is not None and right.uncertainty < left.uncertainty
+    assert right is not None and left is not None and right.error_mm < left.error_mm
 
 
 def test_places_of_all_kinds_together(estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray) -> None:
@@ -110,7 +110,7 @@ def test_from_the_pose_before(
     assert not first.is_tracked and near.is_tracked and far.is_tracked and aside.is_tracked
     assert first.is_predicted and not near.is_predicted
     assert max(error(estimate, shown) for estimate in (near, far, aside)) < 15
-    assert near.moved_mm >= 1 and far.moved_mm >= 25 and far.uncertainty > near.uncertainty
+    assert near.moved_mm >= 1 and far.moved_mm >= 25 and far.error_mm > near.error_mm
     with pytest.raises(TypeError):
         estimator.estimate(depth, [SearchRegion(center, "right", first.body)])
 

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from handpose.estimate import estimator
 from handpose.estimate.finder import FoundHand
 from handpose.estimate.hand import Hand
 from handpose.estimate.packaged import load_predictor
@@ -16,7 +17,6 @@ from handpose.estimate.predictor import Predictor
 from handpose.frames.cameras import ICVL, NYU
 from handpose.frames.images import UnitError
 from handpose.frames.recording import DepthFrame
-from handpose.tracking import pose_estimator
 from handpose.tracking.hand_track import HandTrack
 from handpose.tracking.reasons import NO_HAND
 from handpose.tracking.track import LEFT, LostHand, TrackedFrame, TrackedHand, joints_of
@@ -201,10 +201,10 @@ def test_what_does_not_look_like_a_hand_is_dropped(
     (track,) = tracker.tracks
     monkeypatch.setattr(tracker.finder, "hands", lambda *what: [])
 
-    def doubtful(hands: list[Hand], readings: np.ndarray) -> list[Hand]:
+    def doubtful(hands: list[Hand], readings: np.ndarray | None) -> list[Hand]:
         return [dataclasses.replace(hand, quality=(60.0, 0.2)) for hand in hands]
 
-    monkeypatch.setattr(pose_estimator, "judge", doubtful)
+    monkeypatch.setattr(estimator, "judge", doubtful)
     assert tracker.step(shown.frames[6]).lost[0].reason == f"{NO_HAND} (confidence 20%)"
     for frame in shown.frames[7:24]:
         reported = tracker.step(frame)

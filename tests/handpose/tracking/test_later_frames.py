@@ -1,4 +1,4 @@
-"""handpose/tracking/two_way_smoothing.py: recordings of a moving, a trembling and a missing hand"""
+"""handpose/tracking/later_frames.py: sides decided later; recordings of a moving, a trembling and a missing hand"""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import pytest
 
 from handpose.body.sides import Side, mirror_of
 from handpose.fit.body import SIZE, CapsuleModel, crop_variables, world_pose
-from handpose.fit.network_errors import GOOD_MM
+from handpose.fit.pose_confidence import GOOD_MM
+from handpose.tracking.later_frames import AHEAD, AHEAD_S, LASTING_S, MAX_UNDECIDED_S, LaterFrames, middle_of
 from handpose.tracking.smoothing import PoseFilter
 from handpose.tracking.track import TrackedFrame, TrackedHand, TrackedPoses, joints_of
-from handpose.tracking.two_way_smoothing import AHEAD, AHEAD_S, LASTING_S, TwoWaySmoothing, middle_of
 from tests.support.tracked_hands import HEADER, tracked
 
 RATE = 30.0
@@ -38,8 +38,8 @@ def take(
 
 def smoothed(model: CapsuleModel, frames: list[TrackedFrame]) -> list[TrackedFrame]:
     """All frames, smoothed."""
-    one = TwoWaySmoothing[int](model)
-    released = [pair for frame in frames for pair in one.add([(frame.number, frame)])] + one.finish()
+    one = LaterFrames[int](model)
+    released = [pair for frame in frames for pair in one.add(frame.number, frame)] + one.finish()
     assert [item for item, _ in released] == [frame.number for frame in frames]
     return [frame for _, frame in released]
 
@@ -56,6 +56,47 @@ def swinging(model: CapsuleModel) -> np.ndarray:
     x[:, 0] = 0.05 / 0.15 * np.sin(phase)
     x[:, model.limbs] = np.clip(0.3 + 0.3 * np.sin(phase)[:, None], model.lower[model.limbs], model.upper[model.limbs])
     return x
+
+
+def undecided(right: float) -> TrackedHand:
+    """A hand that is a right one with this probability, and its other side."""
+    sides = {
+        side: replace(tracked(side), confidence=0.8 * likely, side_confidence=likely)
+        for side, likely in (("right", right), ("left", 1 - right))
+    }
+    likely, other = ("right", "left") if right >= 0.5 else ("left", "right")
+    return replace(sides[likely], other=sides[other])
+
+
+def frames_with(*hands: TrackedHand | None, step: float = 0.1) -> list[TrackedFrame]:
+    """Frames with one hand or none."""
+    return [TrackedFrame(n, n * step, (hand,) if hand else ()) for n, hand in enumerate(hands)]
+
+
+def test_a_later_decision_is_used(model: CapsuleModel) -> None:
+    """Frames in which the other side was assumed get the pose of the decided one."""
+    frames = frames_with(undecided(0.8), undecided(0.4), tracked("left"))
+    for frame in smoothed(model, frames):
+        (hand,) = frame.hands
+        assert hand.known_side == "left" and hand.other is None
+        assert hand.confidence == tracked("left").confidence or abs(hand.confidence - 0.8) < 1e-9
+
+
+def test_frames_wait_for_a_decision(model: CapsuleModel) -> None:
+    """Frames before it wait, also those of other hands; after some seconds they are released with an unknown side."""
+    step = MAX_UNDECIDED_S / 2
+    one = LaterFrames[int](model)
+    given = frames_with(tracked("right"), *[undecided(0.5)] * 9, step=step)
+    ready = [[found.number for _, found in one.add(0, frame)] for frame in given]
+    assert ready == [[], [], [], [], [0], [1], [2], [3], [4], [5]]
+    assert [hand.side_name for _, frame in one.finish() for hand in frame.hands] == ["unknown"] * 4
+
+
+def test_the_end_of_a_recording(model: CapsuleModel) -> None:
+    """At the end, a likely side is used for the frames that are still held; an unlikely one remains unknown."""
+    for right, side in ((0.95, "right"), (0.55, None)):
+        found = smoothed(model, frames_with(undecided(0.6), undecided(right)))
+        assert [hand.known_side for frame in found for hand in frame.hands] == [side, side]
 
 
 def test_a_moving_hand_is_followed_without_lag(model: CapsuleModel) -> None:
@@ -105,11 +146,11 @@ def test_the_values_of_a_hand_agree(model: CapsuleModel, side: Side) -> None:
 def test_frames_are_held_for_a_limited_time(model: CapsuleModel) -> None:
     """A frame waits for twice the time ahead at most, and for a limited number of frames."""
     for rate, most in ((RATE, 2 * AHEAD_S * RATE + 1), (1000.0, 2 * AHEAD)):
-        one, waiting = TwoWaySmoothing[int](model), 0
+        one, waiting = LaterFrames[int](model), 0
         for n in range(400):
-            waiting += 1 - len(one.add([(n, TrackedFrame(n, n / rate, ()))]))
+            waiting += 1 - len(one.add(n, TrackedFrame(n, n / rate, ())))
             assert waiting <= most
-    assert one.add([]) == [] and len(one.finish()) == waiting and one.finish() == []
+    assert len(one.finish()) == waiting and one.finish() == []
 
 
 def test_a_missing_hand_is_not_smoothed_across(model: CapsuleModel) -> None:

@@ -1,10 +1,14 @@
-"""Smoothing of recordings in both directions of time, without lag.
+"""What later frames of a recording show: the sides of hands, their poses without lag, and errors that last.
 
-The filter of ``smoothing`` follows a moving hand with a delay, because it only knows earlier frames. In a recording the
-later frames are known, too: run from the future to the past, the same filter is ahead by about the same delay. The mean
-of both has none, and less jitter than either.
+Frames are held until this is known.
 
-A run of frames ends where a hand is missing or changes its side: the filters of the track start again there.
+Sides. A live track has to report a hand before its side is decided. In a recording both sides were tracked in the
+frames before the decision, and the pose of the decided one replaces the assumed one.
+
+Poses. The filter of ``smoothing`` follows a moving hand with a delay, because it only knows earlier frames. Run from
+the future to the past, the same filter is ahead by about the same delay. The mean of both has none, and less jitter
+than either. A run of frames ends where a hand is missing or changes its side: the filters of the track start again
+there.
 
 Errors last, since a track follows a wrong finger for a while, but the image of a single frame may not show it. So the
 expected errors of hands become means over the time around each frame, and no confidence is above that mean. Those of
@@ -13,19 +17,20 @@ fingers remain: a finger that is hidden for a moment is a guess for that moment.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Generic, TypeVar
 
 import numpy as np
 
-from handpose.body.sides import mirror_of
+from handpose.body.sides import Side, mirror_of
 from handpose.fit.body import SIZE, CapsuleModel, WorldPose
 from handpose.fit.pose_confidence import least_error
 from handpose.tracking.output import variables_of
 from handpose.tracking.smoothing import PoseFilter, turn_between, turned
 from handpose.tracking.track import TrackedFrame, TrackedHand
 
+MAX_UNDECIDED_S, MAX_UNDECIDED = 4.0, 150  # s and frames that are held for a side; it is decided within 3 s
+LIKELY_SIDE = 0.69  # probability of a side that is reported at the end of a recording, before it was decided
 # Frames are released once this time, in s, or number of frames after them is known. Twice as much is held, so that
 # frames are filtered backwards twice at most. On two synthetic recordings (the scripts `gestures` and `left`, seeds 5
 # and 6), one second gives the jitter at rest of the whole recording, 0.33 and 0.16 mm; half a second 0.35 and 0.18 mm.
@@ -37,7 +42,7 @@ LASTING_S = 0.5
 T = TypeVar("T")
 
 
-class TwoWaySmoothing(Generic[T]):
+class LaterFrames(Generic[T]):
     """Holds frames, each with an item that belongs to it, such as its image, until later ones are known.
 
     model  of the hands' surfaces, which are moved with the poses
@@ -46,32 +51,63 @@ class TwoWaySmoothing(Generic[T]):
     def __init__(self, model: CapsuleModel) -> None:
         self._model = model
         self._held: list[tuple[T, TrackedFrame]] = []
-        self._judged: list[tuple[float, TrackedHand]] = []  # of these frames and of those shortly before
+        self._settled = 0  # number of frames held, from the first on, that do not wait for a side
+        self._judged: list[tuple[float, TrackedHand]] = []  # hands of these frames and of those shortly before
 
-    def add(self, ready: Sequence[tuple[T, TrackedFrame]]) -> list[tuple[T, TrackedFrame]]:
-        """Add the next frames. Returns those that need not be held any longer, in order, smoothed in both directions.
+    def add(self, item: T, frame: TrackedFrame) -> list[tuple[T, TrackedFrame]]:
+        """Add the next frame. Returns those that need not be held any longer, in order, smoothed in both directions.
 
-        Hands whose poses were not smoothed are not changed.
+        Hands whose poses were not smoothed are not changed, but for their side.
         """
-        self._held += ready
-        self._judged += [(frame.time, hand) for _, frame in ready for hand in frame.hands]
-        if not self._held:
+        self._held.append((item, frame))
+        for hand in frame.hands:
+            if hand.known_side is not None:
+                self._decide(hand.id, hand.known_side)
+        while self._settled < len(self._held) and not self._waits(self._held[self._settled][1], frame):
+            self._settle()
+        if not self._settled:
             return []
-        newest = self._held[-1][1].time
-        if newest - self._held[0][1].time < 2 * AHEAD_S and len(self._held) < 2 * AHEAD:
+        newest = self._held[self._settled - 1][1].time
+        if newest - self._held[0][1].time < 2 * AHEAD_S and self._settled < 2 * AHEAD:
             return []
-        early = sum(newest - frame.time >= AHEAD_S for _, frame in self._held)
-        return self._release(max(early, len(self._held) - AHEAD))
+        early = sum(newest - frame.time >= AHEAD_S for _, frame in self._held[: self._settled])
+        return self._release(max(early, self._settled - AHEAD))
 
     def finish(self) -> list[tuple[T, TrackedFrame]]:
         """The frames that are still held, at the end of the recording."""
-        return self._release(len(self._held))
+        last = {hand.id: hand for _, frame in self._held[self._settled :] for hand in frame.hands}
+        for hand in last.values():
+            if hand.side_confidence >= LIKELY_SIDE:
+                self._decide(hand.id, hand.hand)
+        while self._settled < len(self._held):
+            self._settle()
+        return self._release(self._settled)
+
+    def _waits(self, frame: TrackedFrame, newest: TrackedFrame) -> bool:
+        """True while a side in a frame may still be decided."""
+        if newest.time - frame.time > MAX_UNDECIDED_S or len(self._held) - self._settled > MAX_UNDECIDED:
+            return False
+        return any(hand.known_side is None for hand in frame.hands)
+
+    def _decide(self, id: int, side: Side) -> None:
+        """Use a decided side in all frames that wait for it."""
+        for n in range(self._settled, len(self._held)):
+            item, frame = self._held[n]
+            if any(hand.id == id and hand.known_side is None for hand in frame.hands):
+                hands = tuple(_as(hand, side) if hand.id == id else hand for hand in frame.hands)
+                self._held[n] = (item, frame._replace(hands=hands))
+
+    def _settle(self) -> None:
+        """Let the next frame wait no longer for a side."""
+        _, frame = self._held[self._settled]
+        self._judged += [(frame.time, hand) for hand in frame.hands]
+        self._settled += 1
 
     def _release(self, count: int) -> list[tuple[T, TrackedFrame]]:
-        """The first frames that are held, which are smoothed."""
+        """The first frames that are held, smoothed by all that are settled."""
         filters: dict[tuple[int, str], PoseFilter] = {}
         released = []
-        for n in range(len(self._held) - 1, -1, -1):
+        for n in range(self._settled - 1, -1, -1):
             item, frame = self._held[n]
             poses = {(hand.id, hand.hand): hand.poses for hand in frame.hands if hand.poses is not None}
             filters = {key: filters.get(key) or PoseFilter() for key in poses}
@@ -82,7 +118,8 @@ class TwoWaySmoothing(Generic[T]):
                 judged = tuple(self._judged_around(hand, frame.time) for hand in hands)
                 released.append((item, frame._replace(hands=judged)))
         del self._held[:count]
-        if self._held:
+        self._settled -= count
+        if self._settled:
             first = self._held[0][1].time - LASTING_S
             self._judged = [(time, hand) for time, hand in self._judged if time >= first]
         return released[::-1]
@@ -112,6 +149,14 @@ class TwoWaySmoothing(Generic[T]):
         confidence = min(hand.confidence, float(np.mean([one.confidence for one in around])))
         error_mm = np.maximum(np.mean([one.error_mm for one in around]), least_error(np.array(confidence)))
         return replace(hand, confidence=confidence, error_mm=float(error_mm))
+
+
+def _as(hand: TrackedHand, side: Side) -> TrackedHand:
+    """A hand of an undecided side as one of this side."""
+    own = hand if hand.hand == side else hand.other
+    if hand.known_side is not None or own is None:
+        return hand
+    return replace(own, confidence=own.confidence / own.side_confidence, side_confidence=1.0, other=None)
 
 
 def middle_of(first: WorldPose, second: WorldPose) -> WorldPose:
