@@ -1,6 +1,6 @@
 """The pipeline from candidates in a depth frame to hands.
 
-    start       a place where a hand may be: a finder's, a given centre, or the nearest surface (``predictor``)
+    start       a place where a hand may be: a finder's, or a given centre (``predictor``)
     crops       the place is cropped, and the crop is moved to the palm that the network predicts in it
     network     predicts a pose in every crop
     fit         moves the pose until it explains the depth (``handpose.fit``)
@@ -31,8 +31,7 @@ from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 from netlib.net import Net
 
-# A crop moves no farther than this from its start. Even if the start is the nearest surface, nine starts of ten are
-# within 55 mm of the hand's middle (starts.py), so a prediction farther away is wrong.
+# A crop moves no farther than this from its start, which is in the hand: a prediction farther away is wrong.
 MAX_MOVE_MM = 60.0
 
 

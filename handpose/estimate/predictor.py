@@ -22,7 +22,7 @@ from handpose.estimate.finder import Finder, FoundHand
 from handpose.estimate.hand import MIN_CONFIDENCE, Hand, as_one_side
 from handpose.estimate.nets import cube_of, hand_layer, is_hand
 from handpose.estimate.pipeline import HandPipeline
-from handpose.estimate.starts import depth_around, find_hand
+from handpose.estimate.starts import depth_around
 from handpose.fit.body import CapsuleModel
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.search import PLANS, Fit
@@ -49,8 +49,8 @@ class Predictor:
              not centred as NYU's (ICVL's)
     fit      "no", or the name of the plan by which the predicted pose is fitted to the depth
     fitter   of the net's body; by default one for a network with unknown errors
-    finder   finds hands in frames, or a function that loads one when it is first used; without it, the nearest surface
-             is taken for the hand
+    finder   finds hands in frames, or a function that loads one when it is first used; without it, ``in_frame`` needs
+             the hand's centre
     min_confidence  below it a hand has no joints (``Hand.given``); 0 for all joints
 
     Nets know the hand of their training data, which is a right hand in NYU and in the synthetic frames. A body other
@@ -129,9 +129,9 @@ class Predictor:
         camera = self._camera_of(depth)
         if center is None and not self.is_hand:
             raise DataError(f"skeleton {self.skeleton.name!r} is not a hand, and only hands are searched for")
-        if center is not None or self.finder is None:
+        if center is not None:
             return self._judged(depth, camera, self._start(depth, center), False).given(self.min_confidence)
-        found = self._found(depth, camera, self.finder)
+        found = self._found(depth, camera)
         hands = [self._judged(depth, camera, camera.project(one.middle), True, one.presence)
                  for one in (found if self.plan is not None else found[:1])]
         return max(hands, key=lambda hand: hand.presence * max(hand.chance, 0.01)).given(self.min_confidence)
@@ -147,7 +147,7 @@ class Predictor:
         """The centre (3,) of the first crop: u, v in px and d in mm. Raises DataError.
 
         center  (u, v, d) is returned; (u, v) gets the depth measured there; None is the hand of the finder with the
-                highest presence, or the nearest surface
+                highest presence
         """
         return self._start(self._readings(depth), center)
 
@@ -155,17 +155,17 @@ class Predictor:
         """``start`` in a checked frame."""
         if center is None:
             camera = self._camera_of(depth)
-            if self.finder is None:
-                return find_hand(depth, camera)
-            return camera.project(self._found(depth, camera, self.finder)[0].middle)
+            return camera.project(self._found(depth, camera)[0].middle)
         place = _center(center)
         return place if len(place) == 3 else depth_around(depth, *place)
 
-    def _found(self, depth: NDArray[np.generic], camera: Camera, finder: Finder) -> list[FoundHand]:
-        """The hands that the finder finds, the most certain first. Raises DataError if there is none."""
+    def _found(self, depth: NDArray[np.generic], camera: Camera) -> list[FoundHand]:
+        """The hands that the finder finds, the most certain first. Raises DataError without any, or a finder."""
+        if self.finder is None:
+            raise DataError("this predictor has no finder; give the hand's place (center)")
         if not (depth > 0).any():  # type: ignore[operator]
             raise DataError("no depth anywhere in the image")
-        found = finder.hands(depth, camera, most=MOST)
+        found = self.finder.hands(depth, camera, most=MOST)
         if not found:
             raise DataError("no hand is seen in this frame; if there is one, give its place (center)")
         return found

@@ -30,8 +30,7 @@ because the palm or another finger hides it, because it is in empty space, or be
 over the finger's PIP joint, DIP joint and tip (of the thumb: MCP joint, IP joint and tip), the logarithm of a finger's
 error in mm is taken to be normally distributed, with the deviation FINGER_SPREAD and the mean
 
-    mean = 0.327 log(whole) + 0.270 log(1 + behind) + 0.118 log(1 + before) + 0.095 log(1 + lag)
-           + 0.291 (1 - seen) + 0.715
+    mean = FINGER_WEIGHTS · (log whole, log(1 + behind), log(1 + before), log(1 + lag), 1 - seen) + FINGER_CONSTANT
 
     behind, before  mm, by which the joints are behind and in front of the readings (``support.joint_depths``)
     lag             mm, distance of the reported joints from those of the fit
@@ -64,7 +63,7 @@ SPREAD = 0.42  # the deviation in the regression
 # Share of the surface that faces the camera and was not seen at its place; factors of confidence and expected error.
 UNSEEN, UNSEEN_CONFIDENCE, UNSEEN_ERROR = (0.15, 0.3, 0.45, 0.6), (1.0, 0.7, 0.3, 0.1), (1.0, 1.3, 2.0, 3.0)
 COVERED, MIN_COVERED = 2.0, 0.1  # covered or unread shares above it count three times: other poses explain the rest
-OF_HAND, OF_BEHIND, OF_BEFORE, OF_LAG, OF_UNSEEN = 0.327, 0.270, 0.118, 0.095, 0.291  # of a finger's error
+FINGER_WEIGHTS = np.array([0.327, 0.270, 0.118, 0.095, 0.291])  # of whole, behind, before, lag, 1 - seen
 FINGER_CONSTANT, FINGER_SPREAD = 0.715, 0.443
 # The side of a hand is judged by the log-ratio of the costs of the fits as either side.
 MAX_RATIO = 0.5  # maximum contribution of one frame
@@ -98,9 +97,9 @@ def finger_errors(whole_mm: Array, behind: Array, before: Array, lag_mm: Array, 
 
     behind, before, lag_mm, seen  (N, 5) of the fingers
     """
-    mean = OF_HAND * np.log(whole_mm)[:, None] + OF_UNSEEN * (1 - seen) + FINGER_CONSTANT
-    mean += OF_BEHIND * np.log1p(behind) + OF_BEFORE * np.log1p(before) + OF_LAG * np.log1p(lag_mm)
-    return np.minimum(np.exp(mean + FINGER_SPREAD**2 / 2), LOST_MM)
+    whole = np.broadcast_to(np.log(whole_mm)[:, None], seen.shape)
+    signs = np.stack([whole, np.log1p(behind), np.log1p(before), np.log1p(lag_mm), 1 - seen], axis=-1)
+    return np.minimum(np.exp(signs @ FINGER_WEIGHTS + FINGER_CONSTANT + FINGER_SPREAD**2 / 2), LOST_MM)
 
 
 class OfFingers(NamedTuple):

@@ -18,15 +18,13 @@ from handpose.fit.body import WorldPose
 from handpose.fit.pose_confidence import side_chance, side_evidence
 from handpose.frames.cameras import Camera
 from handpose.tracking.pose_estimator import PoseEstimator
-from handpose.tracking.present_hands import LOOK, SAME_MM
+from handpose.tracking.present_hands import LATER_S, LOOK, SAME_MM, SOON_S
 from handpose.tracking.sizing import SizeKeeper
 from handpose.tracking.smoothing import PoseFilter, turn_between, turned
 from netlib.blob import Array
 
 ENOUGH = 0.3  # confidence of a pose, below which it is none
 SURE = 0.9  # confidence below which a full fit is run
-PAUSE = 0.25  # s between full fits of an uncertain hand
-ASK = 0.2  # s between runs of the network, whose pose competes with the tracked one
 # A second with poses earns two of credit, one without costs one; a hand without credit is lost.
 FIRST_CREDIT, MOST_CREDIT = 0.4, 1.0
 MOST_FOUND = 8  # hands in a frame
@@ -34,7 +32,6 @@ AHEAD_S = 0.4  # s by which a motion is extended at most
 KEPT = 0.7  # damping of the expected motion
 NEW = 0.6  # weight of the last two frames in the velocity
 MAX_JUMP_MM = 130.0  # 4 m/s at 30 frames per second: a pose that is found farther away is no motion of the hand
-COMPARE = 0.1  # s between full fits until the side is decided, by which both are compared, and of a hand without a pose
 # The side is decided by the mean log-ratio of the costs of the fits as either side. On real recordings a single ratio
 # has the right sign in 64% to 100% of the frames, and the mean of the first second always.
 MIN_COMPARED_S, MAX_COMPARED_S, MIN_COMPARED = 1.0, 3.0, 6  # s of comparisons: at least, at most; minimum number
@@ -216,7 +213,7 @@ class HandTrack:
 
     def regions(self, time: float) -> list[SearchRegion]:
         """The search regions in a frame; with and without the network, whose last use is recorded."""
-        asked = self.time < self._seen or not self.is_decided or time - self._asked >= ASK
+        asked = self.time < self._seen or not self.is_decided or time - self._asked >= LATER_S
         self._asked = time if asked else self._asked
         regions = []
         for side, seen in self.sides.items():
@@ -231,7 +228,7 @@ class HandTrack:
         about the last pose.
         """
         sure = max((estimate.chance for estimate in estimates), default=0.0)
-        pause = PAUSE if self.is_decided and sure >= ENOUGH else COMPARE
+        pause = LATER_S if self.is_decided and sure >= ENOUGH else SOON_S
         if (self.is_decided and sure >= SURE) or time - self._looked < pause:
             return []
         self._looked = time

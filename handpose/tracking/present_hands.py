@@ -14,8 +14,10 @@ from netlib.blob import Array
 SAME_MM = 110.0  # a hand this close to one that is followed, or to one of the search before, is the same
 STILL = 0.5  # part of the minimum presence that is enough for a hand that was there before
 LOOK = 0.5  # weight of the last look in the mean presence
-PAUSE, MAX_PAUSE = 0.25, 4.0  # s between tries of a pose at a place; doubled after each
-FIRST_PAUSE = 0.1  # while no hand is tracked
+# s between tries of what takes long: a search for another hand, a pose at a place, a full fit of an uncertain hand, a
+# run of the network, whose pose competes with the tracked one; and while there is no hand, no pose or no decided side
+LATER_S, SOON_S = 0.25, 0.1
+MAX_PAUSE = 4.0  # s: pauses at one place are doubled after each try
 
 
 class Taken(NamedTuple):
@@ -37,11 +39,11 @@ class PresentPlace:
     time: float
     try_at: float
     presence: float
-    pause: float = PAUSE
+    pause: float = LATER_S
 
     def wait(self, time: float, at_once: bool) -> None:
         """Let some time pass until the next try; little if it is to be ``at_once``."""
-        self.try_at = time + (FIRST_PAUSE if at_once else self.pause)
+        self.try_at = time + (SOON_S if at_once else self.pause)
         self.pause = min(2 * self.pause, MAX_PAUSE)
 
 

@@ -24,10 +24,9 @@ def uncertain(confidence: float) -> str:
 
 
 MIN_VISIBLE = 0.03  # minimum share of foreground in a crop
-COVERED = 0.3  # share of a crop that is nearer than the cube: the hand is hidden
-MAX_HIDDEN = 0.25  # share of the hand's own surface behind nearer objects: it is hidden
-MAX_MISSING = 0.25  # share of that surface without a reading
-MAX_OUTSIDE = 0.25  # share of the joints outside the image: the hand has left it
+# Share of the hand's own surface, or of its crop, behind nearer objects, or without a reading, or of its joints outside
+# the image, from which on this is the reason.
+PART = 0.25
 LEAVING = 0.05  # share of the surface outside the image: what is not read of the hand may be there, too
 
 
@@ -61,7 +60,7 @@ def reason(
         shown = crop(depth, hand.center_uvd, cube_mm, camera)
     except DataError:
         return LEFT
-    if hand.support.hidden[0] > MAX_HIDDEN or (shown <= -BACKGROUND).mean() > COVERED:
+    if hand.support.hidden[0] > PART or (shown <= -BACKGROUND).mean() > PART:
         return f"{HIDDEN} by a nearer object"
     d = hand.center_uvd[2]
     if (np.abs(shown) < BACKGROUND).mean() < MIN_VISIBLE:
@@ -69,12 +68,12 @@ def reason(
     edges = _edges_left(camera, hand.xyz, 0.0) if hand.support.outside[0] > LEAVING else None
     if edges:
         return f"{LEFT}{edges}"
-    if hand.support.missing[0] > MAX_MISSING:
+    if hand.support.missing[0] > PART:
         return f"no depth at its last position, {d:.0f} mm away"
     return f"{NO_HAND} (confidence {confidence:.0%})"
 
 
-def _edges_left(camera: Camera, xyz: Array, share: float = MAX_OUTSIDE) -> str | None:
+def _edges_left(camera: Camera, xyz: Array, share: float = PART) -> str | None:
     """The edges of the image beyond which joints (K, 3) are, in words; None if no more than this share is outside."""
     before = xyz[:, 2] > 0
     if not before.all():

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from handpose.body.sides import Side
 from handpose.estimate.estimator import SearchRegion
-from handpose.estimate.finder import FoundHand
+from handpose.estimate.finder import APART_MM, FoundHand
 from handpose.estimate.hand import MIN_CONFIDENCE, MIN_PRESENCE, Hand
 from handpose.estimate.nets import refuse_other_bodies
 from handpose.estimate.packaged import load_predictor
@@ -34,7 +34,7 @@ from handpose.frames.recording import DepthFrame
 from handpose.tracking.hand_track import AHEAD_S, ENOUGH, SURE, FrameHands, HandTrack
 from handpose.tracking.output import tracked_hand
 from handpose.tracking.pose_estimator import PoseEstimator
-from handpose.tracking.present_hands import STILL, PresentHands, PresentPlace, Taken
+from handpose.tracking.present_hands import LATER_S, SOON_S, STILL, PresentHands, PresentPlace, Taken
 from handpose.tracking.reasons import reason, uncertain
 from handpose.tracking.reporting import SureHands
 from handpose.tracking.sizing import checked
@@ -43,8 +43,6 @@ from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 
 MAX_HANDS = 100  # larger numbers of hands are invalid
-SEARCH_S, SEARCH_ALONE_S = 0.2, 0.1  # s between searches with and without a tracked hand
-SAME_MM = 70.0  # palms closer together are the same hand
 # A place is fitted accurately only if a first fast fit has this confidence, and a hand is followed from this product of
 # presence and confidence on: in twelve real recordings true hands begin with 0.31 or more, and all but a person's elbow
 # has up to 0.25. Beside a followed hand another one needs this confidence; the elbow has up to 0.64.
@@ -117,7 +115,7 @@ class Tracker:
         found = FrameHands(self.finder, depth, self.camera, STILL * self.min_presence)
         self._follow(found, readings, time)
         self._drop_doubles()
-        pause = SEARCH_S if self.tracks else SEARCH_ALONE_S
+        pause = LATER_S if self.tracks else SOON_S
         due = found.is_known or time - self._searched >= pause or time - before > AHEAD_S
         if due and sum(track.best.estimate.chance >= SURE for track in self.tracks) < self.limit:
             self._searched = time
@@ -169,7 +167,7 @@ class Tracker:
         """Drop one of two tracks of the same hand: the one lost earlier, otherwise the worse one."""
         for track in sorted(self.tracks, key=lambda one: (-one.time, one.best.estimate.selection_cost)):
             for other in self.tracks if track.is_tracked else []:
-                if other is not track and np.linalg.norm(self._middle(track) - self._middle(other)) < SAME_MM:
+                if other is not track and np.linalg.norm(self._middle(track) - self._middle(other)) < APART_MM:
                     other.end("another hand is tracked at its position")
 
     def _search(self, found: FrameHands, readings: NDArray[np.float32], time: float) -> None:

@@ -10,10 +10,10 @@ import pytest
 
 import netlib
 from handpose.body.nyu import CUBE_MM
-from handpose.estimate import starts
 from handpose.estimate.nets import best_fit, skeleton_to_fit
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor
+from handpose.estimate.starts import depth_around
 from handpose.frames.cameras import KINECT2, NYU, Camera
 from handpose.frames.crops import clear_crop
 from handpose.frames.images import UnitError
@@ -173,8 +173,9 @@ SHAPE = "depth image of shape {}, expected {}"
            ("metres", 0.001, "depths from 0.579 to 1.5, expected mm; they may be metres"),
            ("micrometres", 1000, "depths from 579424 to 1.5e+06, expected mm, nearer than 20000; check the unit"),
            ("negative", -1, "depths from -1500 to -579.424, expected mm, growing away from the camera"))},
-    "nothing": ((np.zeros_like, KINECT2, None), "no depth anywhere in the image"),
-    "another camera": ((lambda frame: frame, NYU, None), SHAPE.format("(424, 512)", "(480, 640) of camera 'nyu'")),
+    "nothing": ((np.zeros_like, KINECT2, (260, 210)), "no depth around pixel 260, 210"),
+    "another camera": ((lambda frame: frame, NYU, (260, 210)),
+                       SHAPE.format("(424, 512)", "(480, 640) of camera 'nyu'")),
     "channels": ((lambda frame: frame[:, :, None], KINECT2, None), SHAPE.format("(424, 512, 1)", "(height, width)")),
 })
 def test_frames_that_are_refused(seeing: netlib.Net, frame: np.ndarray, given: Any, rejected: Any) -> None:
@@ -219,20 +220,18 @@ def test_a_finder_is_loaded_when_it_is_used(seeing: netlib.Net, frame: np.ndarra
 
 
 def test_where_to_start(seeing: netlib.Net, frame: np.ndarray) -> None:
-    """The start is the nearest object, a pixel with the depth around it, or a given place."""
+    """The start is a pixel with the depth around it, or a given place; without a finder one must be given."""
     predictor = Predictor(seeing, KINECT2, refine=0)
-    nearest = starts.find_hand(frame, KINECT2)
-    np.testing.assert_array_equal(predictor.in_frame(frame).center_uvd, nearest)
-    assert KINECT2.unproject(nearest) == pytest.approx((30, -20, 700), abs=60)
-    u, v, _ = nearest
-    np.testing.assert_array_equal(predictor.start(frame, (u, v)), starts.depth_around(frame, u, v))
+    np.testing.assert_array_equal(predictor.start(frame, (260, 210)), depth_around(frame, 260, 210))
     np.testing.assert_array_equal(predictor.start(frame, (1, 2, 3)), [1, 2, 3])
+    with pytest.raises(DataError, match=r"^this predictor has no finder; give the hand's place \(center\)$"):
+        predictor.start(frame)
 
 
 def test_frames_of_other_sizes(seeing: netlib.Net, frame: np.ndarray) -> None:
     """A camera without a size accepts any frame."""
     own = Camera("own", KINECT2.fx, KINECT2.fy, KINECT2.u0, KINECT2.v0, 0, 0)
-    found, same = (Predictor(seeing, camera).in_frame(frame) for camera in (own, KINECT2))
+    found, same = (Predictor(seeing, camera).in_frame(frame, (260, 210)) for camera in (own, KINECT2))
     np.testing.assert_array_equal(found.joints, same.joints)
     assert (found.camera.width, found.camera.height) == (512, 424)
 
