@@ -16,7 +16,7 @@ STILL = 0.5  # part of the minimum presence that is enough for a hand that was t
 LOOK = 0.5  # weight of the last look in the mean presence
 # s between tries of what takes long: a search for another hand, a pose at a place, a full fit of an uncertain hand, a
 # run of the network, whose pose competes with the tracked one; and while there is no hand, no pose or no decided side
-LATER_S, SOON_S = 0.25, 0.1
+LATER_S, SOON_S = 0.2, 0.1
 MAX_PAUSE = 4.0  # s: pauses at one place are doubled after each try
 
 
