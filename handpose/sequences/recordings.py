@@ -15,9 +15,9 @@ most of it for the sensor's errors; its truth alone 5 to 10 ms.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,7 +32,7 @@ from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.prior_file import PoseParameter
 from handpose.synthetic.scenes import BODY, render_image
-from handpose.synthetic.sensor import Sensor, sense, sensor_of
+from handpose.synthetic.sensor import sense, sensor_of
 from handpose.tracking.track import HIDDEN, LEFT, PARTLY, LostHand, TrackedFrame, TrackedHand, TrackHeader
 from netlib.blob import Array
 from netlib.errors import DataError, did_you_mean
@@ -93,16 +93,13 @@ SCRIPTS = {
 # A hand that shows the gestures of handpose/body/gestures.
 SHOWING = Script(30, (Role("right", (Act("gestures", 30, tuple(pose.name for pose in SHOWN)),)),), poses=SHOWN)
 
-
 NOWHERE_MM = 1e4  # beyond the range of any camera
 BEHIND_MM = 300.0  # from the farthest place of a hand to the middle between the shoulders
 SHOULDER_MM = 170.0  # from that middle
 BODY_FAR = 700.0  # mm: maximum distance of hands in front of a body
 MOSTLY, HARDLY = 0.9, 0.1  # share of the joints in the image: visible from the first on, lost up to the second
 SEEN, COVERED = 0.5, 0.05  # share of the surface that is not hidden: visible from the first on, hidden below the second
-PERSON, HANDS, SURROUNDINGS = range(3)  # purposes of random numbers
-
-Numbers = Callable[..., np.random.Generator]
+PERSON, HANDS, SURROUNDINGS, FAULTS, FRAMES = range(5)  # purposes of random numbers
 
 
 class Surroundings(NamedTuple):
@@ -151,71 +148,8 @@ class Shot(NamedTuple):
     unseen: list[str]
 
 
-class Stage:
-    """A script in front of a camera, for ``seconds``.
-
-    numbers  the random generator of a purpose, given by whole numbers from ``PERSON`` to ``SURROUNDINGS``
-    """
-
-    def __init__(self, script: Script, camera: Camera, seconds: float, numbers: Numbers) -> None:
-        self.script, self.camera = script, camera
-        # Palm or back mostly face the camera
-        prior = prior_file.load(prior_file.PEOPLE_PRIOR).turned("palm_rot_z", any=0.0)
-        prior = prior.turned("palm_rot_x", any=None, most=85.0).turned("palm_rot_y", any=0.1)
-        others = [pose for pose in prior.pose if pose.name not in [own.name for own in script.poses]]
-        prior = prior.but(pose=(*others, *script.poses)) if script.poses else prior
-        self.sampler = BodySampler(prior)
-        self.person = Person.draw(numbers(PERSON, 0), self.sampler)
-        volumes = [self._volume(n) for n in range(len(script.roles))]
-        self.movements: list[Movement] = []
-        for n, (role, (volume, outward)) in enumerate(zip(script.roles, volumes)):
-            actor = Actor(numbers(HANDS, n), self.sampler, self.person, role.side, volume, outward)
-            self.movements.append(actor.act(role.acts, seconds))
-        farthest = max(volume.far for volume, _ in volumes)
-        self.surroundings = draw_surroundings(numbers(SURROUNDINGS), camera, farthest, script.body)
-
-    def _volume(self, n: int) -> tuple[Volume, float]:
-        """The volume in which a role's hand moves, and the side of its elbow; the person faces the camera."""
-        roles, own = self.script.roles, self.script.roles[n].side
-        volume = Volume(self.camera, far=BODY_FAR) if self.script.body else Volume(self.camera)
-        if not self.script.apart or len(roles) == 1:
-            return volume.roomy(), 0.0
-        if own == "right":
-            return volume._replace(right=0.5).roomy(), -1.0
-        return volume._replace(left=0.5).roomy(), 1.0
-
-    def shot(self, time: float) -> Shot:
-        """The scene at a time in s."""
-        poses = [movement.pose_at(time) for movement in self.movements]
-        limbs = self.sampler.surface.limbs
-        hands, arms = [], []
-        for role, pose in zip(self.script.roles, poses):
-            hands.append(pose.capsules.chosen(~limbs))
-            forearm = pose.capsules.chosen(limbs)
-            upper_arm = self.surroundings.upper_arm(forearm.b[0, -1], role.side)
-            arms += [forearm, self.person.worn(pose.capsules), upper_arm]
-        layers = np.concatenate([render_image(in_front(hand), self.camera, np.inf) for hand in hands])
-        everything = in_front(joined(arms))
-        depth = np.minimum(self.surroundings.image, render_image(everything, self.camera, NOWHERE_MM)[0])
-        np.minimum(depth, layers.min(axis=0), out=depth)
-        return Shot(depth, poses, [self._unseen(pose, layer, depth) for pose, layer in zip(poses, layers)])
-
-    def _unseen(self, pose: HandPose, layer: Floats, depth: Floats) -> str:
-        """The reason why a hand with the rendering ``layer`` is not visible, or empty."""
-        u, v, _ = self.camera.project(pose.xyz).T
-        inside = ((u > 0) & (u < self.camera.width - 1) & (v > 0) & (v < self.camera.height - 1)).mean()
-        shown = np.isfinite(layer)
-        if inside <= HARDLY or not shown.any():
-            return LEFT
-        seen = (depth >= layer)[shown].mean()
-        if seen < COVERED:
-            return HIDDEN
-        return "" if inside >= MOSTLY and seen >= SEEN else PARTLY
-
-
 MAX_SECONDS = 36000.0
 MAX_IMAGE_PX = 1 << 14  # pixels either way, as in a camera.json
-FAULTS, FRAMES = SURROUNDINGS + 1, SURROUNDINGS + 2  # random streams, in addition to those of the scene
 
 
 class SyntheticRecording(Recording):
@@ -225,7 +159,7 @@ class SyntheticRecording(Recording):
     camera    without a size, the principal point is the middle of the image
     rate      frames per second
     seconds   length; by default the script's
-    sensor    error model, whose levels are drawn once; None has no errors
+    clean     without the errors of the camera's sensor, whose levels are drawn once
     mirrored  exchange left and right hands
 
     Raises DataError.
@@ -236,7 +170,7 @@ class SyntheticRecording(Recording):
 
     def __init__(
         self, script: Script | str, camera: Camera = NYU, *, rate: float = 30.0, seconds: float | None = None,
-        seed: int = 0, sensor: Sensor | Literal["camera's"] | None = "camera's", mirrored: bool = False,
+        seed: int = 0, clean: bool = False, mirrored: bool = False,
     ) -> None:
         if isinstance(script, str) and script not in SCRIPTS:
             raise DataError(f"script {script!r}{did_you_mean(script, SCRIPTS)}; expected one of {', '.join(SCRIPTS)}")
@@ -256,11 +190,72 @@ class SyntheticRecording(Recording):
         self.camera, self.rate, self.seed = camera, rate, seed
         self.count = max(1, round(length * rate))
         self.unit_mm = UNIT_MM.get(camera.name, 1.0)
-        kind = sensor_of(camera) if isinstance(sensor, str) else sensor
-        self.sensor = kind and kind.settled(self._numbers(FAULTS))
-        self.stage = Stage(self.script, camera, length, self._numbers)
+        self.sensor = None if clean else sensor_of(camera).settled(self._numbers(FAULTS))
+        # Palm or back mostly face the camera.
+        prior = prior_file.load(prior_file.PEOPLE_PRIOR).turned("palm_rot_z", any=0.0)
+        prior = prior.turned("palm_rot_x", any=None, most=85.0).turned("palm_rot_y", any=0.1)
+        own = self.script.poses
+        others = [pose for pose in prior.pose if pose.name not in [one.name for one in own]]
+        self.sampler = BodySampler(prior.but(pose=(*others, *own)) if own else prior)
+        self.person = Person.draw(self._numbers(PERSON, 0), self.sampler)
+        volumes = [self._volume(n) for n in range(len(self.script.roles))]
+        self.movements: list[Movement] = []
+        for n, (role, (volume, outward)) in enumerate(zip(self.script.roles, volumes)):
+            actor = Actor(self._numbers(HANDS, n), self.sampler, self.person, role.side, volume, outward)
+            self.movements.append(actor.act(role.acts, length))
+        farthest = max(volume.far for volume, _ in volumes)
+        self._surroundings = draw_surroundings(self._numbers(SURROUNDINGS), camera, farthest, self.script.body)
         self._last: tuple[int, Shot] | None = None
         self._unseen: dict[int, list[str]] = {}
+
+    # ------------------------------------------------------------------------------------------ the scene
+
+    def _volume(self, n: int) -> tuple[Volume, float]:
+        """The volume in which a role's hand moves, and the side of its elbow; the person faces the camera."""
+        roles, own = self.script.roles, self.script.roles[n].side
+        volume = Volume(self.camera, far=BODY_FAR) if self.script.body else Volume(self.camera)
+        if not self.script.apart or len(roles) == 1:
+            return volume.roomy(), 0.0
+        if own == "right":
+            return volume._replace(right=0.5).roomy(), -1.0
+        return volume._replace(left=0.5).roomy(), 1.0
+
+    def shot(self, number: int) -> Shot:
+        """The scene at the time of frame ``number``."""
+        if self._last is None or self._last[0] != number:
+            self._last = number, self._shot(number / self.rate)
+            self._unseen[number] = self._last[1].unseen
+        return self._last[1]
+
+    def _shot(self, time: float) -> Shot:
+        """The scene at a time in s."""
+        poses = [movement.pose_at(time) for movement in self.movements]
+        limbs = self.sampler.surface.limbs
+        hands, arms = [], []
+        for role, pose in zip(self.script.roles, poses):
+            hands.append(pose.capsules.chosen(~limbs))
+            forearm = pose.capsules.chosen(limbs)
+            upper_arm = self._surroundings.upper_arm(forearm.b[0, -1], role.side)
+            arms += [forearm, self.person.worn(pose.capsules), upper_arm]
+        layers = np.concatenate([render_image(in_front(hand), self.camera, np.inf) for hand in hands])
+        everything = in_front(joined(arms))
+        depth = np.minimum(self._surroundings.image, render_image(everything, self.camera, NOWHERE_MM)[0])
+        np.minimum(depth, layers.min(axis=0), out=depth)
+        return Shot(depth, poses, [self._why_unseen(pose, layer, depth) for pose, layer in zip(poses, layers)])
+
+    def _why_unseen(self, pose: HandPose, layer: Floats, depth: Floats) -> str:
+        """The reason why a hand with the rendering ``layer`` is not visible, or empty."""
+        u, v, _ = self.camera.project(pose.xyz).T
+        inside = ((u > 0) & (u < self.camera.width - 1) & (v > 0) & (v < self.camera.height - 1)).mean()
+        shown = np.isfinite(layer)
+        if inside <= HARDLY or not shown.any():
+            return LEFT
+        seen = (depth >= layer)[shown].mean()
+        if seen < COVERED:
+            return HIDDEN
+        return "" if inside >= MOSTLY and seen >= SEEN else PARTLY
+
+    # ------------------------------------------------------------------------------------------ the frames
 
     def __iter__(self) -> Iterator[DepthFrame]:
         return (self.frame(number) for number in range(self.count))
@@ -275,19 +270,12 @@ class SyntheticRecording(Recording):
         read = np.where(depth < NOWHERE_MM, np.rint(depth / unit) * unit, np.float32(0))
         return DepthFrame(number, number / self.rate, read)
 
-    def shot(self, number: int) -> Shot:
-        """The scene at the time of frame ``number``."""
-        if self._last is None or self._last[0] != number:
-            self._last = number, self.stage.shot(number / self.rate)
-            self._unseen[number] = self._last[1].unseen
-        return self._last[1]
-
     # ------------------------------------------------------------------------------------------ the truth
 
     @property
     def header(self) -> TrackHeader:
         """The header of the truth."""
-        return TrackHeader(self.name, self.camera, self.stage.sampler.skeleton, CUBE_MM / 2, smoothed=False)
+        return TrackHeader(self.name, self.camera, self.sampler.skeleton, CUBE_MM / 2, smoothed=False)
 
     def truths(self) -> Iterator[TrackedFrame]:
         """The truth of each frame."""
@@ -314,7 +302,7 @@ class SyntheticRecording(Recording):
         """The time in s when a hand was last visible before frame ``number``; None for never."""
         for n in range(number - 1, -1, -1):
             if n not in self._unseen:
-                self._unseen[n] = self.stage.shot(n / self.rate).unseen
+                self._unseen[n] = self._shot(n / self.rate).unseen
             if not self._unseen[n][id]:
                 return n / self.rate
         return None

@@ -47,7 +47,7 @@ def test_a_camera_keeps_its_noise_and_its_background() -> None:
     """The noise level is drawn once per recording, so that all frames of a still hand are equally noisy."""
     recording = SyntheticRecording("rest", ICVL, seconds=0.4)
     assert recording.sensor and recording.sensor.depth_noise[0] == recording.sensor.depth_noise[1] > 0
-    clean = SyntheticRecording("rest", ICVL, seconds=0.4, sensor=None)
+    clean = SyntheticRecording("rest", ICVL, seconds=0.4, clean=True)
     truth = clean.frame(0).depth
     off = np.abs(np.stack([frame.depth for frame in recording]) - truth)[:, truth > 0]
     noise = np.mean(off, axis=1, where=off < 10)  # away from edges
@@ -58,7 +58,7 @@ def test_a_camera_keeps_its_noise_and_its_background() -> None:
 def test_the_truth_is_what_is_seen() -> None:
     """The rendered surface of the truth equals the depth of an ideal camera; joints are those of the inputs."""
     for script in ("moving", "left"):
-        recording = SyntheticRecording(script, NYU, seconds=4, rate=1, sensor=None)
+        recording = SyntheticRecording(script, NYU, seconds=4, rate=1, clean=True)
         header = recording.header
         for frame, truth in zip(recording, recording.truths()):
             (hand,) = truth.hands
@@ -73,8 +73,8 @@ def test_the_truth_is_what_is_seen() -> None:
 
 
 def test_rate_and_length_do_not_change_the_movement() -> None:
-    slow, fast = (SyntheticRecording("moving", ICVL, rate=rate, seconds=1, sensor=None) for rate in (10, 60))
-    longer = SyntheticRecording("moving", ICVL, rate=10, seconds=3, sensor=None)
+    slow, fast = (SyntheticRecording("moving", ICVL, rate=rate, seconds=1, clean=True) for rate in (10, 60))
+    longer = SyntheticRecording("moving", ICVL, rate=10, seconds=3, clean=True)
     np.testing.assert_array_equal(slow.frame(8).depth, fast.frame(48).depth)
     np.testing.assert_array_equal(slow.frame(8).depth, longer.frame(8).depth)
 
@@ -120,7 +120,7 @@ def test_hands_may_hide_each_other_if_that_is_allowed() -> None:
 
 def test_a_body_stands_behind() -> None:
     body, arms = (
-        SyntheticRecording(replace(SCRIPTS["rest"], body=own), NYU, rate=1, sensor=None) for own in (True, False)
+        SyntheticRecording(replace(SCRIPTS["rest"], body=own), NYU, rate=1, clean=True) for own in (True, False)
     )
     seen = body.frame(0).depth
     assert ((seen > 700) & (seen < 1100)).mean() > 0.1

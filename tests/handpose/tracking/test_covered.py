@@ -133,7 +133,7 @@ def moving(side: Side, velocity: tuple[float, float, float], seed: int) -> Take:
     """A hand that starts to move at BEGUN, at once with this velocity in m/s, for five frames at 30 per second."""
     script = Script((BEGUN + 7) / 30, (Role(side, (Act("rest", 1),)),))
     recording = SyntheticRecording(script, ICVL, rate=30, seed=seed)
-    (movement,) = recording.stage.movements
+    (movement,) = recording.movements
     at_rest = movement.pose_at
 
     def pose_at(time: float) -> HandPose:
