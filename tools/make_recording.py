@@ -35,7 +35,7 @@ tools.begin(__name__)
 
 from handpose import CAMERAS, NYU, RecordingWriter
 from handpose.body.sides import SIDES
-from handpose.output.tracks.json_file import JsonWriter
+from handpose.output.tracks.writing import JsonWriter
 from handpose.sequences.recordings import SCRIPTS, SyntheticRecording
 from netlib.errors import NetlibError
 from netlib.files import atomic, make_folder

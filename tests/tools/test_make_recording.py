@@ -87,7 +87,7 @@ PLACES = {
     "a frame of a folder": ("a", "handpose.frames.writing._Folder.write", 3),
     "a frame of a stack": ("a.npz", "handpose.frames.writing._Stack.write", 3),
     "the end of a stack": ("a.npz", "handpose.frames.writing._Stack._fill", 1),
-    "a frame of the truth": ("a.npz", "handpose.output.tracks.growing.GrowingFile.append", 3),
+    "a frame of the truth": ("a.npz", "handpose.output.tracks.writing.GrowingFile.append", 3),
 }
 
 

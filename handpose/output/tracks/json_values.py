@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from handpose.body.gestures import GestureReader
 from handpose.body.joint_formats.formats import FormatName
-from handpose.body.joint_formats.frames import hand_frames
 from handpose.body.model import FINGERS
 from handpose.body.sides import Side, side_of
 from handpose.fit.pose_confidence import unknown_finger_errors
@@ -22,10 +22,6 @@ from layers.hand.skeleton_file import SkeletonParameter, text_of
 from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.proto import prototxt, schema
-
-if TYPE_CHECKING:
-    from handpose.body.gestures import GestureReader
-from typing import NamedTuple
 
 FORMAT, VERSION = "handpose", 2
 READ = (1, 2)  # versions; without presence before 2
@@ -114,11 +110,7 @@ class FrameValues:
         self._skeleton, self._unit_mm = header.skeleton, header.unit_mm
         self._camera, self._joints = header.camera if in_frames else None, joints
         self._live = live
-        self._gestures: GestureReader | None = None
-        if gestures:
-            from handpose.body.gestures import GestureReader
-
-            self._gestures = GestureReader(header.skeleton)
+        self._gestures = GestureReader(header.skeleton) if gestures else None
         self._dofs = free_dofs(header.skeleton)
         names = header.skeleton.dof_names
         self._angles, self._slides = [names[d] for d in self._dofs.angles], [names[d] for d in self._dofs.slides]
@@ -161,22 +153,15 @@ class FrameValues:
 
     def _derived_values(self, hand: TrackedHand, time: float) -> dict[str, Any]:
         """The joint format and the gesture, if requested."""
-        if self._joints is None and self._gestures is None:
-            return {}
-        frames, found = hand_frames(self._skeleton, hand.hand, hand.xyz), {}
+        found: dict[str, Any] = {}
         if self._joints is not None:
+            cube_mm = hand.cube_mm if self._camera is None else None
             found = joint_values.hand_values(
-                self._joints,
-                self._skeleton,
-                hand.hand,
-                hand.xyz,
-                self._camera,
-                None if self._camera else hand.cube_mm,
-                frames,
+                self._joints, self._skeleton, hand.hand, hand.xyz, self._camera, cube_mm
             )
         if self._gestures is None:
             return found
-        seen = self._gestures.read(hand.id, hand.hand, hand.xyz, time, frames)
+        seen = self._gestures.read(hand.id, hand.hand, hand.xyz, time)
         gesture = {"name": seen.name or None, "number": seen.number, "confidence": rounded(seen.confidence, 3)}
         return {**found, "gesture": gesture}
 

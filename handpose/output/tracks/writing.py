@@ -1,4 +1,4 @@
-"""Writers of tracks, by the ending of a name.
+"""Writers of tracks, by the ending of a name; their files are complete however the program ends.
 
 with open_writer("wave.json", header) as writer:
     for frame in frames:
@@ -7,13 +7,138 @@ with open_writer("wave.json", header) as writer:
 
 from __future__ import annotations
 
+import contextlib
+import errno
+import json
+import sys
+from abc import ABC, abstractmethod
 from pathlib import Path
+from types import TracebackType
+from typing import TypeVar
 
 from handpose.body.joint_formats.formats import FormatName
-from handpose.output.tracks.growing import TrackWriter
-from handpose.output.tracks.json_file import JsonLinesWriter, JsonWriter
-from handpose.tracking.track import TrackHeader
+from handpose.output.tracks.json_values import FrameValues, header_values
+from handpose.tracking.track import TrackedFrame, TrackHeader
 from netlib.errors import DataError
+from netlib.files import atomic
+
+T = TypeVar("T", bound="GrowingFile")
+_text = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode  # ASCII only
+
+
+class GrowingFile:
+    """A file of pieces, written next to ``path`` and renamed at the end of the block; raises OSError.
+
+    After an exception in the block, such as Ctrl-C or a full disk, the complete pieces are kept; without any, the old
+    file.
+
+    path  None: standard output, to which each piece is written at once
+    head  first bytes
+    tail  last bytes: they are written after every piece, and overwritten by the next, so that no failure truncates them
+    end   replaces ``tail`` at the end of a block without an exception; not longer
+    """
+
+    def __init__(self, path: Path | None, head: bytes = b"", tail: bytes = b"", end: bytes | None = None) -> None:
+        self.path, self._head, self._tail = path, head, tail
+        self._end = tail if end is None else end
+        self._offset = 0  # of the next piece
+        self._pieces = 0
+
+    def __enter__(self: T) -> T:
+        if self.path is None:
+            self.append(self._head)
+            return self
+        with contextlib.ExitStack() as stack:
+            stack.enter_context(atomic.error_names(self.path))
+            atomic.require_regular_file(self.path)
+            self._fresh = stack.enter_context(atomic.temporary(self.path))
+            self._stream = stack.enter_context(self._fresh.open("wb", buffering=0))
+            self._put(self._head)
+            self._stack = stack.pop_all()
+        return self
+
+    def append(self, piece: bytes) -> None:
+        """Add a piece."""
+        if self.path is not None:
+            with atomic.error_names(self.path):
+                self._put(piece)
+        elif sys.stdout is None:  # a shell closed it
+            raise OSError(errno.EBADF, "is closed", "standard output")
+        else:
+            sys.stdout.write(piece.decode("ascii"))
+            sys.stdout.flush()
+        self._pieces += 1
+
+    def discard(self) -> None:
+        """Drop the pieces: after an exception in the block the old file at ``path`` is unchanged."""
+        self._pieces = 0
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> None:
+        if self.path is None:
+            return
+        with self._stack, atomic.error_names(self.path):
+            if kind is None or self._pieces:
+                last = self._end if kind is None else self._tail
+                self._write(last)
+                self._stream.truncate(self._offset + len(last))
+                self._stream.close()
+                atomic.commit(self._fresh, self.path)
+
+    def _put(self, piece: bytes) -> None:
+        self._write(piece + self._tail)
+        self._offset += len(piece)
+
+    def _write(self, content: bytes) -> None:
+        self._stream.seek(self._offset)
+        done = 0
+        while done < len(content):
+            done += self._stream.write(content[done:])
+
+
+class TrackWriter(GrowingFile, ABC):
+    """Writes a track frame by frame; the frames before an exception in the block are kept. Raises OSError."""
+
+    @abstractmethod
+    def write(self, frame: TrackedFrame) -> None:
+        """Add a frame."""
+
+
+class JsonWriter(TrackWriter):
+    """Writes a JSON document.
+
+    joints, gestures  as for ``open_writer``
+    """
+
+    def __init__(
+        self, path: Path, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False
+    ) -> None:
+        self._values, self._between = FrameValues(header, joints, gestures), ""
+        head = _text(header_values(header, joints))[:-1] + ',"frames":[\n'
+        super().__init__(path, head.encode(), b'\n],"complete":false}\n', b'\n],"complete":true}\n')
+
+    def write(self, frame: TrackedFrame) -> None:
+        """Add a frame."""
+        self.append((self._between + _text(self._values.values(frame))).encode())
+        self._between = ",\n"
+
+
+class JsonLinesWriter(TrackWriter):
+    """Writes JSON lines, each of which can be read at once from standard output.
+
+    joints, gestures  as for ``open_writer``
+    """
+
+    def __init__(
+        self, path: Path | None, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False
+    ) -> None:
+        self._values = FrameValues(header, joints, gestures)
+        super().__init__(path, f"{_text(header_values(header, joints))}\n".encode())
+
+    def write(self, frame: TrackedFrame) -> None:
+        """Add a frame."""
+        self.append(f"{_text(self._values.values(frame))}\n".encode())
 
 
 def open_writer(

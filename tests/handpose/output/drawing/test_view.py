@@ -96,14 +96,6 @@ def test_it_does_not_flicker() -> None:
         before = after
 
 
-def test_it_follows_in_seconds() -> None:
-    slow, fresh = Contrast(), Contrast()
-    slow.see(0.0, DEPTH, np.array([400.0]))
-    slow.see(10.0, DEPTH, np.array([900.0]))
-    fresh.see(0.0, DEPTH, np.array([900.0]))
-    assert abs(slow.grey(DEPTH).astype(int) - fresh.grey(DEPTH)).max() <= 1
-
-
 def test_without_hands_the_nearer_half_of_the_scene_counts() -> None:
     """The nearer half of the readings has most of the greys; an image without readings raises no error."""
     scene = Contrast()

@@ -5,20 +5,26 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
+import re
 import socket
 import struct
+import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
 
 from handpose.output.live import server as module
-from handpose.output.live.messages import LINES, VIEWS
+from handpose.output.live.messages import LINES, VIEWS, Messages
 from handpose.output.live.server import LiveServer, is_named
 from netlib.errors import NetlibError
+from netlib.files.paths import ROOT
+from tests.handpose.output.live.conftest import BOTH
+from tests.support.tracked_hands import HEADER
 
 Serve = Callable[..., LiveServer]
 
@@ -38,6 +44,7 @@ class Clients:
             assert json.loads(client.recv(timeout=60))["format"] == "handpose"
         assert server.wait_for_client(60)
         return client
+
 
 @pytest.fixture
 def clients() -> Iterator[Clients]:
@@ -198,20 +205,6 @@ def half_open_connections(server: LiveServer, clients: Clients) -> None:
         assert client.recv(timeout=60) == "a"
 
 
-def readers_that_never_read(server: LiveServer, clients: Clients) -> None:
-    with contextlib.ExitStack() as stack:
-        for _ in range(80):
-            silent = stack.enter_context(socket.create_connection(("127.0.0.1", server.port), 60))
-            silent.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-            silent.sendall(opening().replace(b"TOKEN", server.token.encode()).replace(b"PORT", b"%d" % server.port))
-            assert silent.recv(12) == b"HTTP/1.1 101"
-        client = clients.connect(server)
-        for number in range(100):
-            server.put(LINES, f"{number}".rjust(1 << 16))
-        while int(client.recv(timeout=60)) < 99:
-            pass
-
-
 # Requests with the statuses of their answers, and clients. A status of 0 is none: what websockets takes for no HTTP
 # request is not answered, and versions before 17 answer less.
 DEMANDS: dict[str, Any] = {
@@ -240,7 +233,6 @@ DEMANDS: dict[str, Any] = {
     "HTTP/2": (b"GET / HTTP/2.0\r\n\r\n", (400, 0)),
     "a message of 10 MB": a_message_of_10_mb,
     "300 half-open connections": half_open_connections,
-    "80 readers that never read": readers_that_never_read,
 }
 
 
@@ -335,3 +327,21 @@ def test_without_websockets(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "websockets", None)
     with pytest.raises(NetlibError, match=r"^websockets is missing: pip install 'websockets>=13'$"):
         LiveServer("127.0.0.1", 0, "", "")
+
+
+def test_the_example_for_programs(tmp_path: Path, serve: Serve) -> None:
+    """docs/live.md: the example prints each hand's index fingertip in each frame, and ends with the recording."""
+    text = (ROOT / "docs" / "live.md").read_text(encoding="utf-8")
+    (program,) = re.findall(r"<!-- file: watch.py -->\n```python\n(.*?)```", text, re.DOTALL)
+    assert len(program.splitlines()) <= 10
+    (tmp_path / "watch.py").write_text(program, encoding="utf-8")
+    messages = Messages(HEADER)
+    with serve() as server:
+        (tmp_path / "live.json").write_text(json.dumps({"frames": server.lines_url}), encoding="utf-8")
+        process = subprocess.Popen([sys.executable, "watch.py"], stdout=subprocess.PIPE, text=True, cwd=tmp_path)
+        assert server.wait_for_client(60)
+        server.put(LINES, messages.line(messages.record(BOTH)))
+    out, _ = process.communicate(timeout=60)
+    tip = HEADER.skeleton.joint_names.index("index_tip")
+    expected = [f"{hand.hand} {[float(mm) for mm in hand.xyz[tip].round(2)]}" for hand in BOTH.hands]
+    assert process.returncode == 0 and out.splitlines() == expected

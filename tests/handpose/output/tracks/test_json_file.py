@@ -12,8 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from handpose.output.tracks.json_file import JsonLinesWriter, JsonWriter, Track, read_track
+from handpose.output.tracks.json_file import Track, read_track
 from handpose.output.tracks.json_values import rounded
+from handpose.output.tracks.writing import JsonLinesWriter, JsonWriter
 from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackHeader, joints_of
 from layers.hand.skeleton import load
 from netlib.errors import DataError, PrototxtError
