@@ -108,7 +108,7 @@ class Actor:
         self.outward, self.time = outward, 0.0
         fingers = fingers_of("relaxed", person, sampler)
         palm, arm = self.next_palm(None, FACING)
-        self.movement = Movement(sampler, person, side, fingers, palm, arm, volume.place(rng))
+        self.movement = Movement(sampler, person, side, volume.camera, fingers, palm, arm, volume.place(rng))
 
     def act(self, acts: Sequence[Act], seconds: float) -> Movement:
         """Perform the acts in a loop until the given time in s is over, which does not change the movement.

@@ -14,18 +14,20 @@ always a mean of the poses: no angle leaves limits that the poses keep. A stroke
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from handpose.body.model import Surface
+from handpose.body.nyu import CUBE_MM
 from handpose.body.render import Capsules
 from handpose.body.sides import Side, mirror_of
+from handpose.frames.cameras import Camera
 from handpose.synthetic.pose_prior import BodySampler, cut_normal
 from handpose.synthetic.prior_file import PartParameter, PoseParameter
 from handpose.synthetic.surface_prior import PERSON_SURFACE
-from handpose.tracking.track import joints_of
+from handpose.tracking.track import TrackedHand, joints_of
 from netlib.blob import Array
 
 
@@ -218,23 +220,6 @@ class Turns(Values):
         return turned
 
 
-class HandPose(NamedTuple):
-    """One hand at one time.
-
-    inputs     (D,) of the skeleton, of a left hand those of its mirror image; angles of the palm in -pi to pi
-    bones      (K,) in units
-    origin_mm  (3,) camera axes, not mirrored: where the inputs' origin is, the middle of a crop
-    xyz        (K, 3) mm, camera axes
-    capsules   (1, M) mm, camera axes: hand and forearm
-    """
-
-    inputs: Array
-    bones: Array
-    origin_mm: Array
-    xyz: Array
-    capsules: Capsules
-
-
 class Movement:
     """One hand of a person, over time.
 
@@ -246,19 +231,21 @@ class Movement:
     """
 
     def __init__(
-        self, sampler: BodySampler, person: Person, side: Side, fingers: Array, palm: Rotation, arm: Array, place: Array
+        self, sampler: BodySampler, person: Person, side: Side, camera: Camera, fingers: Array, palm: Rotation,
+        arm: Array, place: Array,
     ) -> None:
-        self.sampler, self.person, self.side = sampler, person, side
+        self.sampler, self.person, self.side, self.camera = sampler, person, side, camera
         self.fingers, self.palm = Values(fingers), Turns(palm)
         self.arm, self.place = Values(arm), Values(place)
 
-    def pose_at(self, time: float) -> HandPose:
-        """The hand at a time in s."""
+    def pose_at(self, time: float) -> TrackedHand:
+        """The hand at a time in s, with the id 0, confidence 1 and error 0."""
         origin, whole = self.place.at(time), self.inputs_at(time)
         skeleton, person = self.sampler.skeleton, self.person
         inputs, bones = whole[: len(skeleton.initial)], person.bones[: len(skeleton.joint_names)]
         xyz = joints_of(skeleton, person.unit_mm, self.side, inputs, bones, origin)
-        return HandPose(inputs, bones, origin, xyz, person.capsules(whole, origin, self.side))
+        middle, capsules = self.camera.project(origin), person.capsules(whole, origin, self.side)
+        return TrackedHand(0, self.side, 1.0, 0.0, inputs, bones, origin, xyz, middle, CUBE_MM, capsules)
 
     def inputs_at(self, time: float) -> Array:
         """The inputs (D,) of the whole body, the forearm included."""

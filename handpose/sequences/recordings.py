@@ -27,7 +27,7 @@ from handpose.body.sides import Side, other_side
 from handpose.frames.cameras import NYU, UNIT_MM, Camera
 from handpose.frames.recording import DepthFrame, Recording
 from handpose.sequences.acts import Act, Actor, Volume
-from handpose.sequences.movements import SHOWN, HandPose, Movement, Person
+from handpose.sequences.movements import SHOWN, Movement, Person
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.prior_file import PoseParameter
@@ -35,7 +35,7 @@ from handpose.synthetic.scenes import BODY, render_image
 from handpose.synthetic.sensor import sense, sensor_of
 from handpose.tracking.track import HIDDEN, LEFT, PARTLY, LostHand, TrackedFrame, TrackedHand, TrackHeader
 from netlib.blob import Array
-from netlib.errors import DataError, did_you_mean
+from netlib.errors import DataError
 
 
 @dataclass(frozen=True)
@@ -66,10 +66,6 @@ class Script:
     body: bool = False
     apart: bool = True
     poses: tuple[PoseParameter, ...] = ()
-
-    def mirrored(self) -> Script:
-        """The script with left and right hands exchanged."""
-        return replace(self, roles=tuple(replace(role, side=other_side(role.side)) for role in self.roles))
 
 
 _LIVELY = (Act("moving", 6), Act("rest", 1.5), Act("gestures", 6), Act("wave", 2.5), Act("rest", 1.5))
@@ -139,16 +135,15 @@ class Shot(NamedTuple):
     """The scene at one time.
 
     depth    (height, width) mm, ``NOWHERE_MM`` without a reading, without the sensor's errors
-    poses    of each role
+    hands    of each role
     unseen   of each role: the reason why it is not visible, or empty
     """
 
     depth: Floats
-    poses: list[HandPose]
+    hands: list[TrackedHand]
     unseen: list[str]
 
 
-MAX_SECONDS = 36000.0
 MAX_IMAGE_PX = 1 << 14  # pixels either way, as in a camera.json
 
 
@@ -172,16 +167,12 @@ class SyntheticRecording(Recording):
         self, script: Script | str, camera: Camera = NYU, *, rate: float = 30.0, seconds: float | None = None,
         seed: int = 0, clean: bool = False, mirrored: bool = False,
     ) -> None:
-        if isinstance(script, str) and script not in SCRIPTS:
-            raise DataError(f"script {script!r}{did_you_mean(script, SCRIPTS)}; expected one of {', '.join(SCRIPTS)}")
         self.script = SCRIPTS[script] if isinstance(script, str) else script
         if mirrored:
-            self.script = self.script.mirrored()
+            roles = (replace(role, side=other_side(role.side)) for role in self.script.roles)
+            self.script = replace(self.script, roles=tuple(roles))
         self.name = f"synthetic {script if isinstance(script, str) else 'script'}, seed {seed}"
         length = self.script.seconds if seconds is None else seconds
-        if not (0 < rate < np.inf and 0 < length <= MAX_SECONDS) or seed < 0:
-            raise DataError(f"{length:g} s at rate {rate:g}, seed {seed}; expected more than 0 and at most "
-                            f"{MAX_SECONDS:g} s, the seed 0 or more")
         if not camera.width:
             camera = replace(camera, width=round(2 * camera.u0), height=round(2 * camera.v0))
         if not (0 < camera.width <= MAX_IMAGE_PX and 0 < camera.height <= MAX_IMAGE_PX):
@@ -229,23 +220,23 @@ class SyntheticRecording(Recording):
 
     def _shot(self, time: float) -> Shot:
         """The scene at a time in s."""
-        poses = [movement.pose_at(time) for movement in self.movements]
+        hands = [movement.pose_at(time) for movement in self.movements]
         limbs = self.sampler.surface.limbs
-        hands, arms = [], []
-        for role, pose in zip(self.script.roles, poses):
-            hands.append(pose.capsules.chosen(~limbs))
-            forearm = pose.capsules.chosen(limbs)
-            upper_arm = self._surroundings.upper_arm(forearm.b[0, -1], role.side)
-            arms += [forearm, self.person.worn(pose.capsules), upper_arm]
-        layers = np.concatenate([render_image(in_front(hand), self.camera, np.inf) for hand in hands])
+        layers, arms = [], []
+        for hand in hands:
+            assert hand.capsules is not None
+            layers.append(render_image(in_front(hand.capsules.chosen(~limbs)), self.camera, np.inf)[0])
+            forearm = hand.capsules.chosen(limbs)
+            upper_arm = self._surroundings.upper_arm(forearm.b[0, -1], hand.hand)
+            arms += [forearm, self.person.worn(hand.capsules), upper_arm]
         everything = in_front(joined(arms))
         depth = np.minimum(self._surroundings.image, render_image(everything, self.camera, NOWHERE_MM)[0])
-        np.minimum(depth, layers.min(axis=0), out=depth)
-        return Shot(depth, poses, [self._why_unseen(pose, layer, depth) for pose, layer in zip(poses, layers)])
+        depth = np.minimum.reduce([depth, *layers])
+        return Shot(depth, hands, [self._why_unseen(hand, layer, depth) for hand, layer in zip(hands, layers)])
 
-    def _why_unseen(self, pose: HandPose, layer: Floats, depth: Floats) -> str:
+    def _why_unseen(self, hand: TrackedHand, layer: Floats, depth: Floats) -> str:
         """The reason why a hand with the rendering ``layer`` is not visible, or empty."""
-        u, v, _ = self.camera.project(pose.xyz).T
+        u, v, _ = self.camera.project(hand.xyz).T
         inside = ((u > 0) & (u < self.camera.width - 1) & (v > 0) & (v < self.camera.height - 1)).mean()
         shown = np.isfinite(layer)
         if inside <= HARDLY or not shown.any():
@@ -288,14 +279,13 @@ class SyntheticRecording(Recording):
         """
         time, hands, lost = number / self.rate, [], []
         shot = self.shot(number)
-        for id, (role, pose, unseen) in enumerate(zip(self.script.roles, shot.poses, shot.unseen)):
+        for id, (hand, unseen) in enumerate(zip(shot.hands, shot.unseen)):
             if not unseen:
-                middle = self.camera.project(pose.origin_mm)
-                hands.append(TrackedHand(id, role.side, 1.0, 0.0, *pose[:4], middle, CUBE_MM, pose.capsules))
+                hands.append(replace(hand, id=id))
                 continue
             since = self._last_in_sight(id, number)
             if since is not None or unseen == PARTLY:
-                lost.append(LostHand(id, role.side, time if since is None else since, unseen))
+                lost.append(LostHand(id, hand.hand, time if since is None else since, unseen))
         return TrackedFrame(number, time, tuple(hands), tuple(lost))
 
     def _last_in_sight(self, id: int, number: int) -> float | None:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from handpose.body.sides import MIRROR
+from handpose.frames.cameras import NYU
 from handpose.sequences.movements import OVERLAP, TOP_SPEED, Movement, Person, Turns, Values, eased, posed
 from handpose.synthetic.pose_prior import BodySampler
 
@@ -99,7 +100,8 @@ def test_a_left_hand_is_the_mirror_image() -> None:
     """Joints and surface are mirrored about the middle of the crop, which is not mirrored itself."""
     place, palm = np.array([100.0, 50.0, 600.0]), Rotation.from_euler("z", 0.3)
     right, left = (
-        Movement(SAMPLER, PERSON, side, HAND.inputs[0], palm, ARM, place).pose_at(1.0) for side in ("right", "left")
+        Movement(SAMPLER, PERSON, side, NYU, HAND.inputs[0], palm, ARM, place).pose_at(1.0)
+        for side in ("right", "left")
     )
     np.testing.assert_allclose(left.xyz - place, (right.xyz - place) * MIRROR, atol=1e-9)
     np.testing.assert_allclose(left.capsules.a - place, (right.capsules.a - place) * MIRROR, atol=1e-9)

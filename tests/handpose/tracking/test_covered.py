@@ -6,6 +6,7 @@ import csv
 import functools
 import json
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
 
@@ -21,9 +22,8 @@ from handpose.frames.recording import DepthFrame
 from handpose.output.live.messages import Messages
 from handpose.output.tracks.writing import open_writer
 from handpose.sequences.acts import Act
-from handpose.sequences.movements import HandPose
 from handpose.sequences.recordings import Role, Script, SyntheticRecording
-from handpose.tracking.track import HIDDEN, TrackedFrame
+from handpose.tracking.track import HIDDEN, TrackedFrame, TrackedHand
 from handpose.tracking.tracker import Tracker
 from tests.handpose.tracking.conftest import RATE, Take, copied, played
 
@@ -136,10 +136,10 @@ def moving(side: Side, velocity: tuple[float, float, float], seed: int) -> Take:
     (movement,) = recording.movements
     at_rest = movement.pose_at
 
-    def pose_at(time: float) -> HandPose:
+    def pose_at(time: float) -> TrackedHand:
         pose, way = at_rest(time), 1000 * np.array(velocity) * np.clip(time - (BEGUN - 0.5) / 30, 0, 5 / 30)
         capsules = pose.capsules._replace(a=pose.capsules.a + way, b=pose.capsules.b + way)
-        return pose._replace(xyz=pose.xyz + way, capsules=capsules)
+        return replace(pose, xyz=pose.xyz + way, capsules=capsules)
 
     movement.pose_at = pose_at
     return Take(recording, list(recording), list(recording.truths()))
