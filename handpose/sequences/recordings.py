@@ -98,25 +98,13 @@ SEEN, COVERED = 0.5, 0.05  # share of the surface that is not hidden: visible fr
 PERSON, HANDS, SURROUNDINGS, FAULTS, FRAMES = range(5)  # purposes of random numbers
 
 
-class Surroundings(NamedTuple):
-    """Everything in the image except hands and arms.
-
-    image   (height, width) mm, ``NOWHERE_MM`` without a reading
-    middle  (3,) mm between the person's shoulders
-    """
-
-    image: Floats
-    middle: Array
-
-    def upper_arm(self, elbow: Array, side: Side) -> Capsules:
-        """The capsule (1, 1) from an elbow (3,) to the shoulder of the person, who faces the camera."""
-        right = -1.0 if side == "right" else 1.0
-        shoulder = self.middle + (right * SHOULDER_MM, -20.0, 0.0)
-        return Capsules(elbow[None, None], shoulder[None, None], np.array([[40.0]]), np.array([[55.0]]))
-
-
-def draw_surroundings(rng: np.random.Generator, camera: Camera, farthest: float, body: bool) -> Surroundings:
+def draw_surroundings(
+    rng: np.random.Generator, camera: Camera, farthest: float, body: bool
+) -> tuple[Floats, Array]:
     """A wall, beyond the range of half of the cameras, and a body in front of it or none.
+
+    Returns the image (height, width), ``NOWHERE_MM`` without a reading, and the middle (3,)
+    between the shoulders, in mm.
 
     farthest  depth in mm that the middles of hands do not exceed
     """
@@ -128,7 +116,7 @@ def draw_surroundings(rng: np.random.Generator, camera: Camera, farthest: float,
         radii = np.array([(ra, rb) for _, _, ra, rb in BODY], dtype=np.float64)
         trunk = in_front(Capsules(ends[None, :, 0], ends[None, :, 1], radii[None, :, 0], radii[None, :, 1]))
         np.minimum(image, render_image(trunk, camera, np.inf)[0], out=image)
-    return Surroundings(image, middle)
+    return image, middle
 
 
 class Shot(NamedTuple):
@@ -195,7 +183,7 @@ class SyntheticRecording(Recording):
             actor = Actor(self._numbers(HANDS, n), self.sampler, self.person, role.side, volume, outward)
             self.movements.append(actor.act(role.acts, length))
         farthest = max(volume.far for volume, _ in volumes)
-        self._surroundings = draw_surroundings(self._numbers(SURROUNDINGS), camera, farthest, self.script.body)
+        self._behind, self._middle = draw_surroundings(self._numbers(SURROUNDINGS), camera, farthest, self.script.body)
         self._last: tuple[int, Shot] | None = None
         self._unseen: dict[int, list[str]] = {}
 
@@ -227,12 +215,16 @@ class SyntheticRecording(Recording):
             assert hand.capsules is not None
             layers.append(render_image(in_front(hand.capsules.chosen(~limbs)), self.camera, np.inf)[0])
             forearm = hand.capsules.chosen(limbs)
-            upper_arm = self._surroundings.upper_arm(forearm.b[0, -1], hand.hand)
-            arms += [forearm, self.person.worn(hand.capsules), upper_arm]
+            arms += [forearm, self.person.worn(hand.capsules), self._upper_arm(forearm.b[:, -1:], hand.hand)]
         everything = in_front(joined(arms))
-        depth = np.minimum(self._surroundings.image, render_image(everything, self.camera, NOWHERE_MM)[0])
+        depth = np.minimum(self._behind, render_image(everything, self.camera, NOWHERE_MM)[0])
         depth = np.minimum.reduce([depth, *layers])
         return Shot(depth, hands, [self._why_unseen(hand, layer, depth) for hand, layer in zip(hands, layers)])
+
+    def _upper_arm(self, elbow: Array, side: Side) -> Capsules:
+        """The capsule (1, 1) from an elbow (1, 1, 3) to the shoulder of the person, who faces the camera."""
+        shoulder = self._middle + (-SHOULDER_MM if side == "right" else SHOULDER_MM, -20.0, 0.0)
+        return Capsules(elbow, shoulder[None, None], np.array([[40.0]]), np.array([[55.0]]))
 
     def _why_unseen(self, hand: TrackedHand, layer: Floats, depth: Floats) -> str:
         """The reason why a hand with the rendering ``layer`` is not visible, or empty."""
