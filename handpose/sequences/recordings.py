@@ -23,7 +23,7 @@ import numpy as np
 
 from handpose.body.nyu import CUBE_MM
 from handpose.body.render import Capsules, Floats, in_front, joined
-from handpose.body.sides import Side, other_side
+from handpose.body.sides import Side
 from handpose.frames.cameras import NYU, UNIT_MM, Camera
 from handpose.frames.recording import DepthFrame, Recording
 from handpose.sequences.acts import Act, Actor, Volume
@@ -157,7 +157,7 @@ class SyntheticRecording(Recording):
     ) -> None:
         self.script = SCRIPTS[script] if isinstance(script, str) else script
         if mirrored:
-            roles = (replace(role, side=other_side(role.side)) for role in self.script.roles)
+            roles = (replace(role, side="left" if role.side == "right" else "right") for role in self.script.roles)
             self.script = replace(self.script, roles=tuple(roles))
         self.name = f"synthetic {script if isinstance(script, str) else 'script'}, seed {seed}"
         length = self.script.seconds if seconds is None else seconds

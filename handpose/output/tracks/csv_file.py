@@ -45,7 +45,7 @@ class HandColumns:
 
     def __init__(self, skeleton: Skeleton, joints: FormatName | None, angles: bool = True) -> None:
         self._skeleton, self._joints = skeleton, joints
-        self._angles = free_dofs(skeleton).angles if angles else []
+        self._angles = free_dofs(skeleton)[0] if angles else []
         self._fingers = FINGERS if has_fingers(skeleton) else ()
         self.about = ["presence", "confidence", "error_mm", *(f"{finger}_error_mm" for finger in self._fingers)]
         self.pose = [f"{joint}_{axis}_mm" for joint in skeleton.joint_names for axis in "xyz"]

@@ -100,11 +100,9 @@ def test_hands_partly_in_sight_are_not_scored() -> None:
     assert scores.invented == 1  # in frame 3, not in frame 2
 
 
-def test_a_track_that_ends_early_misses_the_rest() -> None:
-    assert score(HEADER, TRUTH[:30], TRUTH).found == pytest.approx(1 / 3)
-
-
 def test_no_hands_at_all() -> None:
+    """Frames without hands have no scores; a track that ends early misses the rest."""
+    assert score(HEADER, TRUTH[:30], TRUTH).found == pytest.approx(1 / 3)
     empty = frames([[], []])
     scores = score(HEADER, empty, empty)
     assert scores.hands == {} and np.isnan(scores.found) and scores.invented == 0
