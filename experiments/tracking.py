@@ -79,7 +79,7 @@ def follow(
         progress(1)
     both = {id: np.array([(_error(one.tracked.xyz, one.true.xyz).mean(), singles[one.number][id].mean())
                           for one in seen if one.tracked and id in singles.get(one.number, ())]).reshape(-1, 2)
-            for id, seen in match(tracked, true).hands.items()}
+            for id, seen in match(tracked, true)[0].items()}
     return Tracked(score(tracker.header(recording.name), tracked, true), both, seconds)
 
 

@@ -105,18 +105,11 @@ class Seen(NamedTuple):
     tracked: TrackedHand | None
 
 
-class Matched(NamedTuple):
-    """The frames of each true hand, by its id, and the number of false positives over all frames."""
+def match(tracked: Iterable[TrackedFrame], true: Iterable[TrackedFrame]) -> tuple[dict[int, list[Seen]], int]:
+    """The frames of each true hand, by its id, and the number of false positives over all frames of the truth.
 
-    hands: dict[int, list[Seen]]
-    invented: int
-
-
-def match(tracked: Iterable[TrackedFrame], true: Iterable[TrackedFrame]) -> Matched:
-    """Match all frames of the truth. A frame missing from the track has no hands.
-
-    Where a true hand is partly visible, tracked hands near it do not count. Raises DataError for frames of the track
-    that the truth does not have, and for two frames of the same number.
+    A frame missing from the track has no hands. Where a true hand is partly visible, tracked hands near it do not
+    count. Raises DataError for frames of the track that the truth does not have, and for two frames of the same number.
     """
     tracked_frames, true_frames = _by_number(tracked, "track"), _by_number(true, "truth")
     foreign = sorted(set(tracked_frames) - set(true_frames))
@@ -132,7 +125,7 @@ def match(tracked: Iterable[TrackedFrame], true: Iterable[TrackedFrame]) -> Matc
             hands.setdefault(hand.id, []).append(Seen(number, frame.time, hand, found))
         partly = sum(lost.reason.startswith(PARTLY) for lost in frame.lost)
         invented += max(len(other.hands) - len(pairs) - partly, 0)
-    return Matched(dict(sorted(hands.items())), invented)
+    return dict(sorted(hands.items())), invented
 
 
 def _pairs(true: tuple[TrackedHand, ...], tracked: tuple[TrackedHand, ...]) -> dict[int, int]:
@@ -206,11 +199,6 @@ class TrackScores:
         """Share of the visible hands that were found, over all frames."""
         in_sight = sum(hand.in_sight for hand in self.hands.values())
         return sum(hand.found for hand in self.hands.values()) / in_sight if in_sight else NAN
-
-    @property
-    def id_switches(self) -> int:
-        """The summary over all hands."""
-        return sum(hand.id_switches for hand in self.hands.values())
 
 
 def score(header: TrackHeader, frames: Iterable[TrackedFrame], truth: Iterable[TrackedFrame]) -> TrackScores:
