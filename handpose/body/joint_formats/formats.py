@@ -128,16 +128,6 @@ class FormattedHand:
     positions: Array
     landmarks: Array | None = None
 
-    @property
-    def center(self) -> Array:
-        """(3,) the mean of all joints, about which MediaPipe's world landmarks are."""
-        return np.asarray(self.positions.mean(axis=0))
-
-    @property
-    def world_landmarks(self) -> Array:
-        """(J, 3) positions about ``center``."""
-        return np.asarray(self.positions - self.center)
-
 
 def formatted(
     name: FormatName, skeleton: Skeleton, hand: Side, xyz: Array, camera: Camera | None = None,

@@ -78,7 +78,8 @@ def _parts(
     found, unit = formatted(name, skeleton, hand, xyz, camera, cube_mm), FORMATS[name].unit
     parts: dict[str, Array | None] = {f"positions_{unit}": found.positions}
     if name == "mediapipe":
-        parts = {"landmarks": found.landmarks, "world_landmarks": found.world_landmarks, "center_m": found.center}
+        center = np.asarray(found.positions.mean(axis=0))
+        parts = {"landmarks": found.landmarks, "world_landmarks": found.positions - center, "center_m": center}
     return {key: (DECIMALS[unit], values) for key, values in parts.items()}
 
 

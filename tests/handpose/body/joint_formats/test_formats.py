@@ -57,9 +57,6 @@ def test_landmarks_in_the_image() -> None:
     assert found.landmarks[0, 2] == 0
     behind = metric[:, 2] - metric[0, 2]
     assert np.allclose(found.landmarks[:, 2], behind * KINECT2.fx / metric[0, 2] / 512)
-    assert np.allclose(found.world_landmarks.mean(axis=0), 0) and np.allclose(
-        found.world_landmarks + found.center, found.positions
-    )
 
 
 def test_landmarks_without_an_image() -> None:

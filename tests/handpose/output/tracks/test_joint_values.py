@@ -47,6 +47,7 @@ def test_json(tmp_path: Path, name: FormatName, ending: str) -> None:
     if name == "mediapipe":
         absolute = np.array(values[name]["world_landmarks"]) + values[name]["center_m"]
         assert np.allclose(absolute, wanted.positions, atol=2e-5)
+        assert np.allclose(np.mean(values[name]["world_landmarks"], axis=0), 0, atol=1e-5)
     assert values["anatomical_deg"] == pytest.approx(anatomical_angles(HEADER.skeleton, hand.hand, hand.xyz), abs=0.006)
 
 
