@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
         atomic.require_regular_file(truth)
     recording = SyntheticRecording(
         args.script, args.camera, rate=args.rate, seconds=args.seconds, seed=args.seed,
-        clean=args.clean, mirrored=args.hand not in (None, SCRIPTS[args.script].roles[0].side),
+        clean=args.clean, mirrored=args.hand not in (None, next(iter(SCRIPTS[args.script].acts))),
     )
     writer = RecordingWriter(args.out, recording.camera, recording.unit_mm, recording.rate, replace=args.force)
     try:

@@ -39,30 +39,18 @@ from netlib.errors import DataError
 
 
 @dataclass(frozen=True)
-class Role:
-    """One hand.
-
-    side    "right" or "left"
-    acts    repeated until the recording ends
-    """
-
-    side: Side
-    acts: tuple[Act, ...]
-
-
-@dataclass(frozen=True)
 class Script:
     """The script of a recording of one person.
 
     seconds  default length
-    roles    the hands; their indices are their ids
+    acts     of each hand, repeated until the recording ends; ids count the hands in this order
     body     True if the body is visible behind the hands, False for arms only
     apart    True if each of two hands keeps to its half of the image, False if one may occlude the other
     poses    replace those of the prior file with the same names
     """
 
     seconds: float
-    roles: tuple[Role, ...]
+    acts: dict[Side, tuple[Act, ...]]
     body: bool = False
     apart: bool = True
     poses: tuple[PoseParameter, ...] = ()
@@ -70,24 +58,25 @@ class Script:
 
 _LIVELY = (Act("moving", 6), Act("rest", 1.5), Act("gestures", 6), Act("wave", 2.5), Act("rest", 1.5))
 SCRIPTS = {
-    "rest": Script(10, (Role("right", (Act("rest", 10),)),)),
-    "gestures": Script(20, (Role("right", (Act("gestures", 16), Act("wave", 3), Act("rest", 1.5))),)),
-    "moving": Script(20, (Role("right", (Act("rest", 1.5), Act("moving", 18.5))),)),
-    "leaves": Script(20, (Role("right", (Act("moving", 4), Act("away", 3.5), Act("gestures", 3))),)),
-    "two_hands": Script(20, (Role("right", _LIVELY), Role("left", (*_LIVELY[2:], *_LIVELY[:2])))),
-    "left": Script(20, (Role("left", _LIVELY),)),
-    "body": Script(20, (Role("right", _LIVELY),), body=True),
+    "rest": Script(10, {"right": (Act("rest", 10),)}),
+    "gestures": Script(20, {"right": (Act("gestures", 16), Act("wave", 3), Act("rest", 1.5))}),
+    "moving": Script(20, {"right": (Act("rest", 1.5), Act("moving", 18.5))}),
+    "leaves": Script(20, {"right": (Act("moving", 4), Act("away", 3.5), Act("gestures", 3))}),
+    "two_hands": Script(20, {"right": _LIVELY, "left": (*_LIVELY[2:], *_LIVELY[:2])}),
+    "left": Script(20, {"left": _LIVELY}),
+    "body": Script(20, {"right": _LIVELY}, body=True),
     "minute": Script(
         60,
-        (
-            Role("right", (Act("rest", 2), Act("gestures", 10), Act("moving", 11), Act("away", 4), *_LIVELY, *_LIVELY)),
-            Role("left", (Act("away", 30), *_LIVELY, Act("away", 20))),
-        ),
+        {
+            "right": (Act("rest", 2), Act("gestures", 10), Act("moving", 11), Act("away", 4), *_LIVELY, *_LIVELY),
+            "left": (Act("away", 30), *_LIVELY, Act("away", 20)),
+        },
         body=True,
     ),
 }
 # A hand that shows the gestures of handpose/body/gestures.
-SHOWING = Script(30, (Role("right", (Act("gestures", 30, tuple(pose.name for pose in SHOWN)),)),), poses=SHOWN)
+SHOWING = Script(30, {"right": (Act("gestures", 30, tuple(pose.name for pose in SHOWN)),)}, poses=SHOWN)
+OTHER: dict[Side, Side] = {"right": "left", "left": "right"}
 
 NOWHERE_MM = 1e4  # beyond the range of any camera
 BEHIND_MM = 300.0  # from the farthest place of a hand to the middle between the shoulders
@@ -123,8 +112,8 @@ class Shot(NamedTuple):
     """The scene at one time.
 
     depth    (height, width) mm, ``NOWHERE_MM`` without a reading, without the sensor's errors
-    hands    of each role
-    unseen   of each role: the reason why it is not visible, or empty
+    hands    all of the script
+    unseen   of each: the reason why it is not visible, or empty
     """
 
     depth: Floats
@@ -157,8 +146,7 @@ class SyntheticRecording(Recording):
     ) -> None:
         self.script = SCRIPTS[script] if isinstance(script, str) else script
         if mirrored:
-            roles = (replace(role, side="left" if role.side == "right" else "right") for role in self.script.roles)
-            self.script = replace(self.script, roles=tuple(roles))
+            self.script = replace(self.script, acts={OTHER[side]: acts for side, acts in self.script.acts.items()})
         self.name = f"synthetic {script if isinstance(script, str) else 'script'}, seed {seed}"
         length = self.script.seconds if seconds is None else seconds
         if not camera.width:
@@ -177,11 +165,11 @@ class SyntheticRecording(Recording):
         others = [pose for pose in prior.pose if pose.name not in [one.name for one in own]]
         self.sampler = BodySampler(prior.but(pose=(*others, *own)) if own else prior)
         self.person = Person.draw(self._numbers(PERSON, 0), self.sampler)
-        volumes = [self._volume(n) for n in range(len(self.script.roles))]
+        volumes = [self._volume(side) for side in self.script.acts]
         self.movements: list[Movement] = []
-        for n, (role, (volume, outward)) in enumerate(zip(self.script.roles, volumes)):
-            actor = Actor(self._numbers(HANDS, n), self.sampler, self.person, role.side, volume, outward)
-            self.movements.append(actor.act(role.acts, length))
+        for n, ((side, acts), (volume, outward)) in enumerate(zip(self.script.acts.items(), volumes)):
+            actor = Actor(self._numbers(HANDS, n), self.sampler, self.person, side, volume, outward)
+            self.movements.append(actor.act(acts, length))
         farthest = max(volume.far for volume, _ in volumes)
         self._behind, self._middle = draw_surroundings(self._numbers(SURROUNDINGS), camera, farthest, self.script.body)
         self._last: tuple[int, Shot] | None = None
@@ -189,13 +177,12 @@ class SyntheticRecording(Recording):
 
     # ------------------------------------------------------------------------------------------ the scene
 
-    def _volume(self, n: int) -> tuple[Volume, float]:
-        """The volume in which a role's hand moves, and the side of its elbow; the person faces the camera."""
-        roles, own = self.script.roles, self.script.roles[n].side
+    def _volume(self, side: Side) -> tuple[Volume, float]:
+        """The volume in which a hand moves, and the side of its elbow; the person faces the camera."""
         volume = Volume(self.camera, far=BODY_FAR) if self.script.body else Volume(self.camera)
-        if not self.script.apart or len(roles) == 1:
+        if not self.script.apart or len(self.script.acts) == 1:
             return volume.roomy(), 0.0
-        if own == "right":
+        if side == "right":
             return volume._replace(right=0.5).roomy(), -1.0
         return volume._replace(left=0.5).roomy(), 1.0
 
@@ -265,7 +252,7 @@ class SyntheticRecording(Recording):
         return (self.truth(number) for number in range(self.count))
 
     def truth(self, number: int) -> TrackedFrame:
-        """The true hands of frame ``number``: confidence 1, error 0; the id of a hand is the number of its role.
+        """The true hands of frame ``number``: confidence 1, error 0; ids count the hands of the script.
 
         A hand that was never visible is not listed, unless it is partly visible.
         """

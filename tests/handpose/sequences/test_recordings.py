@@ -12,7 +12,7 @@ from handpose.body.render import in_front
 from handpose.frames.cameras import ICVL, NYU, SR305, Camera
 from handpose.scoring.tracks import score
 from handpose.sequences.acts import Act
-from handpose.sequences.recordings import SCRIPTS, Role, Script, SyntheticRecording
+from handpose.sequences.recordings import SCRIPTS, Script, SyntheticRecording
 from handpose.synthetic.scenes import render_image
 from handpose.tracking.track import HIDDEN, LEFT, PARTLY, joints_of
 from netlib.errors import DataError
@@ -91,7 +91,7 @@ def test_a_hand_that_leaves_is_lost_until_it_returns() -> None:
 
 
 def test_a_hand_that_never_was_there_is_not_lost() -> None:
-    script = Script(3, (Role("left", (Act("away", 2.5), Act("rest", 1))),))
+    script = Script(3, {"left": (Act("away", 2.5), Act("rest", 1))})
     truths = list(SyntheticRecording(script, ICVL, rate=10).truths())
     assert not truths[0].hands and not truths[0].lost and truths[-1].hands[0].hand == "left"
     assert {lost.reason for truth in truths for lost in truth.lost} <= {PARTLY}
@@ -111,7 +111,7 @@ def test_two_hands() -> None:
 
 def test_hands_may_hide_each_other_if_that_is_allowed() -> None:
     lively = (Act("moving", 20),)
-    script = Script(20, (Role("right", lively), Role("left", lively)), apart=False)
+    script = Script(20, {"right": lively, "left": lively}, apart=False)
     truths = SyntheticRecording(script, ICVL, rate=3, seed=1).truths()
     assert any(lost.reason in {HIDDEN, PARTLY} for truth in truths for lost in truth.lost)
 
