@@ -23,16 +23,13 @@ import csv
 import io
 import math
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 
-from handpose.body.gestures import GestureReader
 from handpose.body.joint_formats.formats import FormatName
 from handpose.body.model import FINGERS, has_fingers
 from handpose.frames.cameras import Camera
 from handpose.output.tracks import joint_values
 from handpose.output.tracks.json_values import free_dofs
-from handpose.output.tracks.writing import TrackWriter
-from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
+from handpose.tracking.track import TrackedHand
 from layers.hand.skeleton import Skeleton
 
 
@@ -55,8 +52,8 @@ class HandColumns:
 
     def about_values(self, hand: TrackedHand) -> list[str]:
         """The fields of ``about``; empty if unknown."""
-        values = [_known("%.3f", hand.presence), _known("%.4f", hand.confidence), _known("%.2f", hand.error_mm)]
-        return values + [_known("%.1f", error) for error, _ in zip(hand.finger_error_mm.tolist(), self._fingers)]
+        values = [known("%.3f", hand.presence), known("%.4f", hand.confidence), known("%.2f", hand.error_mm)]
+        return values + [known("%.1f", error) for error, _ in zip(hand.finger_error_mm.tolist(), self._fingers)]
 
     def pose_values(self, hand: TrackedHand, camera: Camera | None) -> list[str]:
         """The fields of ``pose``; empty if unknown. Without a camera, positions are from the middle of the crop."""
@@ -64,43 +61,11 @@ class HandColumns:
             cube_mm = hand.cube_mm if camera is None else None
             return joint_values.numbers(self._joints, self._skeleton, hand.hand, hand.xyz, camera, cube_mm)
         angles = self._skeleton.theta(hand.inputs)[self._angles]
-        return [_known("%.2f", x) for x in hand.xyz.ravel().tolist()] + [_known("%.5f", a) for a in angles.tolist()]
+        return [known("%.2f", x) for x in hand.xyz.ravel().tolist()] + [known("%.5f", a) for a in angles.tolist()]
 
 
-class CsvWriter(TrackWriter):
-    """Writes a table frame by frame; rows written before an exception are kept. Raises OSError.
-
-    joints    a joint format, whose columns replace the joints and angles
-    gestures  add two columns: the hand's gesture, empty for none, and its confidence
-    """
-
-    def __init__(
-        self, path: Path, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False
-    ) -> None:
-        self._camera, self._columns = header.camera, HandColumns(header.skeleton, joints)
-        self._gestures = GestureReader(header.skeleton) if gestures else None
-        own = [*self._columns.about, *self._columns.pose, *["gesture", "gesture_confidence"] * gestures]
-        self._empty = [""] * len(own)
-        super().__init__(path, rows_of([["number", "time_s", "id", "hand", "lost", *own]]))
-
-    def write(self, frame: TrackedFrame) -> None:
-        """Add a frame."""
-        about = [frame.number, f"{frame.time:.6f}"]
-        rows = [[*about, hand.id, hand.side_name, "", *self._values(hand, frame.time)] for hand in frame.hands]
-        rows += [[*about, lost.id, lost.side_name, lost.reason, *self._empty] for lost in frame.lost]
-        rows += [[*about, one.id, one.side_name, one.reason, _known("%.3f", one.presence),
-                  _known("%.4f", one.confidence), *self._empty[2:]] for one in frame.present]
-        self.append(rows_of(rows))
-
-    def _values(self, hand: TrackedHand, time: float) -> list[str]:
-        values = self._columns.about_values(hand) + self._columns.pose_values(hand, self._camera)
-        if self._gestures:
-            name, confidence = self._gestures.read(hand.id, hand.hand, hand.xyz, time)
-            values += [name, f"{confidence:.3f}"]
-        return values
-
-
-def _known(form: str, number: float) -> str:
+def known(form: str, number: float) -> str:
+    """A number as a field; empty if unknown."""
     return form % number if math.isfinite(number) else ""
 
 

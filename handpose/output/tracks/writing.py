@@ -12,13 +12,16 @@ import errno
 import json
 import sys
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import TypeVar
 
+from handpose.body.gestures import GestureReader
 from handpose.body.joint_formats.formats import FormatName
+from handpose.output.tracks.csv_file import HandColumns, known, rows_of
 from handpose.output.tracks.json_values import FrameValues, header_values
-from handpose.tracking.track import TrackedFrame, TrackHeader
+from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
 from netlib.errors import DataError
 from netlib.files import atomic
 
@@ -141,6 +144,39 @@ class JsonLinesWriter(TrackWriter):
         self.append(f"{_text(self._values.values(frame))}\n".encode())
 
 
+class CsvWriter(TrackWriter):
+    """Writes a table frame by frame; rows written before an exception are kept. Raises OSError.
+
+    joints    a joint format, whose columns replace the joints and angles
+    gestures  add two columns: the hand's gesture, empty for none, and its confidence
+    """
+
+    def __init__(
+        self, path: Path, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False
+    ) -> None:
+        self._camera, self._columns = header.camera, HandColumns(header.skeleton, joints)
+        self._gestures = GestureReader(header.skeleton) if gestures else None
+        own = [*self._columns.about, *self._columns.pose, *["gesture", "gesture_confidence"] * gestures]
+        self._empty = [""] * len(own)
+        super().__init__(path, rows_of([["number", "time_s", "id", "hand", "lost", *own]]))
+
+    def write(self, frame: TrackedFrame) -> None:
+        """Add a frame."""
+        about = [frame.number, f"{frame.time:.6f}"]
+        rows = [[*about, hand.id, hand.side_name, "", *self._values(hand, frame.time)] for hand in frame.hands]
+        rows += [[*about, lost.id, lost.side_name, lost.reason, *self._empty] for lost in frame.lost]
+        rows += [[*about, one.id, one.side_name, one.reason, known("%.3f", one.presence),
+                  known("%.4f", one.confidence), *self._empty[2:]] for one in frame.present]
+        self.append(rows_of(rows))
+
+    def _values(self, hand: TrackedHand, time: float) -> list[str]:
+        values = self._columns.about_values(hand) + self._columns.pose_values(hand, self._camera)
+        if self._gestures:
+            name, confidence = self._gestures.read(hand.id, hand.hand, hand.xyz, time)
+            values += [name, f"{confidence:.3f}"]
+        return values
+
+
 def open_writer(
     path: str | Path, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False
 ) -> TrackWriter:
@@ -152,14 +188,8 @@ def open_writer(
     if str(path) == "-":
         return JsonLinesWriter(None, header, joints, gestures)
     path = Path(path)
-    match path.suffix.lower():
-        case ".json":
-            return JsonWriter(path, header, joints, gestures)
-        case ".jsonl":
-            return JsonLinesWriter(path, header, joints, gestures)
-        case ".csv":
-            from handpose.output.tracks.csv_file import CsvWriter
-
-            return CsvWriter(path, header, joints, gestures)
-    raise DataError(f"{path}: cannot write a track of this kind; expected a name in .json, .jsonl or .csv, or - "
-                    "for standard output")
+    writers: dict[str, Callable[..., TrackWriter]] = {".json": JsonWriter, ".jsonl": JsonLinesWriter, ".csv": CsvWriter}
+    if (ending := path.suffix.lower()) not in writers:
+        raise DataError(f"{path}: cannot write a track of this kind; expected a name in .json, .jsonl or .csv, or - "
+                        "for standard output")
+    return writers[ending](path, header, joints, gestures)

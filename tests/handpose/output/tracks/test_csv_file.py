@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from handpose.output.tracks import csv_file
-from handpose.output.tracks.csv_file import CsvWriter
+from handpose.output.tracks.writing import CsvWriter
 from handpose.tracking.track import LostHand, TrackedFrame, TrackHeader
 from layers.hand.skeleton import load
 from tests.support.made_tracks import any_hand, any_skeleton, any_track, header_of
