@@ -4,20 +4,18 @@ recording = SyntheticRecording("minute", KINECT2, rate=30, seed=1)
 for frame in recording: ...            # like any recording, and the same every time
 recording.truth(frame.number)          # the true hands
 
-A hand is visible if nine of ten of its joints are in the image and at most half of its surface is hidden. It is lost if
-at most one of ten joints is in the image, or if its surface is hidden. Otherwise it is ``PARTLY`` visible, and not
-scored.
+A hand is visible if nine of ten of its joints are in the image, and lost if at most one of ten is. Otherwise it is
+``PARTLY`` visible, and not scored. Of two hands each keeps to its half of the image, so none hides the other.
 
 Hands, surroundings and the levels of the sensor's errors depend on the seed; the errors of a frame also on its number.
 Rate and length of a recording do not change the movement. A frame of 640 x 480 pixels takes 10 to 35 ms on one core,
-most of it for the sensor's errors; its truth alone 5 to 10 ms.
+most of it for the sensor's errors.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -33,7 +31,7 @@ from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.prior_file import PoseParameter
 from handpose.synthetic.scenes import BODY, render_image
 from handpose.synthetic.sensor import sense, sensor_of
-from handpose.tracking.track import HIDDEN, LEFT, PARTLY, LostHand, TrackedFrame, TrackedHand, TrackHeader
+from handpose.tracking.track import LEFT, PARTLY, LostHand, TrackedFrame, TrackHeader
 from netlib.blob import Array
 from netlib.errors import DataError
 
@@ -45,14 +43,12 @@ class Script:
     seconds  default length
     acts     of each hand, repeated until the recording ends; ids count the hands in this order
     body     True if the body is visible behind the hands, False for arms only
-    apart    True if each of two hands keeps to its half of the image, False if one may occlude the other
     poses    replace those of the prior file with the same names
     """
 
     seconds: float
     acts: dict[Side, tuple[Act, ...]]
     body: bool = False
-    apart: bool = True
     poses: tuple[PoseParameter, ...] = ()
 
 
@@ -83,7 +79,6 @@ BEHIND_MM = 300.0  # from the farthest place of a hand to the middle between the
 SHOULDER_MM = 170.0  # from that middle
 BODY_FAR = 700.0  # mm: maximum distance of hands in front of a body
 MOSTLY, HARDLY = 0.9, 0.1  # share of the joints in the image: visible from the first on, lost up to the second
-SEEN, COVERED = 0.5, 0.05  # share of the surface that is not hidden: visible from the first on, hidden below the second
 PERSON, HANDS, SURROUNDINGS, FAULTS, FRAMES = range(5)  # purposes of random numbers
 
 
@@ -106,19 +101,6 @@ def draw_surroundings(
         trunk = in_front(Capsules(ends[None, :, 0], ends[None, :, 1], radii[None, :, 0], radii[None, :, 1]))
         np.minimum(image, render_image(trunk, camera, np.inf)[0], out=image)
     return image, middle
-
-
-class Shot(NamedTuple):
-    """The scene at one time.
-
-    depth    (height, width) mm, ``NOWHERE_MM`` without a reading, without the sensor's errors
-    hands    all of the script
-    unseen   of each: the reason why it is not visible, or empty
-    """
-
-    depth: Floats
-    hands: list[TrackedHand]
-    unseen: list[str]
 
 
 MAX_IMAGE_PX = 1 << 14  # pixels either way, as in a camera.json
@@ -172,58 +154,35 @@ class SyntheticRecording(Recording):
             self.movements.append(actor.act(acts, length))
         farthest = max(volume.far for volume, _ in volumes)
         self._behind, self._middle = draw_surroundings(self._numbers(SURROUNDINGS), camera, farthest, self.script.body)
-        self._last: tuple[int, Shot] | None = None
-        self._unseen: dict[int, list[str]] = {}
+        self._reasons: dict[tuple[int, int], str] = {}
 
     # ------------------------------------------------------------------------------------------ the scene
 
     def _volume(self, side: Side) -> tuple[Volume, float]:
         """The volume in which a hand moves, and the side of its elbow; the person faces the camera."""
         volume = Volume(self.camera, far=BODY_FAR) if self.script.body else Volume(self.camera)
-        if not self.script.apart or len(self.script.acts) == 1:
+        if len(self.script.acts) == 1:
             return volume.roomy(), 0.0
         if side == "right":
             return volume._replace(right=0.5).roomy(), -1.0
         return volume._replace(left=0.5).roomy(), 1.0
 
-    def shot(self, number: int) -> Shot:
-        """The scene at the time of frame ``number``."""
-        if self._last is None or self._last[0] != number:
-            self._last = number, self._shot(number / self.rate)
-            self._unseen[number] = self._last[1].unseen
-        return self._last[1]
-
-    def _shot(self, time: float) -> Shot:
-        """The scene at a time in s."""
-        hands = [movement.pose_at(time) for movement in self.movements]
-        limbs = self.sampler.surface.limbs
-        layers, arms = [], []
-        for hand in hands:
+    def _depth(self, time: float) -> Floats:
+        """The depth (height, width) in mm at a time in s without errors; ``NOWHERE_MM`` without a reading."""
+        layers, arms, limbs = [self._behind], [], self.sampler.surface.limbs
+        for movement in self.movements:
+            hand = movement.pose_at(time)
             assert hand.capsules is not None
-            layers.append(render_image(in_front(hand.capsules.chosen(~limbs)), self.camera, np.inf)[0])
+            layers.append(render_image(in_front(hand.capsules.chosen(~limbs)), self.camera, NOWHERE_MM)[0])
             forearm = hand.capsules.chosen(limbs)
             arms += [forearm, self.person.worn(hand.capsules), self._upper_arm(forearm.b[:, -1:], hand.hand)]
-        everything = in_front(joined(arms))
-        depth = np.minimum(self._behind, render_image(everything, self.camera, NOWHERE_MM)[0])
-        depth = np.minimum.reduce([depth, *layers])
-        return Shot(depth, hands, [self._why_unseen(hand, layer, depth) for hand, layer in zip(hands, layers)])
+        layers.append(render_image(in_front(joined(arms)), self.camera, NOWHERE_MM)[0])
+        return np.asarray(np.minimum.reduce(layers))
 
     def _upper_arm(self, elbow: Array, side: Side) -> Capsules:
         """The capsule (1, 1) from an elbow (1, 1, 3) to the shoulder of the person, who faces the camera."""
         shoulder = self._middle + (-SHOULDER_MM if side == "right" else SHOULDER_MM, -20.0, 0.0)
         return Capsules(elbow, shoulder[None, None], np.array([[40.0]]), np.array([[55.0]]))
-
-    def _why_unseen(self, hand: TrackedHand, layer: Floats, depth: Floats) -> str:
-        """The reason why a hand with the rendering ``layer`` is not visible, or empty."""
-        u, v, _ = self.camera.project(hand.xyz).T
-        inside = ((u > 0) & (u < self.camera.width - 1) & (v > 0) & (v < self.camera.height - 1)).mean()
-        shown = np.isfinite(layer)
-        if inside <= HARDLY or not shown.any():
-            return LEFT
-        seen = (depth >= layer)[shown].mean()
-        if seen < COVERED:
-            return HIDDEN
-        return "" if inside >= MOSTLY and seen >= SEEN else PARTLY
 
     # ------------------------------------------------------------------------------------------ the frames
 
@@ -232,7 +191,7 @@ class SyntheticRecording(Recording):
 
     def frame(self, number: int) -> DepthFrame:
         """Frame ``number``, the same at every call, in whole units as in a file."""
-        depth = self.shot(number).depth
+        depth = self._depth(number / self.rate)
         if self.sensor:
             far, faults = np.array([NOWHERE_MM]), self._numbers(FRAMES, number)
             depth = sense(faults, depth[None], far, self.sensor, self.camera)[0]
@@ -257,24 +216,24 @@ class SyntheticRecording(Recording):
         A hand that was never visible is not listed, unless it is partly visible.
         """
         time, hands, lost = number / self.rate, [], []
-        shot = self.shot(number)
-        for id, (hand, unseen) in enumerate(zip(shot.hands, shot.unseen)):
+        for id, movement in enumerate(self.movements):
+            unseen = self._unseen(id, number)
             if not unseen:
-                hands.append(replace(hand, id=id))
+                hands.append(replace(movement.pose_at(time), id=id))
                 continue
-            since = self._last_in_sight(id, number)
-            if since is not None or unseen == PARTLY:
-                lost.append(LostHand(id, hand.hand, time if since is None else since, unseen))
+            last = next((n / self.rate for n in range(number - 1, -1, -1) if not self._unseen(id, n)), None)
+            if last is not None or unseen == PARTLY:
+                lost.append(LostHand(id, movement.side, time if last is None else last, unseen))
         return TrackedFrame(number, time, tuple(hands), tuple(lost))
 
-    def _last_in_sight(self, id: int, number: int) -> float | None:
-        """The time in s when a hand was last visible before frame ``number``; None for never."""
-        for n in range(number - 1, -1, -1):
-            if n not in self._unseen:
-                self._unseen[n] = self._shot(n / self.rate).unseen
-            if not self._unseen[n][id]:
-                return n / self.rate
-        return None
+    def _unseen(self, id: int, number: int) -> str:
+        """The reason why a hand is not visible in frame ``number``, or empty."""
+        if (id, number) not in self._reasons:
+            u, v, _ = self.camera.project(self.movements[id].pose_at(number / self.rate).xyz).T
+            width, height = self.camera.width, self.camera.height
+            inside = ((u > 0) & (u < width - 1) & (v > 0) & (v < height - 1)).mean()
+            self._reasons[id, number] = LEFT if inside <= HARDLY else "" if inside >= MOSTLY else PARTLY
+        return self._reasons[id, number]
 
     def _numbers(self, *what: int) -> np.random.Generator:
         """The random generator of one purpose."""

@@ -14,7 +14,7 @@ from handpose.scoring.tracks import score
 from handpose.sequences.acts import Act
 from handpose.sequences.recordings import SCRIPTS, Script, SyntheticRecording
 from handpose.synthetic.scenes import render_image
-from handpose.tracking.track import HIDDEN, LEFT, PARTLY, joints_of
+from handpose.tracking.track import LEFT, PARTLY, joints_of
 from netlib.errors import DataError
 
 
@@ -107,13 +107,6 @@ def test_two_hands() -> None:
         assert right.center_uvd[0] < 160 < left.center_uvd[0]
     other = SyntheticRecording("two_hands", ICVL, rate=2, seconds=1, mirrored=True).truth(0).hands
     assert [hand.hand for hand in other] == ["left", "right"] and other[0].center_uvd[0] > other[1].center_uvd[0]
-
-
-def test_hands_may_hide_each_other_if_that_is_allowed() -> None:
-    lively = (Act("moving", 20),)
-    script = Script(20, {"right": lively, "left": lively}, apart=False)
-    truths = SyntheticRecording(script, ICVL, rate=3, seed=1).truths()
-    assert any(lost.reason in {HIDDEN, PARTLY} for truth in truths for lost in truth.lost)
 
 
 def test_a_body_stands_behind() -> None:
