@@ -112,15 +112,14 @@ LATER = "expected a later one, by 1/60000 s at least and 1e+08 s at most"
 
 
 @bad_inputs(DataError, {
-    **{f"at {time} s": ((96, time), f"...a.mp4: a picture at {time:.6g} s after one at 1 s; {LATER}")
-       for time in (1.0, 1.000001, 1e300)},
-    "another size": ((95, 2.0), "...a.mp4: a picture of 95 x 64 pixels after some of 96 x 64 pixels; expected ..."),
+    f"at {time} s": (time, f"...a.mp4: a picture at {time:.6g} s after one at 1 s; {LATER}")
+    for time in (1.0, 1.000001, 1e300)
 })
-def test_mistakes(tmp_path: Path, given: tuple[int, float], rejected: Any) -> None:
+def test_times_that_do_not_ascend(tmp_path: Path, given: float, rejected: Any) -> None:
     with VideoFile(tmp_path / "a.mp4") as video:
         video.write(picture(1), 1.0)
         with rejected:
-            video.write(picture(1, 64, given[0]), given[1])
+            video.write(picture(1), given)
     assert len(read(tmp_path / "a.mp4")) == 1
 
 
