@@ -42,13 +42,6 @@ def test_a_moving_hand_is_a_hand_that_moves() -> None:
     assert still.sum() * STEP > 1.5 and (~still).sum() * STEP > 6
 
 
-def test_rest_is_rest() -> None:
-    movement = played(Act("rest", 3), Act("gestures", 4), seconds=7)
-    early, late, then = (movement.pose_at(t).xyz for t in (0.0, 3.0, 6.0))
-    np.testing.assert_array_equal(early, late)
-    assert np.abs(then - early).max() > 5
-
-
 def test_a_hand_returns_however_long_the_movement_is_to_be() -> None:
     """The way back is the same if the movement ends before the hand has returned."""
     acts = (Act("moving", 3), Act("away", 6))
