@@ -82,13 +82,11 @@ MOSTLY, HARDLY = 0.9, 0.1  # share of the joints in the image: visible from the 
 PERSON, HANDS, SURROUNDINGS, FAULTS, FRAMES = range(5)  # purposes of random numbers
 
 
-def draw_surroundings(
-    rng: np.random.Generator, camera: Camera, farthest: float, body: bool
-) -> tuple[Floats, Array]:
+def draw_surroundings(rng: np.random.Generator, camera: Camera, farthest: float, body: bool) -> tuple[Floats, Array]:
     """A wall, beyond the range of half of the cameras, and a body in front of it or none.
 
-    Returns the image (height, width), ``NOWHERE_MM`` without a reading, and the middle (3,)
-    between the shoulders, in mm.
+    Returns the image (height, width) in mm, with ``NOWHERE_MM`` for no reading, and the middle (3,) between the
+    shoulders.
 
     farthest  depth in mm that the middles of hands do not exceed
     """
