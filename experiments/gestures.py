@@ -18,7 +18,7 @@ import numpy as np
 
 from handpose import CAMERAS, Tracker, load_predictor
 from handpose.body.gestures import GESTURES, GestureReader
-from handpose.sequences.movements import Movement, fingers_of
+from handpose.sequences.movements import fingers_of
 from handpose.sequences.recordings import SHOWING, SyntheticRecording
 from handpose.tracking.track import TrackedFrame, TrackHeader
 from tools.common.arguments import add_engine, seconds, seed
@@ -49,20 +49,18 @@ class _Shown:
     """The gestures of the first role of a recording, each with the time at which its fingers come to rest."""
 
     def __init__(self, recording: SyntheticRecording) -> None:
-        stage = recording.stage
-        self._movement: Movement = stage.movements[0]
-        fingers = {name: fingers_of(name, stage.person, stage.sampler) for name in GESTURES}
-        keys = self._movement.fingers.keys
-        self._names = [next((name for name, own in fingers.items() if np.array_equal(own, key)), "") for key in keys]
+        self._shown = recording.movements[0].fingers
+        fingers = {name: fingers_of(name, recording.person, recording.sampler) for name in GESTURES}
+        self._names = [next((name for name, own in fingers.items() if np.array_equal(own, key)), "")
+                       for key in self._shown.keys]
 
     def at(self, time: float) -> tuple[str, float]:
         """The gesture, or "" while fingers move or hold another pose; and its start in s."""
-        strokes = self._movement.fingers.strokes
-        done = strokes.done(time) if strokes.begins else np.zeros(0)
+        done = self._shown.done(time)
         if ((done > 0) & (done < 1)).any():
             return "", time
         count = int(np.count_nonzero(done == 1))
-        return self._names[count], strokes.begins[count - 1] + strokes.lasts[count - 1] if count else 0.0
+        return self._names[count], self._shown.begins[count - 1] + self._shown.lasts[count - 1] if count else 0.0
 
 
 def measure(

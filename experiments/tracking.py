@@ -5,11 +5,10 @@
     python -m experiments tracking --scripts moving --rate 60 --seconds 5 --raw --fit accurate
 
 The scripts are those of tools/make_recording.py. There is a row for each of their hands. Joint errors are in mm, over
-frames in which the hand is visible and "found", that is, reported with a mean error of at most 100 mm; "mean 14" is for
-NYU's 14 joints. "ids" and "flips" count changes of its id and of its reported side; "wrong side" counts frames in which
-that is wrong. "jitter" is in mm while the hand rests, "lag" in ms while it moves, "bone" is the largest change of a
-bone length in mm. The last line has all hands, the hands reported where there is none, and the speed of the tracker
-without rendering.
+frames in which the hand is visible and "found", that is, reported with a mean error of at most 100 mm. "ids" and
+"flips" count changes of its id and of its reported side; "wrong side" counts frames in which that is wrong. "jitter" is
+in mm while the hand rests, "lag" in ms while it moves. The last line has all hands, the hands reported where there is
+none, and the speed of the tracker without rendering.
 
 --frame-by-frame also fits each frame, or every N-th, with the same plan, without history, but given the true centre of
 the crop and side: "same" and "alone" are the mean errors of the track and of these fits in frames in which both find
@@ -38,8 +37,7 @@ from tools.common.console import DONE, aligned, say
 from tools.common.progress import ProgressBar
 from tools.common.sources import rate
 
-COLUMNS = ("in sight", "found", "mean", "median", "mean 14", "same", "alone", "ids", "wrong side", "flips", "jitter",
-           "lag", "bone")
+COLUMNS = ("in sight", "found", "mean", "same", "alone", "ids", "wrong side", "flips", "jitter", "lag")
 Alone = Callable[[DepthFrame, TrackedFrame], dict[int, Array]]  # errors (K,) in mm of true hands, by their ids
 
 
@@ -80,8 +78,8 @@ def follow(
             singles[number] = alone(frame, truth)
         progress(1)
     both = {id: np.array([(_error(one.tracked.xyz, one.true.xyz).mean(), singles[one.number][id].mean())
-                          for one in hand.seen if one.tracked and id in singles.get(one.number, ())]).reshape(-1, 2)
-            for id, hand in match(tracked, true).hands.items()}
+                          for one in seen if one.tracked and id in singles.get(one.number, ())]).reshape(-1, 2)
+            for id, seen in match(tracked, true)[0].items()}
     return Tracked(score(tracker.header(recording.name), tracked, true), both, seconds)
 
 
@@ -112,10 +110,9 @@ def cells_of(tracked: Tracked, id: int) -> list[str]:
     hand = tracked.scores.hands[id]
     same, alone = tracked.both[id].mean(axis=0) if len(tracked.both[id]) else (np.nan, np.nan)
     found = hand.found / hand.in_sight if hand.in_sight else np.nan
-    values = (("{}", hand.in_sight), ("{:.1%}", found), ("{:.1f}", hand.errors.mean), ("{:.1f}", hand.errors.median),
-              ("{:.1f}", hand.errors14.mean), ("{:.1f}", same), ("{:.1f}", alone), ("{}", hand.id_switches),
-              ("{}", hand.wrong_side), ("{}", hand.side_switches), ("{:.2f}", hand.jitter_mm), ("{:.0f}", hand.lag_ms),
-              ("{:.2f}", max(hand.bone_change_mm, default=np.nan)))
+    values = (("{}", hand.in_sight), ("{:.1%}", found), ("{:.1f}", hand.error_mm), ("{:.1f}", same), ("{:.1f}", alone),
+              ("{}", hand.id_switches), ("{}", hand.wrong_side), ("{}", hand.side_switches), ("{:.2f}", hand.jitter_mm),
+              ("{:.0f}", hand.lag_ms))
     return ["" if np.isnan(value) else form.format(value) for form, value in values]
 
 
@@ -155,7 +152,7 @@ def run(args: argparse.Namespace) -> int:
     print(aligned([["script", "camera", "seed", "hand", *COLUMNS], *rows]))
     hands = [hand for tracked in done for hand in tracked.scores.hands.values()]
     found, frames = sum(hand.found for hand in hands), sum(tracked.scores.frames for tracked in done)
-    error = sum(hand.found * hand.errors.mean for hand in hands if hand.found) / max(found, 1)
+    error = sum(hand.found * hand.error_mm for hand in hands if hand.found) / max(found, 1)
     say(f"{found} of {sum(hand.in_sight for hand in hands)} visible hands found, mean error {error:.1f} mm; "
         f"{sum(tracked.scores.invented for tracked in done)} reported where there is none; "
         f"{frames} frames, {frames / sum(tracked.seconds for tracked in done):.0f} per second")

@@ -35,7 +35,7 @@ tools.begin(__name__)
 
 from handpose import CAMERAS, NYU, RecordingWriter
 from handpose.body.sides import SIDES
-from handpose.output.tracks.json_file import JsonWriter
+from handpose.output.tracks.writing import JsonWriter
 from handpose.sequences.recordings import SCRIPTS, SyntheticRecording
 from netlib.errors import NetlibError
 from netlib.files import atomic, make_folder
@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
         atomic.require_regular_file(truth)
     recording = SyntheticRecording(
         args.script, args.camera, rate=args.rate, seconds=args.seconds, seed=args.seed,
-        sensor=None if args.clean else "camera's", mirrored=args.hand not in (None, SCRIPTS[args.script].roles[0].side),
+        clean=args.clean, mirrored=args.hand not in (None, next(iter(SCRIPTS[args.script].acts))),
     )
     writer = RecordingWriter(args.out, recording.camera, recording.unit_mm, recording.rate, replace=args.force)
     try:

@@ -22,8 +22,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handpose.body.joint_formats.formats import angles_of
-from handpose.body.joint_formats.frames import FINGERS, MIN_PALM_MM, HandFrames, hand_frames, joints_of
+from handpose.body.joint_formats.formats import anatomical_angles
+from handpose.body.joint_formats.frames import FINGERS, MIN_PALM_MM
 from handpose.body.sides import Side
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
@@ -47,13 +47,9 @@ GESTURES = (*SHAPES, PINCH)
 NUMBERS = {"fist": 0, "point": 1, "two": 2, "three": 3, "four": 4, "open": 5}
 
 
-def scores(skeleton: Skeleton, hand: Side, xyz: Array, frames: HandFrames | None = None) -> dict[str, float]:
-    """The score of each gesture for joints (K, 3) in mm, camera axes. Raises DataError, see ``hand_frames``.
-
-    frames  the hand's directions, if they are computed already (``hand_frames``)
-    """
-    xyz, frames = joints_of(skeleton, hand, xyz), frames or hand_frames(skeleton, hand, xyz)
-    at, angles = dict(zip(skeleton.joint_names, xyz)), angles_of(frames)
+def scores(skeleton: Skeleton, hand: Side, xyz: Array) -> dict[str, float]:
+    """The score of each gesture for joints (K, 3) in mm, camera axes. Raises DataError, see ``hand_frames``."""
+    angles, at = anatomical_angles(skeleton, hand, xyz), dict(zip(skeleton.joint_names, np.asarray(xyz, np.float64)))
     bends = [sum(angles[f"{finger}_{joint}_flexion"] for joint in ("mcp", "pip", "dip")) for finger in FINGERS]
     straight = [1 - _over(bend, STRAIGHT) for bend in bends]
     palm = _distance(at["middle_mcp"], (at["wrist_left"] + at["wrist_middle"]) / 2)
@@ -108,17 +104,16 @@ class GestureReader:
         self._skeleton = skeleton
         self._states: dict[int, _State] = {}
 
-    def read(self, id: int, hand: Side, xyz: Array, time: float, frames: HandFrames | None = None) -> Gesture:
+    def read(self, id: int, hand: Side, xyz: Array, time: float) -> Gesture:
         """The gesture of the hand ``id`` with joints (K, 3) in mm, at ``time`` s.
 
         Raises DataError for times of a hand that descend, and for joints that form no hand (``hand_frames``).
-        frames  the hand's directions, if they are computed already
         """
         before = self._states.get(id)
         if not math.isfinite(time) or (before is not None and time < before.time):
             after = "" if before is None else f" after {before.time:g} s"
             raise DataError(f"hand {id} at {time:g} s{after}; expected finite times that do not descend")
-        seen = np.array(list(scores(self._skeleton, hand, xyz, frames).values()))
+        seen = np.array(list(scores(self._skeleton, hand, xyz).values()))
         if before is None or time - before.time > FORGET_S:
             smooth, name = seen, ""
         else:

@@ -30,21 +30,11 @@ def side_of(word: str) -> Side:
     raise ValueError(f"{word!r}, expected 'right' or 'left'")
 
 
-def other_side(side: Side) -> Side:
-    """The other side."""
-    return "left" if side == "right" else "right"
-
-
-def is_mirrored(side: Side) -> bool:
-    """True for left hands, which are mirror images of the skeleton."""
-    return side == "left"
-
-
 def mirror_of(side: Side) -> Array:
     """The factors (3,) between the axes of a right hand's space and the camera's, in both directions."""
-    return MIRROR if is_mirrored(side) else np.ones(3)
+    return MIRROR if side == "left" else np.ones(3)
 
 
 def as_right(images: NDArray[T], side: Side) -> NDArray[T]:
     """Images (..., height, width) of a hand of this side, mirrored to a right hand: a view."""
-    return images[..., ::-1] if is_mirrored(side) else images
+    return images[..., ::-1] if side == "left" else images

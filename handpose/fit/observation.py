@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.body.sides import MIRROR, Side, is_mirrored
+from handpose.body.sides import MIRROR, Side
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import crop_scale, window
 from netlib.blob import Array
@@ -106,7 +106,7 @@ class HandCrops:
     ) -> HandCrops:
         """Crops of hands of these sides, one for all or one for each."""
         each = [sides] * len(crops) if isinstance(sides, str) else sides
-        mirrored = np.array([is_mirrored(side) for side in each], dtype=bool)
+        mirrored = np.array([side == "left" for side in each], dtype=bool)
         return cls(crops, np.asarray(center_uvd, dtype=np.float64).reshape(-1, 3), camera, cube_mm, mirrored)
 
     def __len__(self) -> int:

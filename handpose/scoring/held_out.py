@@ -126,7 +126,7 @@ def _check_annotated(joints: Array, files: Sequence[File]) -> None:
 def errors_by_joint(p: Predictions, skeleton: Skeleton) -> dict[str, float]:
     """The mean error in mm of each joint, by its name; by its number if the net does not predict all joints."""
     scale = p.half_cube[:, None, None]
-    errors = metrics.mean_error_per_joint(metrics.joint_errors(p.joints * scale, p.truth * scale))
+    errors = metrics.joint_errors(p.joints * scale, p.truth * scale).mean(axis=0)
     whole = len(errors) == len(skeleton.joint_names)
     return {skeleton.joint_names[k] if whole else str(k): float(error) for k, error in enumerate(errors)}
 
@@ -145,10 +145,10 @@ def figures_of(p: Predictions, skeleton: Skeleton) -> dict[str, float]:
         raise DataError(f"the predicted joints of frame {wrong.argmax()} are not finite ({wrong.sum()} such frames)")
     scale = p.half_cube[:, None, None]
     errors = metrics.joint_errors(p.joints * scale, p.truth * scale)
-    figures = {"error_mm": metrics.mean_error(errors)}
+    figures = {"error_mm": float(errors.mean())}
     if skeleton.joint_names == skeletons.load().joint_names and errors.shape[1] == len(skeleton.joint_names):
         errors = errors[:, list(EVALUATION_JOINTS)]
-        figures["error_14_mm"] = metrics.mean_error(errors)
+        figures["error_14_mm"] = float(errors.mean())
     larger = max(1.0, 2 * float(p.half_cube.max()) / CUBE_MM)
     for threshold in (round(20 * larger), round(40 * larger)):
         figures[f"within_{threshold}_mm"] = float(metrics.success_rate(errors, [threshold])[0])

@@ -28,16 +28,6 @@ def mean_errors_14(predicted: ArrayLike, truth: ArrayLike) -> Array:
     return np.asarray(joint_errors(np.asarray(predicted)[:, few], np.asarray(truth)[:, few]).mean(axis=1))
 
 
-def mean_error(errors: Array) -> float:
-    """Mean over all frames and joints of ``errors`` (N, K), mm."""
-    return float(errors.mean())
-
-
-def mean_error_per_joint(errors: Array) -> Array:
-    """Mean over the frames of ``errors`` (N, K): (K,), mm."""
-    return np.asarray(errors.mean(axis=0))
-
-
 def success_rate(errors: Array, thresholds: ArrayLike, worst: bool = True) -> Array:
     """Fraction (T,) of frames whose worst (or, with ``worst=False``, mean) joint error is <= each threshold, mm.
 

@@ -11,12 +11,13 @@ to count the frames with an angle out of its limits.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 
@@ -74,21 +75,25 @@ BENCHMARKS = {"nyu": nyu_benchmark, "icvl": icvl_benchmark}
 
 def read_joints(path: str | Path, joints: int, fmt: Format, camera: Camera) -> Array:
     """Joints (N, K, 3) in mm, camera axes, of a file with N frames of K = ``joints``. Raises DataError."""
+    text = files.read_text(path, "the joints")
+    if not text.strip():
+        raise DataError(f"{path}: empty, expected the numbers of a frame on each line")
     values = []
-    lines = _text(path).rstrip().split("\n")
-    for number, line in enumerate(lines, 1):
-        try:
-            row = [float(word) for word in line.split()]
-        except ValueError:
-            raise _mistake(f"{path}:{number}", line, joints) from None
+    for number, line in enumerate(text.rstrip().split("\n"), 1):
+        row = []
+        for word in re.finditer(r"\S+", line):
+            try:
+                row.append(float(word[0]))
+            except ValueError:
+                row.append(math.nan)
+            if not abs(row[-1]) < _MAX_VALUE:
+                raise DataError(f"{path}:{number}:{word.start() + 1}: found {word[0][:40]!r}, "
+                                f"expected a number of px or mm, below {_MAX_VALUE:g}")
         if len(row) != 3 * joints:
-            raise _mistake(f"{path}:{number}", line, joints)
+            raise DataError(f"{path}:{number}: found {len(row)} number{'s' * (len(row) != 1)}, "
+                            f"expected {3 * joints} = {joints} joints x 3")
         values.append(row)
     found = np.array(values).reshape(-1, joints, 3)
-    wrong = ~(np.abs(found) < _MAX_VALUE).all(axis=(1, 2))
-    if wrong.any():
-        first = int(wrong.argmax())
-        raise _mistake(f"{path}:{first + 1}", lines[first], joints)
     usual = float(np.median(np.abs(found[..., 2])))
     if usual < NEAREST_MM:
         raise DataError(f"{path}: half of all depths are below {usual:.3g}; expected mm, more than "
@@ -113,31 +118,6 @@ def is_list(path: str | Path) -> bool:
     return first.endswith((".h5", ".hdf5")) or (bool(first) and exists(find(first, str(path))))
 
 
-def _text(path: str | Path) -> str:
-    """The text of a file that is not empty. Raises DataError."""
-    text = files.read_text(path, "the joints")
-    if not text.strip():
-        raise DataError(f"{path}: empty, expected the numbers of a frame on each line")
-    return text
-
-
-def _mistake(where: str, line: str, joints: int) -> DataError:
-    """The error for an invalid line."""
-    for word in re.finditer(r"\S+", line):
-        if not _is_sensible(word[0]):
-            return DataError(f"{where}:{word.start() + 1}: found {word[0][:40]!r}, "
-                             f"expected a number of px or mm, below {_MAX_VALUE:g}")
-    count = len(line.split())
-    return DataError(f"{where}: found {count} number{'s' * (count != 1)}, expected {3 * joints} = {joints} joints x 3")
-
-
-def _is_sensible(word: str) -> bool:
-    try:
-        return abs(float(word)) < _MAX_VALUE
-    except ValueError:
-        return False
-
-
 @dataclass(frozen=True)
 class Score:
     """The scores of a method. Errors are in mm; a success rate is a fraction of the frames."""
@@ -154,10 +134,10 @@ def score_on(benchmark: Benchmark, errors: Array) -> Score:
     """The figures of a method on a benchmark from the errors (N, K) in mm of its joints."""
     parts = benchmark.parts if len(errors) == benchmark.frames else {}
     return Score(
-        mean_mm=metrics.mean_error(errors),
-        parts_mm={name: metrics.mean_error(errors[part]) for name, part in parts.items()},
+        mean_mm=float(errors.mean()),
+        parts_mm={name: float(errors[part].mean()) for name, part in parts.items()},
         median_max_mm=float(np.median(errors.max(axis=1))),
-        joints_mm=dict(zip(benchmark.joints, metrics.mean_error_per_joint(errors).tolist())),
+        joints_mm=dict(zip(benchmark.joints, errors.mean(axis=0).tolist())),
         success_max=metrics.success_rate(errors, THRESHOLDS_MM).tolist(),
         success_mean=metrics.success_rate(errors, THRESHOLDS_MM, worst=False).tolist(),
     )
@@ -168,13 +148,8 @@ def score_on(benchmark: Benchmark, errors: Array) -> Score:
 RIDGE = 3e-3  # ridge of the fits to the annotation
 ON_MODEL_MM = 0.05  # residual of most frames if a hand model made their joints; with few starts some fit badly
 TOLERANCE = 1e-3  # radians beyond a limit that count as within: joints in text files are rounded
-
-
-class Watcher(Protocol):
-    """Reports the progress of fits."""
-
-    def __call__(self, total: int, *, what: str) -> AbstractContextManager[Callable[[int], None]]:
-        """A context for the fit of ``total`` frames; it yields a callback for the number of further frames done."""
+# Gives the context of a fit, by its number of frames and `what`; its value is called with the number of further ones.
+Watcher = Callable[..., AbstractContextManager[Callable[[int], None]]]
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Scores of a track against the truth: errors, lost and false hands, identities, sides, jitter, lag, bones.
+"""Scores of a track against the truth: errors, missed and false hands, identities, sides, jitter, lag.
 
 scores = score(tracker.header, tracker.follow(recording), recording.truths())  # of a SyntheticRecording
 scores.hands[0].lag_ms
@@ -8,15 +8,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.body.nyu import ANNOTATION_OF_JOINT, EVALUATION_JOINTS
 from handpose.body.sides import Side
-from handpose.tracking.track import PARTLY, LostHand, TrackedFrame, TrackedHand, TrackHeader
+from handpose.tracking.track import PARTLY, TrackedFrame, TrackedHand, TrackHeader
 from netlib.blob import Array
 from netlib.errors import DataError
 
@@ -88,12 +87,6 @@ def lag_s(numbers: Array, times: Array, tracked: Array, true: Array) -> float:
     return float(LAGS_S[best] + (LAGS_S[1] - LAGS_S[0]) * (before - after) / (2 * (before - 2 * least + after)))
 
 
-def bone_changes(tracked: Array, parents: Array) -> Array:
-    """The largest deviation (K,) of each bone's length from its median over time, mm; 0 for a root."""
-    lengths = np.linalg.norm(tracked - tracked[:, parents], axis=2)
-    return np.asarray(np.where(parents >= 0, np.abs(lengths - np.median(lengths, axis=0)).max(axis=0), 0.0))
-
-
 def _runs(good: Array) -> list[tuple[int, int]]:
     """Runs of truth, from and to (exclusive)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
@@ -110,68 +103,32 @@ class Seen(NamedTuple):
     time: float
     true: TrackedHand
     tracked: TrackedHand | None
-    said_lost: bool  # True if it was not found and the track lists it as lost
 
 
-@dataclass
-class Followed:
-    """The frames of one true hand, matched.
+def match(tracked: Iterable[TrackedFrame], true: Iterable[TrackedFrame]) -> tuple[dict[int, list[Seen]], int]:
+    """The frames of each true hand, by its id, and the number of false positives over all frames of the truth.
 
-    seen  where it is visible
-    gone  where it is not: the true hand, and that of the track; None if the track does not list it as lost
-    """
-
-    id: int
-    hand: Side
-    seen: list[Seen] = field(default_factory=list)
-    gone: list[tuple[LostHand, LostHand | None]] = field(default_factory=list)
-
-
-class Matched(NamedTuple):
-    """The true hands by id, and the number of false positives in each frame with any: {number: count}."""
-
-    hands: dict[int, Followed]
-    invented: dict[int, int]
-
-
-def match(tracked: Iterable[TrackedFrame], true: Iterable[TrackedFrame], bound_mm: float = BOUND_MM) -> Matched:
-    """Match all frames of the truth. A frame missing from the track has no hands.
-
-    Where a true hand is partly visible, tracked hands near it do not count. Raises DataError for frames of the track
-    that the truth does not have, and for two frames of the same number.
+    A frame missing from the track has no hands. Where a true hand is partly visible, tracked hands near it do not
+    count. Raises DataError for frames of the track that the truth does not have, and for two frames of the same number.
     """
     tracked_frames, true_frames = _by_number(tracked, "track"), _by_number(true, "truth")
     foreign = sorted(set(tracked_frames) - set(true_frames))
     if foreign:
         raise DataError(f"frame {foreign[0]} of the track is not in the truth; expected a track of the same recording")
-    hands: dict[int, Followed] = {}
-    invented = {}
-    last: dict[int, int] = {}  # the tracked id of each true hand
+    hands: dict[int, list[Seen]] = {}
+    invented = 0
     for number, frame in sorted(true_frames.items()):
         other = tracked_frames.get(number, TrackedFrame(number, frame.time, ()))
-        pairs = _pairs(frame.hands, other.hands, bound_mm)
-        lost = {one.id: one for one in other.lost}
+        pairs = _pairs(frame.hands, other.hands)
         for n, hand in enumerate(frame.hands):
             found = other.hands[pairs[n]] if n in pairs else None
-            said = found is None and last.get(hand.id) in lost
-            own = hands.setdefault(hand.id, Followed(hand.id, hand.hand))
-            own.seen.append(Seen(number, frame.time, hand, found, said))
-            if found is not None:
-                last[hand.id] = found.id
-        partly = 0
-        for gone in frame.lost:
-            if gone.reason.startswith(PARTLY):
-                partly += 1
-            elif gone.hand is not None:
-                own = hands.setdefault(gone.id, Followed(gone.id, gone.hand))
-                own.gone.append((gone, lost.get(last.get(gone.id, -1))))
-        extra = max(len(other.hands) - len(pairs) - partly, 0)
-        if extra:
-            invented[number] = extra
-    return Matched(dict(sorted(hands.items())), invented)
+            hands.setdefault(hand.id, []).append(Seen(number, frame.time, hand, found))
+        partly = sum(lost.reason.startswith(PARTLY) for lost in frame.lost)
+        invented += max(len(other.hands) - len(pairs) - partly, 0)
+    return dict(sorted(hands.items())), invented
 
 
-def _pairs(true: tuple[TrackedHand, ...], tracked: tuple[TrackedHand, ...], bound_mm: float) -> dict[int, int]:
+def _pairs(true: tuple[TrackedHand, ...], tracked: tuple[TrackedHand, ...]) -> dict[int, int]:
     """The tracked hands matched to true ones, by index."""
     from scipy.optimize import linear_sum_assignment  # imported here: it takes a third of a second
 
@@ -182,8 +139,8 @@ def _pairs(true: tuple[TrackedHand, ...], tracked: tuple[TrackedHand, ...], boun
             raise DataError(f"a track of joints {hand.xyz.shape}, its truth has {true[0].xyz.shape}; "
                             "expected one skeleton")
     apart = np.array([[np.linalg.norm(a.xyz - b.xyz, axis=1).mean() for b in tracked] for a in true])
-    rows, columns = linear_sum_assignment(np.minimum(apart, 10 * bound_mm))
-    return {int(n): int(m) for n, m in zip(rows, columns) if apart[n, m] <= bound_mm}
+    rows, columns = linear_sum_assignment(np.minimum(apart, 10 * BOUND_MM))
+    return {int(n): int(m) for n, m in zip(rows, columns) if apart[n, m] <= BOUND_MM}
 
 
 def _by_number(frames: Iterable[TrackedFrame], what: str) -> dict[int, TrackedFrame]:
@@ -195,51 +152,29 @@ def _by_number(frames: Iterable[TrackedFrame], what: str) -> dict[int, TrackedFr
     return found
 
 
-
-@dataclass(frozen=True)
-class JointErrors:
-    """Distances between tracked and true joints in mm, over frames and joints; NaN without any."""
-
-    mean: float = NAN
-    median: float = NAN
-
-
 @dataclass(frozen=True)
 class HandScores:
     """The scores of one true hand; NaN where there were no such frames.
 
     in_sight        number of frames in which it is visible
     found           of these, those in which it is tracked, no farther than the bound
-    said_lost       of those in which it is not tracked, those in which the track lists it as lost
-    gone            frames in which it is not visible, after it was
-    said_gone       of these, those in which the track lists it as lost
-    right_reason    of these, those with the right reason
-    errors          of all joints, where it is found
-    errors14        of the joints that NYU is evaluated on; NaN for other skeletons
+    error_mm        mean over all joints, where it is found
     id_switches     number of changes of the tracked id
     wrong_side      frames in which it is tracked as the other hand
     side_switches   number of changes of the tracked side
     jitter_mm       at rest: deviation of the joints about their mean, see ``jitter``
     lag_ms          while it moves
-    bone_change_mm  (K,) largest deviation of each bone from its median length; empty if it was never found
     """
 
-    id: int
     hand: Side
     in_sight: int
     found: int
-    said_lost: int
-    gone: int
-    said_gone: int
-    right_reason: int
-    errors: JointErrors
-    errors14: JointErrors
+    error_mm: float
     id_switches: int
     wrong_side: int
     side_switches: int
     jitter_mm: float
     lag_ms: float
-    bone_change_mm: tuple[float, ...]
 
     @property
     def missed(self) -> int:
@@ -265,61 +200,38 @@ class TrackScores:
         in_sight = sum(hand.in_sight for hand in self.hands.values())
         return sum(hand.found for hand in self.hands.values()) / in_sight if in_sight else NAN
 
-    @property
-    def id_switches(self) -> int:
-        """The summary over all hands."""
-        return sum(hand.id_switches for hand in self.hands.values())
 
-
-def score(
-    header: TrackHeader, frames: Iterable[TrackedFrame], truth: Iterable[TrackedFrame], bound_mm: float = BOUND_MM
-) -> TrackScores:
+def score(header: TrackHeader, frames: Iterable[TrackedFrame], truth: Iterable[TrackedFrame]) -> TrackScores:
     """Compare a track with the truth of the same recording. Frames missing from the track have no hands.
 
-    header    of the track
-    bound_mm  on the joints' mean error of a hand that is found
+    header  of the track
 
     Frames in which a true hand is partly visible are not scored (``handpose.tracking.track``). Raises DataError.
     """
     true = list(truth)
-    hands, invented = match(frames, true, bound_mm)
-    scores = {id: _scores(header, hand) for id, hand in hands.items()}
-    return TrackScores(len(true), scores, sum(invented.values()))
+    hands, invented = match(frames, true)
+    return TrackScores(len(true), {id: _scores(header, seen) for id, seen in hands.items()}, invented)
 
 
-def _scores(header: TrackHeader, hand: Followed) -> HandScores:
-    found = [one for one in hand.seen if one.tracked is not None]
-    tracked = [one.tracked for one in hand.seen if one.tracked is not None]
-    reasons = [(true.reason, said.reason) for true, said in hand.gone if said is not None]
-    right = [other.hand == hand.hand for other in tracked]
-    numbers, times = np.array([one.number for one in found]), np.array([one.time for one in found])
+def _scores(header: TrackHeader, seen: list[Seen]) -> HandScores:
+    """The scores of one true hand in the frames in which it is visible."""
+    side, found = seen[0].true.hand, [(one, one.tracked) for one in seen if one.tracked is not None]
+    numbers, times = np.array([one.number for one, _ in found]), np.array([one.time for one, _ in found])
     shape = (len(found), len(header.skeleton.joint_names), 3)
-    xyz, true = (
-        np.array([one.xyz for one in hands]).reshape(shape) for hands in (tracked, [one.true for one in found])
-    )
-    off = np.linalg.norm(xyz - true, axis=2)
+    xyz = np.array([other.xyz for _, other in found]).reshape(shape)
+    true = np.array([one.true.xyz for one, _ in found]).reshape(shape)
+    right = [other.hand == side for _, other in found]
     return HandScores(
-        id=hand.id,
-        hand=hand.hand,
-        in_sight=len(hand.seen),
+        hand=side,
+        in_sight=len(seen),
         found=len(found),
-        said_lost=sum(one.said_lost for one in hand.seen),
-        gone=len(hand.gone),
-        said_gone=len(reasons),
-        right_reason=sum(reason.startswith(true_reason) for true_reason, reason in reasons),
-        errors=_errors(off),
-        errors14=_errors(off[:, EVALUATION_JOINTS] if off.shape[1] == len(ANNOTATION_OF_JOINT) else off[:0]),
-        id_switches=_changes([other.id for other in tracked]),
+        error_mm=float(np.linalg.norm(xyz - true, axis=2).mean()) if found else NAN,
+        id_switches=_changes([other.id for _, other in found]),
         wrong_side=right.count(False),
         side_switches=_changes(right),
         jitter_mm=jitter(numbers, times, xyz, true),
         lag_ms=1000 * lag_s(numbers, times, xyz, true),
-        bone_change_mm=tuple(bone_changes(xyz, header.skeleton.parents).tolist()) if tracked else (),
     )
-
-
-def _errors(off: Array) -> JointErrors:
-    return JointErrors(float(off.mean()), float(np.median(off))) if off.size else JointErrors()
 
 
 def _changes(values: Sequence[int]) -> int:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from handpose.body.sides import Side, mirror_of
 from handpose.frames.cameras import Camera
-from handpose.sequences.movements import OVERLAP, TOP_SPEED, Movement, Person, Strokes, fingers_of, posed
+from handpose.sequences.movements import TOP_SPEED, Movement, Person, Values, fingers_of, posed
 from handpose.synthetic.pose_prior import BodySampler
 from netlib.blob import Array
 
@@ -20,8 +20,6 @@ ARM_DEVIATION = 0.6  # share of the skeleton file's limits, which are for any ha
 TOWARDS, UPWARDS, INWARDS = 0.35, 0.2, 0.5  # the most of a forearm's direction to the camera, up, and to the other hand
 CANDIDATES = 16  # the first possible one is taken, otherwise the best
 ON_THE_WAY = 5  # poses on the way, including the last, at which fingers are checked
-
-
 MARGIN_MM = 155.0  # from the middle of a crop to the border of the volume
 GONE_MM = 330.0  # from the border of the image to the middle of a hand that is away
 
@@ -110,7 +108,7 @@ class Actor:
         self.outward, self.time = outward, 0.0
         fingers = fingers_of("relaxed", person, sampler)
         palm, arm = self.next_palm(None, FACING)
-        self.movement = Movement(sampler, person, side, fingers, palm, arm, volume.place(rng))
+        self.movement = Movement(sampler, person, side, volume.camera, fingers, palm, arm, volume.place(rng))
 
     def act(self, acts: Sequence[Act], seconds: float) -> Movement:
         """Perform the acts in a loop until the given time in s is over, which does not change the movement.
@@ -118,15 +116,17 @@ class Actor:
         An act that begins while a hand still returns is performed, too.
         """
         n = 0
-        while min(self.time, _begin(self.movement.place.strokes, self.time, np.inf)) < seconds:
+        while min(self.time, self.movement.place.begin(self.time, np.inf)) < seconds:
             act = acts[n % len(acts)]
             end = self.time + act.seconds
             if act.kind == "away":
                 self._away(end, first=n == 0)
             elif act.kind == "gestures":
                 self._gestures(act.of, end)
-            else:
-                {"wave": self._wave, "moving": self._moving}.get(act.kind, _still)(end)
+            elif act.kind == "wave":
+                self._wave(end)
+            elif act.kind == "moving":
+                self._moving(end)
             self.time = end
             n += 1
         return self.movement
@@ -177,7 +177,7 @@ class Actor:
         else:
             self._go(outside, self.time, np.inf)
         lasts = TOP_SPEED * float(np.linalg.norm(outside - inside)) / HAND_SPEED
-        place.move(max(end - lasts, place.strokes.end), lasts, inside)
+        place.move(max(end - lasts, place.end), lasts, inside)
 
     # ------------------------------------------------------------------------------------------ strokes
 
@@ -190,11 +190,8 @@ class Actor:
         for way in ways:
             angle = float(np.abs(way - values.keys[-1]).max())
             lasts = max(self.rng.uniform(*STROKE), TOP_SPEED * angle / FINGER_SPEED)
-            begin = _begin(values.strokes, self.time, lasts)
-            if begin + lasts > end:
+            if not self._stroke(values, way, lasts, self.time, end):
                 return False
-            values.move(begin, lasts, way)
-            self.time = begin + lasts
         return True
 
     def _turn(self, palm: Rotation, arm: Array, lasts: float, end: float) -> bool:
@@ -202,12 +199,9 @@ class Actor:
         turns = self.movement.palm
         angle = (turns.keys[-1].inv() * palm).magnitude() + float(np.abs(arm - self.movement.arm.keys[-1]).max())
         lasts = max(lasts, TOP_SPEED * angle / PALM_SPEED)
-        begin = _begin(turns.strokes, self.time, lasts)
-        if begin + lasts > end:
+        if not self._stroke(turns, palm, lasts, self.time, end):
             return False
-        turns.move(begin, lasts, palm)
-        self.movement.arm.move(begin, lasts, arm)
-        self.time = begin + lasts
+        self.movement.arm.move(turns.begins[-1], lasts, arm)
         return True
 
     def _go(self, to: Array, time: float, end: float) -> bool:
@@ -215,10 +209,14 @@ class Actor:
         place = self.movement.place
         distance = float(np.linalg.norm(to - place.keys[-1]))
         lasts = max(self.rng.uniform(*STROKE), TOP_SPEED * distance / HAND_SPEED)
-        begin = _begin(place.strokes, time, lasts)
+        return self._stroke(place, to, lasts, time, end)
+
+    def _stroke(self, values: Values, to: Any, lasts: float, time: float, end: float) -> bool:
+        """Add a stroke that may begin at a time; False if it would not end by ``end``."""
+        begin = values.begin(time, lasts)
         if begin + lasts > end:
             return False
-        place.move(begin, lasts, to)
+        values.move(begin, lasts, to)
         self.time = max(self.time, begin + lasts)
         return True
 
@@ -269,14 +267,3 @@ class Actor:
             too_far = np.stack([-z - TOWARDS, y - UPWARDS, -x * self.outward - INWARDS])
             over = np.maximum(over, np.maximum(too_far, 0).sum(axis=0))
         return np.asarray(over + np.maximum(np.linalg.norm(steps, axis=1) - MAX_TURN, 0))
-
-
-def _still(end: float) -> None:
-    """Keep still."""
-
-
-def _begin(strokes: Strokes, time: float, lasts: float) -> float:
-    """The start of a stroke requested at a time: a successor starts somewhat before the last one ends."""
-    if not strokes.begins or strokes.end < time:
-        return time
-    return strokes.end - OVERLAP * min(lasts, strokes.lasts[-1])

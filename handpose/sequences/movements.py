@@ -13,22 +13,22 @@ always a mean of the poses: no angle leaves limits that the poses keep. A stroke
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from handpose.body.model import Surface
+from handpose.body.nyu import CUBE_MM
 from handpose.body.render import Capsules
 from handpose.body.sides import Side, mirror_of
+from handpose.frames.cameras import Camera
 from handpose.synthetic.pose_prior import BodySampler, cut_normal
 from handpose.synthetic.prior_file import PartParameter, PoseParameter
-from handpose.synthetic.surface_prior import PERSON_SURFACE, SurfacePrior
-from handpose.tracking.track import joints_of
+from handpose.synthetic.surface_prior import PERSON_SURFACE
+from handpose.tracking.track import TrackedHand, joints_of
 from netlib.blob import Array
-
-WHOLE_ARM = replace(PERSON_SURFACE, cut=0.0)  # arms do not end in empty space
 
 
 @dataclass(frozen=True)
@@ -55,9 +55,9 @@ class Person:
     center: Array
 
     @staticmethod
-    def draw(rng: np.random.Generator, sampler: BodySampler, prior: SurfacePrior = WHOLE_ARM) -> Person:
+    def draw(rng: np.random.Generator, sampler: BodySampler) -> Person:
         """A random person."""
-        hand, surface = sampler.draw(rng, 1), sampler.surface
+        hand, surface, prior = sampler.draw(rng, 1), sampler.surface, PERSON_SURFACE
         size, unit_mm = float(hand.scale[0]), sampler.cube_mm / 2
         radii = surface.radii * size * (1 + prior.thickness_std * cut_normal(rng, (), prior.clip))
         radii *= 1 + prior.radius_std * cut_normal(rng, radii.shape, prior.clip)
@@ -67,13 +67,9 @@ class Person:
         offset = float(rng.uniform(*prior.offsets))
         return Person(surface, hand.bones[0], size, radii, offset, sleeve, unit_mm, sampler.center * size)
 
-    def joints(self, inputs: Array) -> Array:
-        """Joints (N, K, 3) in units of inputs (N, D) of the whole body."""
-        return self.surface.kinematics.joints(inputs, self._bones(len(inputs)))
-
     def ends(self, inputs: Array) -> Array:
         """The capsules' ends (N, K, 3) in units for inputs (N, D) of the whole body."""
-        pose = self.surface.kinematics.forward(inputs, self._bones(len(inputs)))
+        pose = self.surface.kinematics.forward(inputs, np.broadcast_to(self.bones, (len(inputs), len(self.bones))))
         return self.surface.ends(pose, self.size, self.offset)
 
     def penetration_mm(self, inputs: Array) -> Array:
@@ -93,9 +89,6 @@ class Person:
         a, b, ra, rb, _ = capsules.chosen(self.surface.limbs)
         first, thicker = self.sleeve[0], self.sleeve[1] * self.unit_mm
         return Capsules(a + first * (b - a), b, ra + first * (rb - ra) + thicker, rb + thicker)
-
-    def _bones(self, count: int) -> Array:
-        return np.broadcast_to(self.bones, (count, len(self.bones)))
 
 
 # ---------------------------------------------------------------------------------------------- named poses
@@ -173,46 +166,45 @@ def eased(part: Array) -> Array:
     return np.asarray(s * s * s * (10 - 15 * s + 6 * s * s))
 
 
-class Strokes:
-    """Strokes in the order of time: when they begin and how long they last, in s."""
+class Values:
+    """Numbers (n,) over time, which change by strokes in the order of time.
 
-    def __init__(self) -> None:
+    keys           first, and after each stroke
+    begins, lasts  when each stroke begins, and how long it lasts, in s
+    """
+
+    def __init__(self, first: Any) -> None:
+        self.keys = [first]
         self.begins: list[float] = []
         self.lasts: list[float] = []
 
     @property
     def end(self) -> float:
-        """The end of the last one, s."""
+        """The end of the last stroke, s."""
         return self.begins[-1] + self.lasts[-1] if self.begins else 0.0
 
-    def add(self, begin: float, lasts: float) -> None:
+    def begin(self, time: float, lasts: float) -> float:
+        """When a stroke requested at a time begins: a successor starts somewhat before the last one ends."""
+        if not self.begins or self.end < time:
+            return time
+        return self.end - OVERLAP * min(lasts, self.lasts[-1])
+
+    def move(self, begin: float, lasts: float, to: Any) -> None:
         """Add a stroke that begins and ends no earlier than the one before."""
         assert lasts > 0 and (not self.begins or (begin >= self.begins[-1] and begin + lasts >= self.end))
         self.begins.append(begin)
         self.lasts.append(lasts)
+        self.keys.append(to)
 
     def done(self, time: float) -> Array:
-        """The completed fraction (n,) of each."""
+        """The completed fraction (n,) of each stroke."""
         return eased((time - np.array(self.begins)) / np.array(self.lasts))
-
-
-class Values:
-    """Numbers (n,) over time."""
-
-    def __init__(self, first: Any) -> None:
-        self.keys = [first]
-        self.strokes = Strokes()
-
-    def move(self, begin: float, lasts: float, to: Any) -> None:
-        """Add a stroke."""
-        self.strokes.add(begin, lasts)
-        self.keys.append(to)
 
     def at(self, time: float) -> Any:
         """The values (n,) at a time in s."""
         if len(self.keys) == 1:
             return self.keys[0]
-        return np.asarray(self.keys[0] + self.strokes.done(time) @ np.diff(self.keys, axis=0))
+        return np.asarray(self.keys[0] + self.done(time) @ np.diff(self.keys, axis=0))
 
 
 class Turns(Values):
@@ -220,29 +212,12 @@ class Turns(Values):
 
     def at(self, time: float) -> Rotation:
         """The rotation at a time in s."""
-        done = self.strokes.done(time) if self.strokes.begins else np.zeros(0)
+        done = self.done(time)
         whole = int(np.count_nonzero(done == 1))
         turned = self.keys[whole]
         for k in range(whole, int(np.count_nonzero(done > 0))):
             turned = turned * Rotation.from_rotvec(done[k] * (self.keys[k].inv() * self.keys[k + 1]).as_rotvec())
         return turned
-
-
-class HandPose(NamedTuple):
-    """One hand at one time.
-
-    inputs     (D,) of the skeleton, of a left hand those of its mirror image; angles of the palm in -pi to pi
-    bones      (K,) in units
-    origin_mm  (3,) camera axes, not mirrored: where the inputs' origin is, the middle of a crop
-    xyz        (K, 3) mm, camera axes
-    capsules   (1, M) mm, camera axes: hand and forearm
-    """
-
-    inputs: Array
-    bones: Array
-    origin_mm: Array
-    xyz: Array
-    capsules: Capsules
 
 
 class Movement:
@@ -256,19 +231,21 @@ class Movement:
     """
 
     def __init__(
-        self, sampler: BodySampler, person: Person, side: Side, fingers: Array, palm: Rotation, arm: Array, place: Array
+        self, sampler: BodySampler, person: Person, side: Side, camera: Camera, fingers: Array, palm: Rotation,
+        arm: Array, place: Array,
     ) -> None:
-        self.sampler, self.person, self.side = sampler, person, side
+        self.sampler, self.person, self.side, self.camera = sampler, person, side, camera
         self.fingers, self.palm = Values(fingers), Turns(palm)
         self.arm, self.place = Values(arm), Values(place)
 
-    def pose_at(self, time: float) -> HandPose:
-        """The hand at a time in s."""
+    def pose_at(self, time: float) -> TrackedHand:
+        """The hand at a time in s, with the id 0, confidence 1 and error 0."""
         origin, whole = self.place.at(time), self.inputs_at(time)
         skeleton, person = self.sampler.skeleton, self.person
         inputs, bones = whole[: len(skeleton.initial)], person.bones[: len(skeleton.joint_names)]
         xyz = joints_of(skeleton, person.unit_mm, self.side, inputs, bones, origin)
-        return HandPose(inputs, bones, origin, xyz, person.capsules(whole, origin, self.side))
+        middle, capsules = self.camera.project(origin), person.capsules(whole, origin, self.side)
+        return TrackedHand(0, self.side, 1.0, 0.0, inputs, bones, origin, xyz, middle, CUBE_MM, capsules)
 
     def inputs_at(self, time: float) -> Array:
         """The inputs (D,) of the whole body, the forearm included."""

@@ -4,50 +4,36 @@ recording = SyntheticRecording("minute", KINECT2, rate=30, seed=1)
 for frame in recording: ...            # like any recording, and the same every time
 recording.truth(frame.number)          # the true hands
 
-A hand is visible if nine of ten of its joints are in the image and at most half of its surface is hidden. It is lost if
-at most one of ten joints is in the image, or if its surface is hidden. Otherwise it is ``PARTLY`` visible, and not
-scored.
+A hand is visible if nine of ten of its joints are in the image, and lost if at most one of ten is. Otherwise it is
+``PARTLY`` visible, and not scored. Of two hands each keeps to its half of the image, so none hides the other.
 
 Hands, surroundings and the levels of the sensor's errors depend on the seed; the errors of a frame also on its number.
 Rate and length of a recording do not change the movement. A frame of 640 x 480 pixels takes 10 to 35 ms on one core,
-most of it for the sensor's errors; its truth alone 5 to 10 ms.
+most of it for the sensor's errors.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
 
 import numpy as np
 
 from handpose.body.nyu import CUBE_MM
 from handpose.body.render import Capsules, Floats, in_front, joined
-from handpose.body.sides import Side, other_side
+from handpose.body.sides import Side
 from handpose.frames.cameras import NYU, UNIT_MM, Camera
 from handpose.frames.recording import DepthFrame, Recording
 from handpose.sequences.acts import Act, Actor, Volume
-from handpose.sequences.movements import SHOWN, HandPose, Movement, Person
+from handpose.sequences.movements import SHOWN, Movement, Person
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.prior_file import PoseParameter
 from handpose.synthetic.scenes import BODY, render_image
-from handpose.synthetic.sensor import Sensor, sense, sensor_of
-from handpose.tracking.track import HIDDEN, LEFT, PARTLY, LostHand, TrackedFrame, TrackedHand, TrackHeader
+from handpose.synthetic.sensor import sense, sensor_of
+from handpose.tracking.track import LEFT, PARTLY, LostHand, TrackedFrame, TrackHeader
 from netlib.blob import Array
-from netlib.errors import DataError, did_you_mean
-
-
-@dataclass(frozen=True)
-class Role:
-    """One hand.
-
-    side    "right" or "left"
-    acts    repeated until the recording ends
-    """
-
-    side: Side
-    acts: tuple[Act, ...]
+from netlib.errors import DataError
 
 
 @dataclass(frozen=True)
@@ -55,75 +41,52 @@ class Script:
     """The script of a recording of one person.
 
     seconds  default length
-    roles    the hands; their indices are their ids
+    acts     of each hand, repeated until the recording ends; ids count the hands in this order
     body     True if the body is visible behind the hands, False for arms only
-    apart    True if each of two hands keeps to its half of the image, False if one may occlude the other
     poses    replace those of the prior file with the same names
     """
 
     seconds: float
-    roles: tuple[Role, ...]
+    acts: dict[Side, tuple[Act, ...]]
     body: bool = False
-    apart: bool = True
     poses: tuple[PoseParameter, ...] = ()
-
-    def mirrored(self) -> Script:
-        """The script with left and right hands exchanged."""
-        return replace(self, roles=tuple(replace(role, side=other_side(role.side)) for role in self.roles))
 
 
 _LIVELY = (Act("moving", 6), Act("rest", 1.5), Act("gestures", 6), Act("wave", 2.5), Act("rest", 1.5))
 SCRIPTS = {
-    "rest": Script(10, (Role("right", (Act("rest", 10),)),)),
-    "gestures": Script(20, (Role("right", (Act("gestures", 16), Act("wave", 3), Act("rest", 1.5))),)),
-    "moving": Script(20, (Role("right", (Act("rest", 1.5), Act("moving", 18.5))),)),
-    "leaves": Script(20, (Role("right", (Act("moving", 4), Act("away", 3.5), Act("gestures", 3))),)),
-    "two_hands": Script(20, (Role("right", _LIVELY), Role("left", (*_LIVELY[2:], *_LIVELY[:2])))),
-    "left": Script(20, (Role("left", _LIVELY),)),
-    "body": Script(20, (Role("right", _LIVELY),), body=True),
+    "rest": Script(10, {"right": (Act("rest", 10),)}),
+    "gestures": Script(20, {"right": (Act("gestures", 16), Act("wave", 3), Act("rest", 1.5))}),
+    "moving": Script(20, {"right": (Act("rest", 1.5), Act("moving", 18.5))}),
+    "leaves": Script(20, {"right": (Act("moving", 4), Act("away", 3.5), Act("gestures", 3))}),
+    "two_hands": Script(20, {"right": _LIVELY, "left": (*_LIVELY[2:], *_LIVELY[:2])}),
+    "left": Script(20, {"left": _LIVELY}),
+    "body": Script(20, {"right": _LIVELY}, body=True),
     "minute": Script(
         60,
-        (
-            Role("right", (Act("rest", 2), Act("gestures", 10), Act("moving", 11), Act("away", 4), *_LIVELY, *_LIVELY)),
-            Role("left", (Act("away", 30), *_LIVELY, Act("away", 20))),
-        ),
+        {
+            "right": (Act("rest", 2), Act("gestures", 10), Act("moving", 11), Act("away", 4), *_LIVELY, *_LIVELY),
+            "left": (Act("away", 30), *_LIVELY, Act("away", 20)),
+        },
         body=True,
     ),
 }
 # A hand that shows the gestures of handpose/body/gestures.
-SHOWING = Script(30, (Role("right", (Act("gestures", 30, tuple(pose.name for pose in SHOWN)),)),), poses=SHOWN)
-
+SHOWING = Script(30, {"right": (Act("gestures", 30, tuple(pose.name for pose in SHOWN)),)}, poses=SHOWN)
+OTHER: dict[Side, Side] = {"right": "left", "left": "right"}
 
 NOWHERE_MM = 1e4  # beyond the range of any camera
 BEHIND_MM = 300.0  # from the farthest place of a hand to the middle between the shoulders
 SHOULDER_MM = 170.0  # from that middle
 BODY_FAR = 700.0  # mm: maximum distance of hands in front of a body
 MOSTLY, HARDLY = 0.9, 0.1  # share of the joints in the image: visible from the first on, lost up to the second
-SEEN, COVERED = 0.5, 0.05  # share of the surface that is not hidden: visible from the first on, hidden below the second
-PERSON, HANDS, SURROUNDINGS = range(3)  # purposes of random numbers
-
-Numbers = Callable[..., np.random.Generator]
+PERSON, HANDS, SURROUNDINGS, FAULTS, FRAMES = range(5)  # purposes of random numbers
 
 
-class Surroundings(NamedTuple):
-    """Everything in the image except hands and arms.
-
-    image   (height, width) mm, ``NOWHERE_MM`` without a reading
-    middle  (3,) mm between the person's shoulders
-    """
-
-    image: Floats
-    middle: Array
-
-    def upper_arm(self, elbow: Array, side: Side) -> Capsules:
-        """The capsule (1, 1) from an elbow (3,) to the shoulder of the person, who faces the camera."""
-        right = -1.0 if side == "right" else 1.0
-        shoulder = self.middle + (right * SHOULDER_MM, -20.0, 0.0)
-        return Capsules(elbow[None, None], shoulder[None, None], np.array([[40.0]]), np.array([[55.0]]))
-
-
-def draw_surroundings(rng: np.random.Generator, camera: Camera, farthest: float, body: bool) -> Surroundings:
+def draw_surroundings(rng: np.random.Generator, camera: Camera, farthest: float, body: bool) -> tuple[Floats, Array]:
     """A wall, beyond the range of half of the cameras, and a body in front of it or none.
+
+    Returns the image (height, width) in mm, with ``NOWHERE_MM`` for no reading, and the middle (3,) between the
+    shoulders.
 
     farthest  depth in mm that the middles of hands do not exceed
     """
@@ -135,87 +98,10 @@ def draw_surroundings(rng: np.random.Generator, camera: Camera, farthest: float,
         radii = np.array([(ra, rb) for _, _, ra, rb in BODY], dtype=np.float64)
         trunk = in_front(Capsules(ends[None, :, 0], ends[None, :, 1], radii[None, :, 0], radii[None, :, 1]))
         np.minimum(image, render_image(trunk, camera, np.inf)[0], out=image)
-    return Surroundings(image, middle)
+    return image, middle
 
 
-class Shot(NamedTuple):
-    """The scene at one time.
-
-    depth    (height, width) mm, ``NOWHERE_MM`` without a reading, without the sensor's errors
-    poses    of each role
-    unseen   of each role: the reason why it is not visible, or empty
-    """
-
-    depth: Floats
-    poses: list[HandPose]
-    unseen: list[str]
-
-
-class Stage:
-    """A script in front of a camera, for ``seconds``.
-
-    numbers  the random generator of a purpose, given by whole numbers from ``PERSON`` to ``SURROUNDINGS``
-    """
-
-    def __init__(self, script: Script, camera: Camera, seconds: float, numbers: Numbers) -> None:
-        self.script, self.camera = script, camera
-        # Palm or back mostly face the camera
-        prior = prior_file.load(prior_file.PEOPLE_PRIOR).turned("palm_rot_z", any=0.0)
-        prior = prior.turned("palm_rot_x", any=None, most=85.0).turned("palm_rot_y", any=0.1)
-        others = [pose for pose in prior.pose if pose.name not in [own.name for own in script.poses]]
-        prior = prior.but(pose=(*others, *script.poses)) if script.poses else prior
-        self.sampler = BodySampler(prior)
-        self.person = Person.draw(numbers(PERSON, 0), self.sampler)
-        volumes = [self._volume(n) for n in range(len(script.roles))]
-        self.movements: list[Movement] = []
-        for n, (role, (volume, outward)) in enumerate(zip(script.roles, volumes)):
-            actor = Actor(numbers(HANDS, n), self.sampler, self.person, role.side, volume, outward)
-            self.movements.append(actor.act(role.acts, seconds))
-        farthest = max(volume.far for volume, _ in volumes)
-        self.surroundings = draw_surroundings(numbers(SURROUNDINGS), camera, farthest, script.body)
-
-    def _volume(self, n: int) -> tuple[Volume, float]:
-        """The volume in which a role's hand moves, and the side of its elbow; the person faces the camera."""
-        roles, own = self.script.roles, self.script.roles[n].side
-        volume = Volume(self.camera, far=BODY_FAR) if self.script.body else Volume(self.camera)
-        if not self.script.apart or len(roles) == 1:
-            return volume.roomy(), 0.0
-        if own == "right":
-            return volume._replace(right=0.5).roomy(), -1.0
-        return volume._replace(left=0.5).roomy(), 1.0
-
-    def shot(self, time: float) -> Shot:
-        """The scene at a time in s."""
-        poses = [movement.pose_at(time) for movement in self.movements]
-        limbs = self.sampler.surface.limbs
-        hands, arms = [], []
-        for role, pose in zip(self.script.roles, poses):
-            hands.append(pose.capsules.chosen(~limbs))
-            forearm = pose.capsules.chosen(limbs)
-            upper_arm = self.surroundings.upper_arm(forearm.b[0, -1], role.side)
-            arms += [forearm, self.person.worn(pose.capsules), upper_arm]
-        layers = np.concatenate([render_image(in_front(hand), self.camera, np.inf) for hand in hands])
-        everything = in_front(joined(arms))
-        depth = np.minimum(self.surroundings.image, render_image(everything, self.camera, NOWHERE_MM)[0])
-        np.minimum(depth, layers.min(axis=0), out=depth)
-        return Shot(depth, poses, [self._unseen(pose, layer, depth) for pose, layer in zip(poses, layers)])
-
-    def _unseen(self, pose: HandPose, layer: Floats, depth: Floats) -> str:
-        """The reason why a hand with the rendering ``layer`` is not visible, or empty."""
-        u, v, _ = self.camera.project(pose.xyz).T
-        inside = ((u > 0) & (u < self.camera.width - 1) & (v > 0) & (v < self.camera.height - 1)).mean()
-        shown = np.isfinite(layer)
-        if inside <= HARDLY or not shown.any():
-            return LEFT
-        seen = (depth >= layer)[shown].mean()
-        if seen < COVERED:
-            return HIDDEN
-        return "" if inside >= MOSTLY and seen >= SEEN else PARTLY
-
-
-MAX_SECONDS = 36000.0
 MAX_IMAGE_PX = 1 << 14  # pixels either way, as in a camera.json
-FAULTS, FRAMES = SURROUNDINGS + 1, SURROUNDINGS + 2  # random streams, in addition to those of the scene
 
 
 class SyntheticRecording(Recording):
@@ -225,7 +111,7 @@ class SyntheticRecording(Recording):
     camera    without a size, the principal point is the middle of the image
     rate      frames per second
     seconds   length; by default the script's
-    sensor    error model, whose levels are drawn once; None has no errors
+    clean     without the errors of the camera's sensor, whose levels are drawn once
     mirrored  exchange left and right hands
 
     Raises DataError.
@@ -236,18 +122,13 @@ class SyntheticRecording(Recording):
 
     def __init__(
         self, script: Script | str, camera: Camera = NYU, *, rate: float = 30.0, seconds: float | None = None,
-        seed: int = 0, sensor: Sensor | Literal["camera's"] | None = "camera's", mirrored: bool = False,
+        seed: int = 0, clean: bool = False, mirrored: bool = False,
     ) -> None:
-        if isinstance(script, str) and script not in SCRIPTS:
-            raise DataError(f"script {script!r}{did_you_mean(script, SCRIPTS)}; expected one of {', '.join(SCRIPTS)}")
         self.script = SCRIPTS[script] if isinstance(script, str) else script
         if mirrored:
-            self.script = self.script.mirrored()
+            self.script = replace(self.script, acts={OTHER[side]: acts for side, acts in self.script.acts.items()})
         self.name = f"synthetic {script if isinstance(script, str) else 'script'}, seed {seed}"
         length = self.script.seconds if seconds is None else seconds
-        if not (0 < rate < np.inf and 0 < length <= MAX_SECONDS) or seed < 0:
-            raise DataError(f"{length:g} s at rate {rate:g}, seed {seed}; expected more than 0 and at most "
-                            f"{MAX_SECONDS:g} s, the seed 0 or more")
         if not camera.width:
             camera = replace(camera, width=round(2 * camera.u0), height=round(2 * camera.v0))
         if not (0 < camera.width <= MAX_IMAGE_PX and 0 < camera.height <= MAX_IMAGE_PX):
@@ -256,18 +137,59 @@ class SyntheticRecording(Recording):
         self.camera, self.rate, self.seed = camera, rate, seed
         self.count = max(1, round(length * rate))
         self.unit_mm = UNIT_MM.get(camera.name, 1.0)
-        kind = sensor_of(camera) if isinstance(sensor, str) else sensor
-        self.sensor = kind and kind.settled(self._numbers(FAULTS))
-        self.stage = Stage(self.script, camera, length, self._numbers)
-        self._last: tuple[int, Shot] | None = None
-        self._unseen: dict[int, list[str]] = {}
+        self.sensor = None if clean else sensor_of(camera).settled(self._numbers(FAULTS))
+        # Palm or back mostly face the camera.
+        prior = prior_file.load(prior_file.PEOPLE_PRIOR).turned("palm_rot_z", any=0.0)
+        prior = prior.turned("palm_rot_x", any=None, most=85.0).turned("palm_rot_y", any=0.1)
+        own = self.script.poses
+        others = [pose for pose in prior.pose if pose.name not in [one.name for one in own]]
+        self.sampler = BodySampler(prior.but(pose=(*others, *own)) if own else prior)
+        self.person = Person.draw(self._numbers(PERSON, 0), self.sampler)
+        volumes = [self._volume(side) for side in self.script.acts]
+        self.movements: list[Movement] = []
+        for n, ((side, acts), (volume, outward)) in enumerate(zip(self.script.acts.items(), volumes)):
+            actor = Actor(self._numbers(HANDS, n), self.sampler, self.person, side, volume, outward)
+            self.movements.append(actor.act(acts, length))
+        farthest = max(volume.far for volume, _ in volumes)
+        self._behind, self._middle = draw_surroundings(self._numbers(SURROUNDINGS), camera, farthest, self.script.body)
+        self._reasons: dict[tuple[int, int], str] = {}
+
+    # ------------------------------------------------------------------------------------------ the scene
+
+    def _volume(self, side: Side) -> tuple[Volume, float]:
+        """The volume in which a hand moves, and the side of its elbow; the person faces the camera."""
+        volume = Volume(self.camera, far=BODY_FAR) if self.script.body else Volume(self.camera)
+        if len(self.script.acts) == 1:
+            return volume.roomy(), 0.0
+        if side == "right":
+            return volume._replace(right=0.5).roomy(), -1.0
+        return volume._replace(left=0.5).roomy(), 1.0
+
+    def _depth(self, time: float) -> Floats:
+        """The depth (height, width) in mm at a time in s without errors; ``NOWHERE_MM`` without a reading."""
+        layers, arms, limbs = [self._behind], [], self.sampler.surface.limbs
+        for movement in self.movements:
+            hand = movement.pose_at(time)
+            assert hand.capsules is not None
+            layers.append(render_image(in_front(hand.capsules.chosen(~limbs)), self.camera, NOWHERE_MM)[0])
+            forearm = hand.capsules.chosen(limbs)
+            arms += [forearm, self.person.worn(hand.capsules), self._upper_arm(forearm.b[:, -1:], hand.hand)]
+        layers.append(render_image(in_front(joined(arms)), self.camera, NOWHERE_MM)[0])
+        return np.asarray(np.minimum.reduce(layers))
+
+    def _upper_arm(self, elbow: Array, side: Side) -> Capsules:
+        """The capsule (1, 1) from an elbow (1, 1, 3) to the shoulder of the person, who faces the camera."""
+        shoulder = self._middle + (-SHOULDER_MM if side == "right" else SHOULDER_MM, -20.0, 0.0)
+        return Capsules(elbow, shoulder[None, None], np.array([[40.0]]), np.array([[55.0]]))
+
+    # ------------------------------------------------------------------------------------------ the frames
 
     def __iter__(self) -> Iterator[DepthFrame]:
         return (self.frame(number) for number in range(self.count))
 
     def frame(self, number: int) -> DepthFrame:
         """Frame ``number``, the same at every call, in whole units as in a file."""
-        depth = self.shot(number).depth
+        depth = self._depth(number / self.rate)
         if self.sensor:
             far, faults = np.array([NOWHERE_MM]), self._numbers(FRAMES, number)
             depth = sense(faults, depth[None], far, self.sensor, self.camera)[0]
@@ -275,49 +197,41 @@ class SyntheticRecording(Recording):
         read = np.where(depth < NOWHERE_MM, np.rint(depth / unit) * unit, np.float32(0))
         return DepthFrame(number, number / self.rate, read)
 
-    def shot(self, number: int) -> Shot:
-        """The scene at the time of frame ``number``."""
-        if self._last is None or self._last[0] != number:
-            self._last = number, self.stage.shot(number / self.rate)
-            self._unseen[number] = self._last[1].unseen
-        return self._last[1]
-
     # ------------------------------------------------------------------------------------------ the truth
 
     @property
     def header(self) -> TrackHeader:
         """The header of the truth."""
-        return TrackHeader(self.name, self.camera, self.stage.sampler.skeleton, CUBE_MM / 2, smoothed=False)
+        return TrackHeader(self.name, self.camera, self.sampler.skeleton, CUBE_MM / 2, smoothed=False)
 
     def truths(self) -> Iterator[TrackedFrame]:
         """The truth of each frame."""
         return (self.truth(number) for number in range(self.count))
 
     def truth(self, number: int) -> TrackedFrame:
-        """The true hands of frame ``number``: confidence 1, error 0; the id of a hand is the number of its role.
+        """The true hands of frame ``number``: confidence 1, error 0; ids count the hands of the script.
 
         A hand that was never visible is not listed, unless it is partly visible.
         """
         time, hands, lost = number / self.rate, [], []
-        shot = self.shot(number)
-        for id, (role, pose, unseen) in enumerate(zip(self.script.roles, shot.poses, shot.unseen)):
+        for id, movement in enumerate(self.movements):
+            unseen = self._unseen(id, number)
             if not unseen:
-                middle = self.camera.project(pose.origin_mm)
-                hands.append(TrackedHand(id, role.side, 1.0, 0.0, *pose[:4], middle, CUBE_MM, pose.capsules))
+                hands.append(replace(movement.pose_at(time), id=id))
                 continue
-            since = self._last_in_sight(id, number)
-            if since is not None or unseen == PARTLY:
-                lost.append(LostHand(id, role.side, time if since is None else since, unseen))
+            last = next((n / self.rate for n in range(number - 1, -1, -1) if not self._unseen(id, n)), None)
+            if last is not None or unseen == PARTLY:
+                lost.append(LostHand(id, movement.side, time if last is None else last, unseen))
         return TrackedFrame(number, time, tuple(hands), tuple(lost))
 
-    def _last_in_sight(self, id: int, number: int) -> float | None:
-        """The time in s when a hand was last visible before frame ``number``; None for never."""
-        for n in range(number - 1, -1, -1):
-            if n not in self._unseen:
-                self._unseen[n] = self.stage.shot(n / self.rate).unseen
-            if not self._unseen[n][id]:
-                return n / self.rate
-        return None
+    def _unseen(self, id: int, number: int) -> str:
+        """The reason why a hand is not visible in frame ``number``, or empty."""
+        if (id, number) not in self._reasons:
+            u, v, _ = self.camera.project(self.movements[id].pose_at(number / self.rate).xyz).T
+            width, height = self.camera.width, self.camera.height
+            inside = ((u > 0) & (u < width - 1) & (v > 0) & (v < height - 1)).mean()
+            self._reasons[id, number] = LEFT if inside <= HARDLY else "" if inside >= MOSTLY else PARTLY
+        return self._reasons[id, number]
 
     def _numbers(self, *what: int) -> np.random.Generator:
         """The random generator of one purpose."""

@@ -14,7 +14,7 @@ from handpose.frames import camera_file
 from handpose.frames.cameras import ICVL
 from handpose.frames.recording import CameraInfo
 from handpose.sequences.acts import Act
-from handpose.sequences.recordings import Role, Script, SyntheticRecording
+from handpose.sequences.recordings import Script, SyntheticRecording
 from netlib.errors import DataError
 
 
@@ -67,7 +67,7 @@ def test_labels_that_are_none(tmp_path: Path) -> None:
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_a_recording_is_scored(tmp_path: Path, mirrored: bool) -> None:
     """A frame without a label is left out; labels are those of the joints that the tracker reports."""
-    recording = SyntheticRecording(Script(0.8, (Role("right", (Act("rest", 1),)),)), ICVL, rate=15, seed=2)
+    recording = SyntheticRecording(Script(0.8, {"right": (Act("rest", 1),)}), ICVL, rate=15, seed=2)
     labels = np.full((4, 5, 4, 3), np.nan)
     rows = _rows(recording.header.skeleton.joint_names)
     for n in range(4):

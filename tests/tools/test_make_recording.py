@@ -44,7 +44,7 @@ def test_a_recording_and_its_truth(name: str) -> None:
     track = read_track(truth)
     assert not track.cut
     scores = score(track.header, track.frames, own.truths())
-    assert scores.found == 1 and scores.hands[0].errors.mean < 0.01 and np.isnan(scores.hands[0].jitter_mm)
+    assert scores.found == 1 and scores.hands[0].error_mm < 0.01 and np.isnan(scores.hands[0].jitter_mm)
 
 
 def test_options() -> None:
@@ -87,7 +87,7 @@ PLACES = {
     "a frame of a folder": ("a", "handpose.frames.writing._Folder.write", 3),
     "a frame of a stack": ("a.npz", "handpose.frames.writing._Stack.write", 3),
     "the end of a stack": ("a.npz", "handpose.frames.writing._Stack._fill", 1),
-    "a frame of the truth": ("a.npz", "handpose.output.tracks.growing.GrowingFile.append", 3),
+    "a frame of the truth": ("a.npz", "handpose.output.tracks.writing.GrowingFile.append", 3),
 }
 
 

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from handpose.body.joint_formats.formats import FORMATS, FormatName
-from handpose.body.joint_formats.frames import hand_frames
 from handpose.body.sides import as_right
 from handpose.estimate.hand import Hand
 from handpose.estimate.nets import hand_poses
@@ -20,9 +19,9 @@ from handpose.output.drawing import hands, strokes, surface
 from handpose.output.drawing.tracks import Painter
 from handpose.output.drawing.view import percent
 from handpose.output.hand_page.assembly import body, content, hand, page
-from handpose.output.tracks import csv_file, joint_values
-from handpose.output.tracks.json_values import free_dofs
-from handpose.output.tracks.predictions import document, frame_values
+from handpose.output.tracks import joint_values
+from handpose.output.tracks.csv_file import HandColumns, rows_of
+from handpose.output.tracks.predictions import document, frame_values, tracked
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.tracking.track import TrackedFrame, TrackHeader
@@ -46,8 +45,13 @@ def table(found: Hand, predictor: Predictor, joints: FormatName | None) -> tuple
 
 def write_csv(path: Path, hands: Sequence[tuple[str, Hand]], predictor: Predictor, joints: FormatName | None) -> None:
     """Write a table with a row for each image and its prediction. Raises DataError, OSError."""
-    rows = [[image, *_row(found, predictor, joints)] for image, found in hands]
-    content = csv_file.rows_of([["image", *_columns(predictor, joints)], *rows])
+    columns = HandColumns(predictor.skeleton, joints, angles=predictor.fitter is not None)
+    rows = [["image", "hand", *columns.about, *columns.pose]]
+    for image, found in hands:
+        made, camera = tracked(found, predictor.skeleton), found.camera if found.in_frame else None
+        pose = columns.pose_values(made, camera) if found.has_joints else [""] * len(columns.pose)
+        rows.append([image, found.hand if predictor.is_hand else "", *columns.about_values(made), *pose])
+    content = rows_of(rows)
     atomic.replace(path, lambda fresh: fresh.write_bytes(content))
 
 
@@ -69,34 +73,6 @@ def write_json(
         print(text)
     else:
         atomic.replace_text(Path(file), text + "\n")
-
-
-def _columns(predictor: Predictor, joints: FormatName | None) -> list[str]:
-    """The columns of a table of predictions, for ``_row``."""
-    own = joint_values.columns(joints) if joints else csv_file.model_columns(predictor.skeleton, _angles(predictor))
-    return ["hand", "presence", "confidence", "error_mm", *csv_file.finger_columns(predictor.skeleton), *own]
-
-
-def _row(found: Hand, predictor: Predictor, joints: FormatName | None) -> list[str]:
-    """The values of a prediction, one for each column; empty if unknown. Raises DataError."""
-    skeleton, fitted = predictor.skeleton, found.fit is not None
-    about: list[str] = [found.hand if predictor.is_hand else ""]
-    about += csv_file.quality(found.presence, found.confidence, found.error_mm)
-    about += csv_file.finger_numbers(skeleton, found.finger_error_mm)
-    xyz, whole = _positions(found), found.in_frame
-    camera, cube = found.camera if whole else None, None if whole else found.cube_mm
-    if not found.has_joints:
-        return [*about, *[""] * (len(_columns(predictor, joints)) - len(about))]
-    if joints:
-        frames = hand_frames(skeleton, found.hand, xyz)
-        return about + joint_values.numbers(joints, skeleton, found.hand, xyz, camera, frames, cube)
-    theta = skeleton.theta(found.inputs)[_angles(predictor)] if fitted else np.zeros(0)
-    return about + csv_file.model_numbers(xyz, theta)
-
-
-def _angles(predictor: Predictor) -> list[int]:
-    """The DoFs that are angles and that a fit determines."""
-    return [int(d) for d in free_dofs(predictor.skeleton).angles] if predictor.fitter else []
 
 
 def _positions(found: Hand) -> Array:

@@ -26,8 +26,7 @@ from handpose.output.drawing.video_file import VideoFile
 from handpose.output.live.messages import LINES, VIEWS, Messages
 from handpose.output.live.page import page
 from handpose.output.live.server import LiveServer, checked_token
-from handpose.output.tracks.growing import TrackWriter
-from handpose.output.tracks.writing import open_writer
+from handpose.output.tracks.writing import TrackWriter, open_writer
 from handpose.tracking.track import TrackedFrame, TrackHeader
 from netlib.errors import NetlibError, reason_of
 from netlib.files import atomic
@@ -192,7 +191,7 @@ class Outputs:
                 end()
             except Exception as one:
                 failure = failure or one
-        self.written += [str(path) for writer in self._writers for path in writer.files]
+        self.written += [str(writer.path) for writer in self._writers if writer.path]
         if self._video and Path(self._args.video).exists():
             self.written.append(self._args.video)
         if failure is not None and failure is not error:

@@ -34,7 +34,6 @@ from __future__ import annotations
 
 import functools
 import itertools
-import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -129,16 +128,6 @@ class FormattedHand:
     positions: Array
     landmarks: Array | None = None
 
-    @property
-    def center(self) -> Array:
-        """(3,) the mean of all joints, about which MediaPipe's world landmarks are."""
-        return np.asarray(self.positions.mean(axis=0))
-
-    @property
-    def world_landmarks(self) -> Array:
-        """(J, 3) positions about ``center``."""
-        return np.asarray(self.positions - self.center)
-
 
 def formatted(
     name: FormatName, skeleton: Skeleton, hand: Side, xyz: Array, camera: Camera | None = None,
@@ -155,8 +144,6 @@ def formatted(
     """
     if name not in FORMATS:
         raise DataError(f"format {name!r}{did_you_mean(str(name), FORMATS)}; expected {', '.join(FORMATS)}")
-    if cube_mm is not None and not 0 < cube_mm < math.inf:
-        raise DataError(f"cube_mm {cube_mm}; expected a positive number")
     chosen, xyz = FORMATS[name], joints_of(skeleton, hand, xyz)
     points = _weights(name, skeleton) @ xyz
     scale = np.array(chosen.axes) / (METRE if chosen.unit == "m" else 1.0)
@@ -195,12 +182,7 @@ ANGLES = (
 
 def anatomical_angles(skeleton: Skeleton, hand: Side, xyz: Array) -> dict[str, float]:
     """The angles by name, in degrees, of joints (K, 3) in camera axes. Raises DataError, see ``hand_frames``."""
-    return angles_of(hand_frames(skeleton, hand, xyz))
-
-
-def angles_of(frames: HandFrames) -> dict[str, float]:
-    """The angles by name, in degrees, for the directions of a right hand."""
-    found = np.zeros(len(ANGLES))
+    frames, found = hand_frames(skeleton, hand, xyz), np.zeros(len(ANGLES))
     u, n, m = frames.bones["thumb"][0], frames.dorsal, frames.palm["thumb"]
     found[0] = np.arctan2(u @ _across(m, n), u @ m)
     found[1] = np.arcsin(np.clip(-(u @ n), -1, 1))

@@ -146,7 +146,6 @@ def weights_of(points: Sequence[Point], skeleton: Skeleton) -> Array:
 
 # ---------------------------------------------------------------------------------------------- directions
 
-PALM = ("palm", "wrist_left", "wrist_middle", "thumb_mcp", *(f"{finger}_mcp" for finger in FINGERS))
 MAX_MM = 1e6  # of joints; larger numbers are in another unit, or no positions
 MIN_PALM_MM = 1e-3
 MAX_SPREAD = np.radians(60)  # of a finger from the middle of its range; near 90 degrees of bend noise decides the rest
@@ -158,7 +157,6 @@ class HandFrames:
     """Directions of one right hand; all of length 1.
 
     dorsal    (3,) out of the back of the hand, perpendicular to the plane of wrist, index and little knuckle
-    radial    (3,) in that plane, from the little finger to the index, perpendicular to the middle metacarpal
     bones     by finger the directions (3, 3) of its phalanges, from the palm to the tip; of the thumb the metacarpal
               first
     back      by finger the direction (3,) out of its back (of the thumb: out of its nail) at its first bone
@@ -166,7 +164,6 @@ class HandFrames:
     """
 
     dorsal: Array
-    radial: Array
     bones: dict[str, Array]
     back: dict[str, Array]
     palm: dict[str, Array]
@@ -177,10 +174,7 @@ def joints_of(skeleton: Skeleton, hand: Side, xyz: ArrayLike) -> Array:
     if hand not in SIDES:
         raise DataError(f"hand {hand!r}; expected {' or '.join(SIDES)}")
     try:
-        given = np.asarray(xyz)
-        if given.dtype.kind not in "fiuO":
-            raise TypeError(f"they are {given.dtype}")
-        found = given.astype(np.float64)
+        found = np.asarray(xyz, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise DataError(f"joints are not numbers: {reason_of(error)}") from None
     if found.shape != (expected := (len(skeleton.joint_names), 3)):
@@ -199,28 +193,25 @@ def hand_frames(skeleton: Skeleton, hand: Side, xyz: Array) -> HandFrames:
     Raises DataError for other bodies than hands, joints that are not finite, and degenerate hands: joints of the palm
     on a line or at one point, bones without a length, or a metacarpal perpendicular to the palm.
     """
-    right, rest = joints_of(skeleton, hand, xyz) * mirror_of(hand), _rest(skeleton)
-    moved = right[rest.palm_joints]
-    R = best_rotation(rest.palm - rest.palm.mean(axis=0), moved - moved.mean(axis=0))
+    right = joints_of(skeleton, hand, xyz) * mirror_of(hand)
+    R, rest = palm_frame(right, skeleton), _rest(skeleton)
     points = rest.points @ right  # wrist, then cmc and mcp of every finger
     wrist, cmc, mcp = points[0], points[1::2], points[2::2]
     sides = mcp[[0, -1]] - wrist
     across = np.cross(*sides)
-    size = float(lengths(sides).min())
+    size = float(np.linalg.norm(sides, axis=1).min())
     if size < MIN_PALM_MM or not float(np.linalg.norm(across)) > MIN_SHARE * size**2:
         raise DataError("the wrist and the knuckles of index and little finger are on a line; expected a palm")
     dorsal = unit(across)
     metacarpals = [unit(b - a) for a, b in zip(cmc, mcp)]
-    radials = np.cross(metacarpals, dorsal)
-    if not lengths(radials).min() > MIN_SHARE:
+    if not np.linalg.norm(np.cross(metacarpals, dorsal), axis=1).min() > MIN_SHARE:
         raise DataError("a metacarpal has no length or is perpendicular to the palm; expected a hand")
-    radial = unit(radials[1])
     bones, back, palm = {}, {}, dict(zip(FINGERS, metacarpals))
     palm["thumb"] = metacarpals[0]
     for finger, hinges in rest.hinges.items():
         ends = right[hinges]
         phalanges = ends[1:] - ends[:-1]
-        phalanx_lengths = lengths(phalanges)
+        phalanx_lengths = np.linalg.norm(phalanges, axis=1)
         if not phalanx_lengths.min() > MIN_SHARE * size:
             raise DataError(f"a bone of the {finger} has no length; expected joints at different positions")
         bones[finger] = phalanges / phalanx_lengths[:, None]
@@ -232,13 +223,11 @@ def hand_frames(skeleton: Skeleton, hand: Side, xyz: Array) -> HandFrames:
         else:
             a, b = _spread_and_bend(d, rest.ahead[finger])
             back[finger] = M @ (rotation(2, a) @ rotation(0, b))[:, 2]
-    return HandFrames(dorsal, radial, bones, back, palm)
+    return HandFrames(dorsal, bones, back, palm)
 
 
 @dataclass(frozen=True)
 class _Rest:
-    palm_joints: list[int]
-    palm: Array
     frames: dict[str, Array]
     ahead: dict[str, float]  # angle about z of the first phalanx in the middle of its range
     hinges: dict[str, list[int]]
@@ -247,23 +236,18 @@ class _Rest:
 
 @functools.lru_cache(maxsize=8)
 def _rest(skeleton: Skeleton) -> _Rest:
-    """The skeleton with its palm at the origin, not turned."""
+    """What a skeleton's initial pose gives, in the axes of its palm."""
     names = ["wrist", *(f"{finger}_{part}" for finger in FINGERS for part in ("cmc", "mcp"))]
-    index = {name: i for i, name in enumerate(skeleton.joint_names)}
-    if missing := [name for name in PALM if name not in index]:
-        raise DataError(NO_HAND.format(missing[0]))
     points, hinges = weights_of([POINTS[name] for name in names], skeleton), hinges_of(skeleton)
     kinematics = Kinematics(skeleton)
     pose = kinematics.forward(np.zeros((1, len(skeleton.initial))))
     middle = kinematics.forward(np.clip([skeleton.lower, skeleton.upper], -np.pi, np.pi).mean(axis=0, keepdims=True))
-    palm, joints = [index[name] for name in PALM], pose.joints[0]
-    root = pose.frames[0, index["palm"]]
+    root = pose.frames[0, skeleton.joint_names.index("palm")]
     ahead = {}
     for finger, (knuckle, next_joint, *_) in hinges.items():
         x, y, _ = middle.frames[0, knuckle].T @ (middle.joints[0, next_joint] - middle.joints[0, knuckle])
         ahead[finger] = float(np.arctan2(-x, y))
     return _Rest(
-        palm, (joints[palm] - joints[index["palm"]]) @ root,
         {finger: root.T @ pose.frames[0, own[0]] for finger, own in hinges.items()},
         ahead, {finger: list(own) for finger, own in hinges.items()}, points,
     )
@@ -280,11 +264,6 @@ def _spread_and_bend(d: Array, ahead: float) -> tuple[float, float]:
 def unit(vector: Array) -> Array:
     """A vector (3,) scaled to length 1; 0 stays 0."""
     return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-12))
-
-
-def lengths(vectors: Array) -> Array:
-    """The lengths (N,) of vectors (N, 3)."""
-    return np.asarray(np.sqrt((vectors * vectors).sum(axis=1)))
 
 
 def palm_frame(joints: Array, skeleton: Skeleton) -> Array:

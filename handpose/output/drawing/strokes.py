@@ -54,8 +54,6 @@ def sheet(images: Sequence[NDArray[np.uint8]], columns: int, titles: Sequence[st
     """Pictures in rows of ``columns``, each centred in a cell of the largest size, with titles above."""
     if not images or columns < 1:
         raise DataError(f"{len(images)} pictures in {columns} columns, expected at least one of each")
-    if titles and len(titles) != len(images):
-        raise DataError(f"{len(titles)} titles for {len(images)} pictures")
     height, width = (max(image.shape[axis] for image in images) for axis in (0, 1))
     head = 22 if titles else 0
     rows = -(-len(images) // columns)

@@ -51,7 +51,6 @@ class VideoFile:
         self._stack = contextlib.ExitStack()
         self._file: Any = None
         self._stream: Any = None
-        self._size = (0, 0)
         self._failed = False
         self._first = self._last = 0.0
 
@@ -59,19 +58,15 @@ class VideoFile:
         return self
 
     def write(self, image: Image, time: float) -> None:
-        """Write an image at a time in s after all others; the video begins at the first image.
+        """Write an image at a time in s after all others, all of one size; the video begins at the first one.
 
-        Images of odd sizes get another row or column. Raises DataError for a time that does not ascend and for another
-        size, OSError.
+        Images of odd sizes get another row or column. Raises DataError for a time that does not ascend, OSError.
         """
         if self._stream is None:
             self._begin(image, time)
         elif not 1 <= (time - self._last) * TICKS <= MAX_SECONDS * TICKS:
             raise DataError(f"{self.path}: a picture at {time:g} s after one at {self._last:g} s; expected a later "
                             f"one, by 1/{TICKS} s at least and {MAX_SECONDS:g} s at most")
-        if image.shape[:2] != self._size:
-            raise DataError(f"{self.path}: a picture of {_pixels(image.shape)} after some of {_pixels(self._size)}; "
-                            "expected one size")
         even = cv2.copyMakeBorder(image, 0, image.shape[0] % 2, 0, image.shape[1] % 2, cv2.BORDER_REPLICATE)
         with self._refusals():
             frame = self._av.VideoFrame.from_ndarray(even, format="bgr24")
@@ -102,8 +97,8 @@ class VideoFile:
             rate = Fraction(self.rate).limit_denominator(1000)
             stream = self._file.add_stream(self._encoder, rate=rate, options=ENCODERS[self._encoder])
             self._stack = stack.pop_all()
-        self._size, self._first = image.shape[:2], time
-        stream.height, stream.width = (pixels + pixels % 2 for pixels in self._size)
+        self._first = time
+        stream.height, stream.width = (pixels + pixels % 2 for pixels in image.shape[:2])
         stream.pix_fmt, stream.time_base = "yuv420p", Fraction(1, TICKS)
         coder = stream.codec_context
         coder.time_base = Fraction(1, TICKS)
@@ -125,10 +120,6 @@ class VideoFile:
         except self._av.FFmpegError as error:
             self._failed = True
             raise OSError(error.errno, error.strerror, str(self.path)) from error
-
-
-def _pixels(shape: tuple[int, ...]) -> str:
-    return f"{shape[1]} x {shape[0]} pixels"
 
 
 def _package() -> ModuleType:

@@ -76,17 +76,16 @@ def escaped(data: Mapping[str, Any]) -> str:
 def script_of(first: str, *folders: Path) -> str:
     """A module and all its imports as one script. Modules are searched in ``folders``, then here."""
     parts: dict[str, str] = {}
-    _add(first, parts, (), folders)
+    _add(first, parts, folders)
     return "\nconst modules = {};\n" + "\n".join(parts.values())
 
 
-def _add(name: str, parts: dict[str, str], importers: tuple[str, ...], folders: tuple[Path, ...]) -> None:
+def _add(name: str, parts: dict[str, str], folders: tuple[Path, ...]) -> None:
     """Add a module to ``parts``, after those that it imports."""
-    assert name not in importers, f"{name}.js imports itself, by {' and '.join(importers)}"
     text = source(f"{name}.js", *folders)
     for _, other in _IMPORT.findall(text):
         if other not in parts:
-            _add(other, parts, (*importers, name), folders)
+            _add(other, parts, folders)
     names = ", ".join(sorted(exported for _, exported in _EXPORT.findall(text)))
     body = _EXPORT.sub(r"\1", _IMPORT.sub(r"const {\1} = modules.\2;", text))
     unsupported = re.search(r"^\s*(import|export)\b|</script|<!--", body, re.MULTILINE)

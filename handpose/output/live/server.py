@@ -63,7 +63,6 @@ class _Slot:
         self._message: str | bytes | None = None
         self._ended = False
         self._changed = asyncio.Event()
-        self.requested = asyncio.Event()  # by the client, of the next message
 
     def put(self, message: str | bytes) -> None:
         """Replace a message that was not sent."""
@@ -194,7 +193,6 @@ class LiveServer:
         assert task is not None
         self._handlers[task] = connection
         self._clients[path].add(slot)
-        reading = asyncio.create_task(self._read(connection, slot)) if path == VIEWS else None
         try:
             if path == LINES:
                 await connection.send(self._header)
@@ -202,23 +200,13 @@ class LiveServer:
             while (message := await slot.take()) is not None:
                 await connection.send(message)
                 if path == VIEWS:
-                    await slot.requested.wait()  # it has the frame
-                    slot.requested.clear()
+                    await connection.recv()  # it has the frame, and requests the next one
             await connection.close(*self._close_with)
         except self._websockets.exceptions.ConnectionClosed:
             pass
         finally:
             self._clients[path].discard(slot)
             self._handlers.pop(task)
-            if reading is not None:
-                reading.cancel()
-
-    async def _read(self, connection: Any, slot: _Slot) -> None:
-        """Take the requests of a page until it leaves."""
-        with contextlib.suppress(self._websockets.exceptions.ConnectionClosed):
-            async for _ in connection:
-                slot.requested.set()
-        slot.requested.set()  # the next message fails
 
     def _answer(self, connection: Any, request: Any) -> Any:
         """The response to a request: the page, a refusal, or None to open a WebSocket."""

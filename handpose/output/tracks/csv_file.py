@@ -23,92 +23,49 @@ import csv
 import io
 import math
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 
-from handpose.body.gestures import GestureReader
 from handpose.body.joint_formats.formats import FormatName
-from handpose.body.joint_formats.frames import hand_frames
 from handpose.body.model import FINGERS, has_fingers
+from handpose.frames.cameras import Camera
 from handpose.output.tracks import joint_values
-from handpose.output.tracks.growing import GrowingFile, TrackWriter
 from handpose.output.tracks.json_values import free_dofs
-from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
+from handpose.tracking.track import TrackedHand
 from layers.hand.skeleton import Skeleton
-from netlib.blob import Array
-
-FIRST = ["number", "time_s", "id", "hand", "lost", "presence", "confidence", "error_mm"]
 
 
-class CsvWriter(TrackWriter):
-    """Writes a table frame by frame; rows written before an exception are kept. Raises OSError.
+class HandColumns:
+    """The columns of a hand in tables of tracks and of predictions.
 
-    joints    a joint format, whose columns replace the joints and angles
-    gestures  add two columns: the hand's gesture, empty for none, and its confidence
+    about  names of those of its quality
+    pose   names of those of its joints, and of its angles unless ``angles`` is False
     """
 
-    def __init__(
-        self, path: Path, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False
-    ) -> None:
-        self._header, self._joints = header, joints
-        self._skeleton, self._angles = header.skeleton, free_dofs(header.skeleton).angles
-        fingers = finger_columns(header.skeleton)
-        columns = joint_values.columns(joints) if joints else model_columns(header.skeleton, self._angles)
-        self._gestures = GestureReader(header.skeleton) if gestures else None
-        columns += ["gesture", "gesture_confidence"] * gestures
-        columns = fingers + columns
-        self._empty = [""] * (3 + len(columns))
-        super().__init__(path, GrowingFile(path, rows_of([FIRST + columns])))
+    def __init__(self, skeleton: Skeleton, joints: FormatName | None, angles: bool = True) -> None:
+        self._skeleton, self._joints = skeleton, joints
+        self._angles = free_dofs(skeleton)[0] if angles else []
+        self._fingers = FINGERS if has_fingers(skeleton) else ()
+        self.about = ["presence", "confidence", "error_mm", *(f"{finger}_error_mm" for finger in self._fingers)]
+        self.pose = [f"{joint}_{axis}_mm" for joint in skeleton.joint_names for axis in "xyz"]
+        self.pose += [f"{skeleton.dof_names[d]}_rad" for d in self._angles]
+        if joints:
+            self.pose = joint_values.columns(joints)
 
-    def write(self, frame: TrackedFrame) -> None:
-        """Add a frame."""
-        about = [frame.number, f"{frame.time:.6f}"]
-        rows = [[*about, hand.id, hand.side_name, "", *self._values(hand, frame.time)] for hand in frame.hands]
-        rows += [[*about, lost.id, lost.side_name, lost.reason, *self._empty] for lost in frame.lost]
-        rows += [[*about, one.id, one.side_name, one.reason, _known("%.3f", one.presence),
-                  _known("%.4f", one.confidence), *self._empty[2:]] for one in frame.present]
-        self._pieces.append(rows_of(rows))
+    def about_values(self, hand: TrackedHand) -> list[str]:
+        """The fields of ``about``; empty if unknown."""
+        values = [known("%.3f", hand.presence), known("%.4f", hand.confidence), known("%.2f", hand.error_mm)]
+        return values + [known("%.1f", error) for error, _ in zip(hand.finger_error_mm.tolist(), self._fingers)]
 
-    def _values(self, hand: TrackedHand, time: float) -> list[str]:
-        values, about = quality(hand.presence, hand.confidence, hand.error_mm), (hand.hand, hand.xyz)
-        values += finger_numbers(self._skeleton, hand.finger_error_mm)
-        frames = hand_frames(self._skeleton, *about) if self._joints or self._gestures else None
-        if self._joints and frames:
-            values += joint_values.numbers(self._joints, self._skeleton, *about, self._header.camera, frames)
-        else:
-            values += model_numbers(hand.xyz, self._skeleton.theta(hand.inputs)[self._angles])
-        if self._gestures:
-            name, confidence = self._gestures.read(hand.id, *about, time, frames)
-            values += [name, f"{confidence:.3f}"]
-        return values
+    def pose_values(self, hand: TrackedHand, camera: Camera | None) -> list[str]:
+        """The fields of ``pose``; empty if unknown. Without a camera, positions are from the middle of the crop."""
+        if self._joints:
+            cube_mm = hand.cube_mm if camera is None else None
+            return joint_values.numbers(self._joints, self._skeleton, hand.hand, hand.xyz, camera, cube_mm)
+        angles = self._skeleton.theta(hand.inputs)[self._angles]
+        return [known("%.2f", x) for x in hand.xyz.ravel().tolist()] + [known("%.5f", a) for a in angles.tolist()]
 
 
-def model_columns(skeleton: Skeleton, angles: Sequence[int]) -> list[str]:
-    """The columns of the model's joints and of these angles, for ``model_numbers``."""
-    joints = [f"{joint}_{axis}_mm" for joint in skeleton.joint_names for axis in "xyz"]
-    return joints + [f"{skeleton.dof_names[d]}_rad" for d in angles]
-
-
-def model_numbers(xyz: Array, angles: Array) -> list[str]:
-    """Joints (K, 3) in mm and angles (A,) in rad as fields; empty where they are not finite."""
-    return [_known("%.2f", x) for x in xyz.ravel().tolist()] + [_known("%.5f", a) for a in angles.tolist()]
-
-
-def finger_columns(skeleton: Skeleton) -> list[str]:
-    """The columns of the expected errors of a hand's fingers, for ``finger_numbers``; none for other bodies."""
-    return [f"{finger}_error_mm" for finger in FINGERS] if has_fingers(skeleton) else []
-
-
-def finger_numbers(skeleton: Skeleton, errors_mm: Array) -> list[str]:
-    """The expected errors (5,) of fingers as fields; empty where they are unknown."""
-    return [_known("%.1f", error) for error in errors_mm.tolist()] if has_fingers(skeleton) else []
-
-
-def quality(presence: float, confidence: float, error_mm: float) -> list[str]:
-    """The three as fields; empty if unknown."""
-    return [_known("%.3f", presence), _known("%.4f", confidence), _known("%.2f", error_mm)]
-
-
-def _known(form: str, number: float) -> str:
+def known(form: str, number: float) -> str:
+    """A number as a field; empty if unknown."""
     return form % number if math.isfinite(number) else ""
 
 

@@ -16,20 +16,17 @@ A table has their numbers as columns: ``THUMB_TIP_x``, ``THUMB_TIP_world_x_m``, 
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from handpose.body.joint_formats.formats import ANGLES, FORMATS, FormatName, FormattedHand, angles_of, formatted
-from handpose.body.joint_formats.frames import HandFrames, hand_frames
+from handpose.body.joint_formats.formats import ANGLES, FORMATS, FormatName, anatomical_angles, formatted
 from handpose.body.sides import Side
 from handpose.frames.cameras import Camera
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
-DECIMALS = {"m": 5, "mm": 2, "landmarks": 5, "deg": 2}
+DECIMALS = {"m": 5, "mm": 2}
 ANGLES_KEY = "anatomical_deg"
 
 
@@ -42,16 +39,11 @@ def format_values(name: FormatName) -> dict[str, Any]:
 
 def hand_values(
     name: FormatName, skeleton: Skeleton, hand: Side, xyz: Array, camera: Camera | None, cube_mm: float | None = None,
-    frames: HandFrames | None = None,
 ) -> dict[str, Any]:
-    """The JSON values of a hand in a format. Raises DataError for another body than a hand.
-
-    frames  the hand's directions, if they are computed already (``hand_frames``)
-    """
-    frames = frames or hand_frames(skeleton, hand, xyz)
-    parts, angles = _parts(formatted(name, skeleton, hand, xyz, camera, cube_mm)), angles_of(frames)
-    joints = {key: None if values is None else _rounded(values, key) for key, values in parts.items()}
-    return {name: joints, ANGLES_KEY: {angle: _rounded(value, "deg") for angle, value in angles.items()}}
+    """The JSON values of a hand in a format. Raises DataError for another body than a hand."""
+    angles, parts = anatomical_angles(skeleton, hand, xyz), _parts(name, skeleton, hand, xyz, camera, cube_mm)
+    joints = {key: None if values is None else _rounded(values, digits) for key, (digits, values) in parts.items()}
+    return {name: joints, ANGLES_KEY: {angle: _rounded(value, 2) for angle, value in angles.items()}}
 
 
 def columns(name: FormatName) -> list[str]:
@@ -67,31 +59,29 @@ def columns(name: FormatName) -> list[str]:
 
 
 def numbers(
-    name: FormatName, skeleton: Skeleton, hand: Side, xyz: Array, camera: Camera | None, frames: HandFrames,
-    cube_mm: float | None = None,
+    name: FormatName, skeleton: Skeleton, hand: Side, xyz: Array, camera: Camera | None, cube_mm: float | None = None,
 ) -> list[str]:
-    """The values of a row, one for each column; ``frames`` are the hand's directions."""
-    parts = _parts(formatted(name, skeleton, hand, xyz, camera, cube_mm))
-    return list(itertools.chain(_texts(parts), _texts({"deg": list(angles_of(frames).values())})))
-
-
-def _texts(parts: dict[str, Any]) -> Iterator[str]:
-    for key, values in parts.items():
+    """The values of a row, one for each column. Raises DataError for another body than a hand."""
+    texts, angles = [], [f"{angle:.2f}" for angle in anatomical_angles(skeleton, hand, xyz).values()]
+    for digits, values in _parts(name, skeleton, hand, xyz, camera, cube_mm).values():
         if values is not None:
-            yield from (f"%.{_decimals(key)}f" % number for number in np.ravel(values))
+            texts += [f"{number:.{digits}f}" for number in values.ravel().tolist()]
         else:  # landmarks, where the size of the image is unknown
-            yield from [""] * (3 * len(FORMATS["mediapipe"].joints))
+            texts += [""] * (3 * len(FORMATS[name].joints))
+    return texts + angles
 
 
-def _parts(found: FormattedHand) -> dict[str, Array | None]:
-    if found.format.name == "mediapipe":
-        return {"landmarks": found.landmarks, "world_landmarks": found.world_landmarks, "center_m": found.center}
-    return {f"positions_{found.format.unit}": found.positions}
+def _parts(
+    name: FormatName, skeleton: Skeleton, hand: Side, xyz: Array, camera: Camera | None, cube_mm: float | None
+) -> dict[str, tuple[int, Array | None]]:
+    """The arrays of a hand in a format by their keys in JSON, with their decimals."""
+    found, unit = formatted(name, skeleton, hand, xyz, camera, cube_mm), FORMATS[name].unit
+    parts: dict[str, Array | None] = {f"positions_{unit}": found.positions}
+    if name == "mediapipe":
+        center = np.asarray(found.positions.mean(axis=0))
+        parts = {"landmarks": found.landmarks, "world_landmarks": found.positions - center, "center_m": center}
+    return {key: (DECIMALS[unit], values) for key, values in parts.items()}
 
 
-def _decimals(key: str) -> int:
-    return DECIMALS.get(key) or DECIMALS[key.rpartition("_")[2] if key != "world_landmarks" else "m"]
-
-
-def _rounded(values: Any, key: str) -> Any:
-    return (np.asarray(values, np.float64).round(_decimals(key)) + 0.0).tolist()
+def _rounded(values: Any, digits: int) -> Any:
+    return (np.asarray(values, np.float64).round(digits) + 0.0).tolist()

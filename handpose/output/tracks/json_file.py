@@ -53,92 +53,14 @@ A frame:
 
 from __future__ import annotations
 
-import errno
-import json
-import sys
 from pathlib import Path
-from types import TracebackType
 from typing import Any, NamedTuple
 
-from handpose.body.joint_formats.formats import FormatName
 from handpose.frames.json_fields import Fields, parsed
-from handpose.output.tracks.growing import GrowingFile, TrackWriter
-from handpose.output.tracks.json_values import FrameValues, header_of, header_values
+from handpose.output.tracks.json_values import FrameValues, header_of
 from handpose.tracking.track import TrackedFrame, TrackHeader
 from netlib import files
 from netlib.errors import DataError
-
-_text = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode  # ASCII only
-
-
-class JsonWriter(TrackWriter):
-    """Writes a JSON document frame by frame; it is also complete after an exception in the block. Raises OSError."""
-
-    def __init__(
-        self, path: Path, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False
-    ) -> None:
-        self._values, self._between = FrameValues(header, joints, gestures), ""
-        head = _text(header_values(header, joints))[:-1] + ',"frames":[\n'
-        self._file = GrowingFile(path, head.encode(), b'\n],"complete":false}\n')
-        super().__init__(path, self._file)
-
-    def write(self, frame: TrackedFrame) -> None:
-        """Add a frame."""
-        self._file.append((self._between + _text(self._values.values(frame))).encode())
-        self._between = ",\n"
-
-    def discard(self) -> None:
-        """Drop the frames: after an exception in the block the old file is unchanged."""
-        self._file.discard()
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
-    ) -> None:
-        if kind is None:
-            self._file.finish(b'\n],"complete":true}\n')
-        super().__exit__(kind, error, where)
-
-
-class JsonLinesWriter(TrackWriter):
-    """Writes JSON lines, each of which can be read at once. Raises OSError.
-
-    path    of the file, which appears, or replaces an old one, with the first frame; None: standard output
-    joints, gestures  as for ``open_writer``
-    """
-
-    def __init__(
-        self, path: Path | None, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False
-    ) -> None:
-        self._values = FrameValues(header, joints, gestures)
-        head = f"{_text(header_values(header, joints))}\n".encode()
-        super().__init__(path, GrowingFile(path, head, shown=True) if path else _StandardOutput(head))
-
-    def write(self, frame: TrackedFrame) -> None:
-        """Add a frame."""
-        self._pieces.append(f"{_text(self._values.values(frame))}\n".encode())
-
-
-class _StandardOutput:
-    """Writes pieces to standard output, each at once."""
-
-    def __init__(self, head: bytes) -> None:
-        self._head = head
-
-    def __enter__(self) -> _StandardOutput:
-        self.append(self._head)
-        return self
-
-    def append(self, piece: bytes) -> None:
-        """Write a piece. Raises OSError."""
-        if sys.stdout is None:  # a shell closed it
-            raise OSError(errno.EBADF, "is closed", "standard output")
-        sys.stdout.write(piece.decode("ascii"))
-        sys.stdout.flush()
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
-    ) -> None:
-        """Do nothing."""
 
 
 class Track(NamedTuple):

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from handpose.body.gestures import GestureReader
 from handpose.body.joint_formats.formats import FormatName
-from handpose.body.joint_formats.frames import hand_frames
 from handpose.body.model import FINGERS
 from handpose.body.sides import Side, side_of
 from handpose.fit.pose_confidence import unknown_finger_errors
@@ -22,10 +22,6 @@ from layers.hand.skeleton_file import SkeletonParameter, text_of
 from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.proto import prototxt, schema
-
-if TYPE_CHECKING:
-    from handpose.body.gestures import GestureReader
-from typing import NamedTuple
 
 FORMAT, VERSION = "handpose", 2
 READ = (1, 2)  # versions; without presence before 2
@@ -69,14 +65,14 @@ def header_values(header: TrackHeader, joints: FormatName | None = None, *, in_f
 
 
 def _skeleton_values(skeleton: Skeleton) -> dict[str, Any]:
-    joints, dofs = skeleton.joint_names, free_dofs(skeleton)
+    joints, (turning, sliding) = skeleton.joint_names, free_dofs(skeleton)
     parents = [joints[parent] if parent >= 0 else None for parent in skeleton.parents]
-    limits = {skeleton.dof_names[d]: limits_of(skeleton, d) for d in dofs.angles}
+    limits = {skeleton.dof_names[d]: limits_of(skeleton, d) for d in turning}
     return {
         "name": skeleton.name, "joints": joints, "parents": parents,
         "bones": [[parent, joint] for parent, joint in zip(parents, joints) if parent is not None],
         "angles": [{"name": name, "lower": low, "upper": high} for name, (low, high) in limits.items()],
-        "translations": [skeleton.dof_names[d] for d in dofs.slides],
+        "translations": [skeleton.dof_names[d] for d in sliding],
         "prototxt": text_of(skeleton.param, skeleton.name, ""),
     }
 
@@ -114,14 +110,10 @@ class FrameValues:
         self._skeleton, self._unit_mm = header.skeleton, header.unit_mm
         self._camera, self._joints = header.camera if in_frames else None, joints
         self._live = live
-        self._gestures: GestureReader | None = None
-        if gestures:
-            from handpose.body.gestures import GestureReader
-
-            self._gestures = GestureReader(header.skeleton)
-        self._dofs = free_dofs(header.skeleton)
+        self._gestures = GestureReader(header.skeleton) if gestures else None
+        self._turning, self._sliding = free_dofs(header.skeleton)
         names = header.skeleton.dof_names
-        self._angles, self._slides = [names[d] for d in self._dofs.angles], [names[d] for d in self._dofs.slides]
+        self._angles, self._slides = [names[d] for d in self._turning], [names[d] for d in self._sliding]
         self._bones: dict[int, list[float] | None] = {}
 
     def values(self, frame: TrackedFrame) -> dict[str, Any]:
@@ -151,9 +143,9 @@ class FrameValues:
             "finger_error_mm": dict(zip(FINGERS, rounded(hand.finger_error_mm, 1))),
             "positions_mm": rounded(hand.xyz, 2),
             **({} if self._live or hand.raw_xyz is None else {"raw_positions_mm": rounded(hand.raw_xyz, 2)}),
-            "angles_rad": _named(self._angles, theta[self._dofs.angles], 5),
+            "angles_rad": _named(self._angles, theta[self._turning], 5),
             "origin_mm": rounded(hand.origin_mm, 3),
-            "translations_mm": _named(self._slides, theta[self._dofs.slides] * self._unit_mm, 3),
+            "translations_mm": _named(self._slides, theta[self._sliding] * self._unit_mm, 3),
             **({} if same else {"bones_mm": bones}),
             "crop": {"center_uvd": _known(hand.center_uvd, 3), "cube_mm": rounded(hand.cube_mm, 3)},
             **self._derived_values(hand, time),
@@ -161,22 +153,15 @@ class FrameValues:
 
     def _derived_values(self, hand: TrackedHand, time: float) -> dict[str, Any]:
         """The joint format and the gesture, if requested."""
-        if self._joints is None and self._gestures is None:
-            return {}
-        frames, found = hand_frames(self._skeleton, hand.hand, hand.xyz), {}
+        found: dict[str, Any] = {}
         if self._joints is not None:
+            cube_mm = hand.cube_mm if self._camera is None else None
             found = joint_values.hand_values(
-                self._joints,
-                self._skeleton,
-                hand.hand,
-                hand.xyz,
-                self._camera,
-                None if self._camera else hand.cube_mm,
-                frames,
+                self._joints, self._skeleton, hand.hand, hand.xyz, self._camera, cube_mm
             )
         if self._gestures is None:
             return found
-        seen = self._gestures.read(hand.id, hand.hand, hand.xyz, time, frames)
+        seen = self._gestures.read(hand.id, hand.hand, hand.xyz, time)
         gesture = {"name": seen.name or None, "number": seen.number, "confidence": rounded(seen.confidence, 3)}
         return {**found, "gesture": gesture}
 
@@ -194,13 +179,12 @@ class FrameValues:
     def _hand(self, of: Fields) -> TrackedHand:
         assumed = not of.has("hand")
         crop, joints = of.part("crop"), len(self._skeleton.joint_names)
-        inputs = inputs_of(
-            self._skeleton, self._dofs, _by_name(of, "angles_rad", self._angles),
-            _by_name(of, "translations_mm", self._slides) / self._unit_mm,
-        )
+        theta = self._skeleton.initial.copy()
+        theta[self._turning] = _by_name(of, "angles_rad", self._angles)
+        theta[self._sliding] = _by_name(of, "translations_mm", self._slides) / self._unit_mm
         return TrackedHand(
             of.whole("id"), _side(of, "assumed_hand" if assumed else "hand"), of.known("confidence"),
-            of.known("error_mm"), inputs, self._bones_of(of), of.numbers("origin_mm", 3),
+            of.known("error_mm"), theta - self._skeleton.initial, self._bones_of(of), of.numbers("origin_mm", 3),
             of.numbers("positions_mm", joints, 3), crop.numbers("center_uvd", 3), crop.positive("cube_mm"),
             side_confidence=of.number("assumed_confidence", 0, 1 - 1e-6) if assumed else 1.0,
             finger_error_mm=_finger_errors(of),
@@ -257,22 +241,10 @@ def _present(of: Fields) -> PresentHand:
 NO_LIMIT = 9999.0  # rad; the packaged hand stores 10000
 
 
-class FreeDofs(NamedTuple):
-    """The DoFs of a skeleton that are free and move something, as indices.
-
-    angles  that turn a joint, in rad
-    slides  the others: they only translate, in the skeleton's units
-    """
-
-    angles: list[int]
-    slides: list[int]
-
-
-def free_dofs(skeleton: Skeleton) -> FreeDofs:
-    """Both kinds, in the order of the skeleton."""
-    angles = np.unique(skeleton.driven[skeleton.turns])
-    slides = np.setdiff1d(skeleton.driven, angles)
-    return FreeDofs(angles.tolist(), slides.tolist())
+def free_dofs(skeleton: Skeleton) -> tuple[list[int], list[int]]:
+    """The DoFs that are free and move something: those that turn a joint, in rad; those that translate, in units."""
+    turning = np.unique(skeleton.driven[skeleton.turns])
+    return turning.tolist(), np.setdiff1d(skeleton.driven, turning).tolist()
 
 
 def limits_of(skeleton: Skeleton, dof: int) -> tuple[float | None, float | None]:
@@ -280,10 +252,3 @@ def limits_of(skeleton: Skeleton, dof: int) -> tuple[float | None, float | None]
     initial = float(skeleton.initial[dof])
     lower, upper = float(skeleton.lower[dof]), float(skeleton.upper[dof])
     return (lower + initial if lower > -NO_LIMIT else None), (upper + initial if upper < NO_LIMIT else None)
-
-
-def inputs_of(skeleton: Skeleton, dofs: FreeDofs, angles: Array, slides: Array) -> Array:
-    """Inputs (D,) from the values of the free DoFs; inputs that move nothing are 0."""
-    values = skeleton.initial.copy()
-    values[dofs.angles], values[dofs.slides] = angles, slides
-    return np.asarray(values - skeleton.initial)

@@ -58,21 +58,20 @@ def read(monkeypatch: pytest.MonkeyPatch, *seen: dict[str, float], ids: list[int
     return [reader.read(id, "right", np.zeros((31, 3)), time).name for id, time in zip(ids or [0] * len(seen), times)]
 
 
-def test_one_frame_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    open_, fist = {"open": 1.0}, {"fist": 1.0}
-    assert read(monkeypatch, *[open_] * 5, fist, open_, {}, open_) == ["open"] * 9
+OPEN, FIST, TWO = {"open": 1.0}, {"fist": 1.0}, {"two": 1.0}
+DOUBTFUL = {"two": (BEGIN + END) / 2}
 
 
-def test_a_gesture_that_lasts_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = read(monkeypatch, *[{"open": 1.0}] * 5, *[{"fist": 1.0}] * 8)
-    assert found[:5] == ["open"] * 5 and found[-1] == "fist" and found.index("fist") - 5 in (2, 3)
-
-
-def test_between_the_thresholds_it_stays_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    doubtful = {"two": (BEGIN + END) / 2}
-    assert read(monkeypatch, *[doubtful] * 20) == [""] * 20
-    assert read(monkeypatch, {"two": 1.0}, *[doubtful] * 20) == ["two"] * 21
-    assert read(monkeypatch, {"two": 1.0}, *[{"two": END - 0.1}] * 20)[-1] == ""
+@pytest.mark.parametrize(("seen", "found"), [
+    ([*[OPEN] * 5, FIST, OPEN, {}, OPEN], ["open"] * 9),
+    ([*[OPEN] * 5, *[FIST] * 8], [*["open"] * 7, *["fist"] * 6]),
+    ([DOUBTFUL] * 20, [""] * 20),
+    ([TWO, *[DOUBTFUL] * 20], ["two"] * 21),
+    ([TWO, *[{"two": END - 0.1}] * 20], [*["two"] * 5, *[""] * 16]),
+], ids=["one frame changes nothing", "one that lasts is read", "doubtful from the start", "doubtful later", "gone"])
+def test_over_time(monkeypatch: pytest.MonkeyPatch, seen: list[dict[str, float]], found: list[str]) -> None:
+    """A gesture begins above a threshold and lasts until it is below another one, both smoothed."""
+    assert read(monkeypatch, *seen) == found
 
 
 def test_hands_are_apart(monkeypatch: pytest.MonkeyPatch) -> None:

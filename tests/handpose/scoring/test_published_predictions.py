@@ -78,11 +78,6 @@ def test_mistakes(tmp_path: Path, given: tuple[str | bytes | None, Format], reje
         read(tmp_path, text, fmt)
 
 
-def test_a_folder(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=f"^{tmp_path}: cannot read the joints: Is a directory; expected a file$"):
-        published.read_joints(tmp_path, 2, "uvd", NYU)
-
-
 def test_pixels_without_depth(tmp_path: Path) -> None:
     """A pixel at depth 0 raises an error; x y z may have any depth."""
     text = "1 1 500 1 1 500\n1 1 500 1 1 0\n1 1 -3 1 1 500\n"

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from handpose.frames.cameras import NYU
-from handpose.scoring.tracks import bone_changes, jitter, lag_s, rests, score
-from handpose.tracking.track import HIDDEN, LEFT, PARTLY, LostHand, TrackedFrame, TrackedHand, TrackHeader
+from handpose.scoring.tracks import jitter, lag_s, rests, score
+from handpose.tracking.track import LEFT, PARTLY, LostHand, TrackedFrame, TrackedHand, TrackHeader
 from layers.hand import skeleton as skeletons
 from netlib.blob import Array
 from netlib.errors import DataError
@@ -45,24 +45,21 @@ TRUTH = frames([[hand(0, RIGHT, "right", n / 30), hand(1, OTHER, "left", n / 30)
 
 def test_the_truth_is_without_fault() -> None:
     scores = score(HEADER, TRUTH, TRUTH)
-    assert scores.found == 1 and scores.invented == 0 and scores.id_switches == 0 and scores.frames == 90
+    assert scores.found == 1 and scores.invented == 0 and scores.frames == 90
     for own in scores.hands.values():
-        assert own.missed == own.wrong_side == own.gone == 0
-        assert own.errors.mean == own.errors14.median == 0
+        assert own.missed == own.wrong_side == own.id_switches == own.error_mm == 0
         assert own.lag_ms == pytest.approx(0, abs=0.01)
-        assert max(own.bone_change_mm) < 1e-9 and np.isnan(own.jitter_mm)
+        assert np.isnan(own.jitter_mm)
 
 
 def test_errors() -> None:
     """A shift by 3, 4 and 0 mm is an error of 5 mm; one of 31 joints contributes a 31st to the mean."""
     tracked = [frame._replace(hands=tuple(moved(one, 3, 4, 0) for one in frame.hands)) for frame in TRUTH]
-    assert score(HEADER, tracked, TRUTH).hands[0].errors.mean == pytest.approx(5)
-    assert score(HEADER, tracked, TRUTH).hands[1].errors14.median == pytest.approx(5)
+    assert score(HEADER, tracked, TRUTH).hands[0].error_mm == pytest.approx(5)
     off = np.zeros((31, 3))
-    off[1, 0] = 31  # little_dip, which is not among the 14
+    off[1, 0] = 31
     tracked = [frame._replace(hands=tuple(replace(one, xyz=one.xyz + off) for one in frame.hands)) for frame in TRUTH]
-    own = score(HEADER, tracked, TRUTH).hands[0]
-    assert own.errors.mean == pytest.approx(1) and own.errors.median == 0 and own.errors14.mean == 0
+    assert score(HEADER, tracked, TRUTH).hands[0].error_mm == pytest.approx(1)
 
 
 def test_ids_may_have_any_number_but_must_not_change() -> None:
@@ -74,7 +71,7 @@ def test_ids_may_have_any_number_but_must_not_change() -> None:
     reversed_ = [frame._replace(hands=frame.hands[::-1]) for frame in tracked]
     for track in (tracked, reversed_):
         scores = score(HEADER, track, TRUTH)
-        assert scores.found == 1 and scores.id_switches == 2
+        assert scores.found == 1
         assert [own.id_switches for own in scores.hands.values()] == [1, 1]
 
 
@@ -89,33 +86,23 @@ def test_a_hand_far_from_all_is_invented() -> None:
     tracked = [frame._replace(hands=(moved(frame.hands[0], 0, 0, 120),)) for frame in TRUTH]
     scores = score(HEADER, tracked, TRUTH)
     assert scores.found == 0 and scores.invented == 90
-    assert scores.hands[0].missed == scores.hands[1].missed == 90 and scores.hands[0].bone_change_mm == ()
-    assert np.isnan(scores.hands[0].errors.mean)
-    assert score(HEADER, tracked, TRUTH, bound_mm=150).found == 0.5
+    assert scores.hands[0].missed == scores.hands[1].missed == 90
+    assert np.isnan(scores.hands[0].error_mm)
 
 
-def test_lost_hands() -> None:
-    """Hands out of sight should be reported as lost, with the reason; those partly in sight are not scored."""
-    here = hand(0, RIGHT)
-    reasons = ["", "", PARTLY, LEFT, LEFT, LEFT, HIDDEN, PARTLY, "", ""]
+def test_hands_partly_in_sight_are_not_scored() -> None:
+    here, reasons = hand(0, RIGHT), ["", "", PARTLY, LEFT, PARTLY, "", ""]
     truth = frames([[] if why else [here] for why in reasons],
                    [[LostHand(0, "right", 1 / 30, why)] if why else [] for why in reasons])
-    said = ["", "", "", "", LEFT, "nothing like a hand there", "hidden by another hand", "", "no hand", ""]
-    shown = [True, True, True, True, False, False, False, False, False, True]
-    tracked = frames([[hand(5, RIGHT)] if there else [] for there in shown],
-                  [[LostHand(5, "right", 0.1, why)] if why else [] for why in said])
+    tracked = frames([[hand(5, RIGHT)] if there else [] for there in (True, True, True, True, False, False, True)])
     scores = score(HEADER, tracked, truth)
-    own = scores.hands[0]
-    assert (own.in_sight, own.found, own.said_lost) == (4, 3, 1)
-    assert (own.gone, own.said_gone, own.right_reason) == (4, 3, 2)
+    assert (scores.hands[0].in_sight, scores.hands[0].found) == (4, 3)
     assert scores.invented == 1  # in frame 3, not in frame 2
 
 
-def test_a_track_that_ends_early_misses_the_rest() -> None:
-    assert score(HEADER, TRUTH[:30], TRUTH).found == pytest.approx(1 / 3)
-
-
 def test_no_hands_at_all() -> None:
+    """Frames without hands have no scores; a track that ends early misses the rest."""
+    assert score(HEADER, TRUTH[:30], TRUTH).found == pytest.approx(1 / 3)
     empty = frames([[], []])
     scores = score(HEADER, empty, empty)
     assert scores.hands == {} and np.isnan(scores.found) and scores.invented == 0
@@ -195,12 +182,3 @@ def test_drift_and_movement_are_no_jitter() -> None:
 def test_a_missing_frame_ends_a_rest() -> None:
     still = np.broadcast_to(BASE, (4, 31, 3))
     assert rests(np.array([0, 1, 3, 4]), still) == [(0, 2), (2, 4)]
-
-
-def test_bones() -> None:
-    """A bone's change is its largest distance from its median; the root has none."""
-    parents = np.array([-1, 0, 1])
-    tracked = np.zeros((5, 3, 3))
-    tracked[:, 1, 0], tracked[:, 2, 0] = 30, 50
-    tracked[3, 2, 0] = 53
-    np.testing.assert_allclose(bone_changes(tracked + np.arange(5)[:, None, None], parents), [0, 0, 3])

@@ -13,7 +13,7 @@ from handpose.frames.cameras import ICVL
 from handpose.frames.recording import DepthFrame
 from handpose.scoring.tracks import TrackScores, score
 from handpose.sequences.acts import Act
-from handpose.sequences.recordings import Role, Script, SyntheticRecording
+from handpose.sequences.recordings import Script, SyntheticRecording
 from handpose.tracking import sizing
 from handpose.tracking.track import TrackedFrame
 from handpose.tracking.tracker import Tracker
@@ -73,19 +73,19 @@ def predictor() -> Predictor:
 @pytest.fixture(scope="session")
 def shown(predictor: Predictor) -> Take:
     """A right hand that shows gestures for three seconds."""
-    return tracked(predictor, played(Script(3, (Role("right", (Act("gestures", 3),)),)), 2))
+    return tracked(predictor, played(Script(3, {"right": (Act("gestures", 3),)}), 2))
 
 
 @pytest.fixture(scope="session")
 def leaving(predictor: Predictor) -> Take:
     """A left hand that leaves the image and returns."""
     acts = (Act("rest", 0.6), Act("away", 1.4), Act("rest", 0.8))
-    return tracked(predictor, played(Script(2.8, (Role("left", acts),)), 3))
+    return tracked(predictor, played(Script(2.8, {"left": acts}), 3))
 
 
 @pytest.fixture(scope="session")
 def two(predictor: Predictor) -> Take:
     """Both hands of a person, at rest."""
     return tracked(
-        predictor, played(Script(0.8, (Role("right", (Act("rest", 1),)), Role("left", (Act("rest", 1),)))), 2)
+        predictor, played(Script(0.8, {"right": (Act("rest", 1),), "left": (Act("rest", 1),)}), 2)
     )

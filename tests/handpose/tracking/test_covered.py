@@ -6,6 +6,7 @@ import csv
 import functools
 import json
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
 
@@ -21,9 +22,8 @@ from handpose.frames.recording import DepthFrame
 from handpose.output.live.messages import Messages
 from handpose.output.tracks.writing import open_writer
 from handpose.sequences.acts import Act
-from handpose.sequences.movements import HandPose
-from handpose.sequences.recordings import Role, Script, SyntheticRecording
-from handpose.tracking.track import HIDDEN, TrackedFrame
+from handpose.sequences.recordings import Script, SyntheticRecording
+from handpose.tracking.track import HIDDEN, TrackedFrame, TrackedHand
 from handpose.tracking.tracker import Tracker
 from tests.handpose.tracking.conftest import RATE, Take, copied, played
 
@@ -43,7 +43,7 @@ def with_fits(names: str, values: Iterable[object]) -> pytest.MarkDecorator:
 @pytest.fixture(scope="module")
 def resting() -> Take:
     """A right hand at rest."""
-    return played(Script(0.8, (Role("right", (Act("rest", 1),)),)), 5)
+    return played(Script(0.8, {"right": (Act("rest", 1),)}), 5)
 
 
 @pytest.fixture(scope="module")
@@ -131,15 +131,15 @@ def test_the_pose_of_a_part(begun: Tracker, resting: Take, value: float) -> None
 
 def moving(side: Side, velocity: tuple[float, float, float], seed: int) -> Take:
     """A hand that starts to move at BEGUN, at once with this velocity in m/s, for five frames at 30 per second."""
-    script = Script((BEGUN + 7) / 30, (Role(side, (Act("rest", 1),)),))
+    script = Script((BEGUN + 7) / 30, {side: (Act("rest", 1),)})
     recording = SyntheticRecording(script, ICVL, rate=30, seed=seed)
-    (movement,) = recording.stage.movements
+    (movement,) = recording.movements
     at_rest = movement.pose_at
 
-    def pose_at(time: float) -> HandPose:
+    def pose_at(time: float) -> TrackedHand:
         pose, way = at_rest(time), 1000 * np.array(velocity) * np.clip(time - (BEGUN - 0.5) / 30, 0, 5 / 30)
         capsules = pose.capsules._replace(a=pose.capsules.a + way, b=pose.capsules.b + way)
-        return pose._replace(xyz=pose.xyz + way, capsules=capsules)
+        return replace(pose, xyz=pose.xyz + way, capsules=capsules)
 
     movement.pose_at = pose_at
     return Take(recording, list(recording), list(recording.truths()))

@@ -18,7 +18,7 @@ from handpose.fit.body import WorldPose
 from handpose.fit.search import ACCURATE
 from handpose.frames.cameras import ICVL, Camera
 from handpose.sequences.acts import Act
-from handpose.sequences.recordings import Role, Script, SyntheticRecording
+from handpose.sequences.recordings import Script, SyntheticRecording
 from handpose.tracking.pose_estimator import PoseEstimator
 from tests.handpose.tracking.conftest import Take
 
@@ -129,7 +129,7 @@ def test_a_left_hand_is_the_mirror_image() -> None:
 
     The accurate plan gives nearly the same pose for both, although crop windows are rounded towards the left.
     """
-    recording = SyntheticRecording(Script(3, (Role("right", (Act("gestures", 3),)),)), ASIDE, rate=15, seed=2)
+    recording = SyntheticRecording(Script(3, {"right": (Act("gestures", 3),)}), ASIDE, rate=15, seed=2)
     depth, center = recording.frame(20).depth, recording.truth(20).hands[0].center_uvd
     in_mirror = dataclasses.replace(ASIDE, u0=ASIDE.width - 1 - ASIDE.u0)
     right, left = (PoseEstimator(load_predictor(own, fit="accurate"), own) for own in (ASIDE, in_mirror))

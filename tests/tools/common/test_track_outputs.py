@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 import pytest
 
-from handpose.output.tracks.csv_file import CsvWriter
 from handpose.output.tracks.json_file import read_track
+from handpose.output.tracks.writing import CsvWriter
 from handpose.tracking.track import TrackedFrame
 from netlib.errors import NetlibError
 from tests.support.tracked_hands import HEADER, seen, tracked

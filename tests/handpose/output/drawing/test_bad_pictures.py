@@ -18,11 +18,10 @@ from tests.support.bad_input import bad_inputs
 from tests.support.made_tracks import header_of
 from tests.support.tracked_hands import HEADER
 
-PICTURE, DEPTH = np.ones((128, 128), np.uint8), np.zeros((480, 640), np.float32)
+DEPTH = np.zeros((480, 640), np.float32)
 
 
 @bad_inputs(DataError, {
-    "two titles": (lambda: strokes.sheet([PICTURE], 1, ["a", "b"]), "2 titles for 1 pictures"),
     "no pictures": (lambda: strokes.sheet([], 1), "0 pictures in 1 columns, expected at least one of each"),
     "an empty page": (lambda: ContactSheet().page(), "0 pictures in 4 columns, expected at least one of each"),
     "14 joints": (lambda: hands.overlay(EMPTY, np.zeros((14, 3)), SKELETON),

@@ -38,22 +38,16 @@ def test_moments_evenly_apart(frames: int) -> None:
 
 
 def test_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
-    received = {}
-    monkeypatch.setattr(strokes, "sheet", lambda *given: received.update(given=given))
+    received, draw = {}, strokes.sheet
+    monkeypatch.setattr(strokes, "sheet", lambda *given: received.update(given=given) or draw(*given))
     sheet = ContactSheet()
     for n in range(3):
         sheet.add(n / 30, lambda n=n: np.full((300, 960, 3), n, np.uint8))
-    sheet.page()
+    assert sheet.page().shape == (150 + 22 + 16, 3 * (480 + 8) + 8, 3)
     images, columns, titles = received["given"]
     assert [image.shape for image in images] == [(150, 480, 3)] * 3
     assert [image[0, 0, 0] for image in images] == [0, 1, 2]
     assert columns == 4 and titles == ["0.00 s", "0.03 s", "0.07 s"]
-
-
-def test_a_page_can_be_drawn() -> None:
-    sheet = ContactSheet()
-    sheet.add(0.0, picture)
-    assert sheet.page().shape == (3 + 22 + 16, 4 + 16, 3)
 
 
 @pytest.fixture

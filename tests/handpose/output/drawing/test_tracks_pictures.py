@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -37,22 +38,14 @@ def where(one: Image, other: Image) -> tuple[slice, slice]:
     return slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1)
 
 
-@pytest.mark.parametrize("hand", [RIGHT, LEFT], ids=["right", "left"])
-def test_joints_are_where_the_camera_sees_them(hand: TrackedHand) -> None:
-    picture = annotated(DEPTH, of(RIGHT, LEFT))[HEAD:]
-    for finger, colour in hands.COLOURS.items():
-        u, v, _ = CAMERA.project(hand.xyz[HEADER.skeleton.joint_names.index(f"{finger}_tip")])
-        x, y = (round((edge + 0.5) * ZOOM - 0.5) for edge in (u - VIEW.left, v - VIEW.top))
-        assert tuple(picture[y, x]) == colour, finger
-
-
-def test_a_finger_that_is_a_guess_is_hollow() -> None:
+def test_joints_are_where_the_camera_sees_them() -> None:
+    """A fingertip has its finger's colour, or is hollow where the finger is a guess."""
     guess = replace(RIGHT, finger_error_mm=np.array([10.0, 45, 12, 29, 8]))
     picture = annotated(DEPTH, of(guess, LEFT))[HEAD:]
-    for finger, colour in hands.COLOURS.items():
-        u, v, _ = CAMERA.project(RIGHT.xyz[HEADER.skeleton.joint_names.index(f"{finger}_tip")])
+    for hand, (finger, colour) in itertools.product((guess, LEFT), hands.COLOURS.items()):
+        u, v, _ = CAMERA.project(hand.xyz[HEADER.skeleton.joint_names.index(f"{finger}_tip")])
         x, y = (round((edge + 0.5) * ZOOM - 0.5) for edge in (u - VIEW.left, v - VIEW.top))
-        assert tuple(picture[y, x]) == (hands.WHITE if finger == "index" else colour)
+        assert tuple(picture[y, x]) == (hands.WHITE if hand is guess and finger == "index" else colour), finger
 
 
 def test_surface_lies_over_the_depth_that_it_explains() -> None:

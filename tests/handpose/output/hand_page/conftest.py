@@ -13,8 +13,9 @@ import pytest
 from handpose.output.hand_page.assembly import body, content, page
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
+from layers.hand.skeleton_file import text_of
 from tests.support.chromium_tabs import visits
-from tests.support.made_tracks import skeleton_of
+from tests.support.made_tracks import any_skeleton, skeleton_of
 
 # Two bones in a plane, without a surface; one DoF drives two joints, the second with the opposite sign.
 ARM = """name: "arm"
@@ -26,37 +27,18 @@ joint { name: "other" parent: "base" rotate { axis: NEG_Z dof: "shoulder" } bone
 """
 
 
-def any_skeleton(seed: int) -> Skeleton:
-    """A random body: joints in any order, all axes and motions, fixed and shared DoFs, a surface."""
-    rng = np.random.default_rng(seed)
-    axes, K, D = ["X", "Y", "Z", "NEG_X", "NEG_Y", "NEG_Z"], 12, 15
-
-    def axis() -> str:
-        return str(rng.choice(axes))
-
-    def joint(name: str, parent: str | None, dofs: list[str]) -> str:
-        text = f'name: "{name}"' + (f' parent: "{parent}"' if parent else "")
-        for dof in dofs:
-            text += f' {rng.choice(["rotate", "rotate", "translate"])} {{ axis: {axis()} dof: "{dof}" }}'
-        return f"joint {{ {text} bone {{ axis: {axis()} length: {rng.uniform(-0.2, 0.6):.4f} }} }}"
-
-    def dof(name: str) -> str:
-        fixed = " fixed: true" if rng.random() < 0.2 else f" lower: {-rng.random():.3f} upper: {rng.random():.3f}"
-        return f'dof {{ name: "{name}" initial: {rng.normal(0, 0.5):.4f}{fixed} }}'
-
-    joints = [
-        joint(f"j{i}", f"j{rng.integers(i)}" if i > 1 else None, [f"d{d}" for d in rng.integers(D, size=i % 4)])
-        for i in range(K)
-    ]
-    capsules = [
-        f'capsule {{ from: "j{rng.integers(K)}" to: "{to}" radius: {rng.uniform(0.05, 0.2):.3f} radius: 0.08 }}'
-        for to in [*(f"j{i}" for i in range(K)), "own"]
-    ]
-    surface = [dof("own"), joint("own", "j3", ["own", "d2"]), 'offset { joint: "j4" axes: "j2" x: 0.1 z: -0.2 }',
-             'offset { joint: "j4" axes: "own" y: 0.1 }', *capsules]
-    shuffled = [joints[i] for i in rng.permutation(K)]
-    dofs = [dof(f"d{d}") for d in range(D)]
-    return skeleton_of("\n".join([f'name: "any {seed}"', *dofs, *shuffled, "flesh {", *surface, "}"]))
+def any_body(seed: int) -> Skeleton:
+    """A random skeleton with a surface, which has a joint, a DoF and offsets of its own."""
+    rng, plain = np.random.default_rng(seed), any_skeleton(seed, 12)
+    names = [*plain.joint_names, "own"]
+    starts, radii = rng.choice(names[:-1], len(names)), rng.uniform(0.05, 0.2, len(names))
+    capsules = [f'capsule {{ from: "{start}" to: "{end}" radius: {radius:.3f} radius: 0.08 }}'
+                for start, end, radius in zip(starts, names, radii)]
+    flesh = f"""flesh {{ dof {{ name: "own" initial: 0.3 lower: -1 upper: 1 }}
+      joint {{ name: "own" parent: "{names[3]}" rotate {{ axis: NEG_Y dof: "own" }} bone {{ axis: X length: 0.4 }} }}
+      offset {{ joint: "own" axes: "{names[2]}" x: 0.1 z: -0.2 }} offset {{ joint: "{names[4]}" axes: "own" y: 0.1 }}
+      """
+    return skeleton_of("\n".join([text_of(plain.param, plain.name, ""), flesh, *capsules, "}"]))
 
 
 def ask(tab: Any, function: str, question: object) -> Any:

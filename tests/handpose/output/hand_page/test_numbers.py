@@ -15,12 +15,12 @@ from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
 from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import Skeleton
-from tests.handpose.output.hand_page.conftest import ARM, any_skeleton, ask
+from tests.handpose.output.hand_page.conftest import ARM, any_body, ask
 from tests.support.made_tracks import skeleton_of
 
 MM = 150.0
 HANDS = {name: skeletons.load(skeletons.NYU_HAND.with_name(f"{name}.prototxt")) for name in ("nyu", "people", "icvl")}
-BODIES = {**HANDS, "arm": skeleton_of(ARM), **{f"any body {seed}": any_skeleton(seed) for seed in range(4)}}
+BODIES = {**HANDS, "arm": skeleton_of(ARM), **{f"any body {seed}": any_body(seed) for seed in range(4)}}
 
 COMPUTED = """([skeleton, poses, forces, side]) => {
   const body = new hand.Body({ skeleton, place: hand.data.bodies[0].place });
@@ -91,7 +91,7 @@ def rows_of(capsules: Capsules, n: int) -> np.ndarray:
 @pytest.mark.parametrize("seed", range(3))
 def test_the_depth_of_any_body(tab: Any, seed: int) -> None:
     """For nested spheres, cones seen from their tip, and parts behind the camera."""
-    skeleton, rng = any_skeleton(seed), np.random.default_rng(seed)
+    skeleton, rng = any_body(seed), np.random.default_rng(seed)
     surface, uvd = Surface(skeleton), np.array([300.0, 250, 280 + 200 * seed])
     inputs = rng.normal(0, 0.8, (4, len(surface.whole.initial)))
     ends = surface.ends(kinematics_of(surface.whole).forward(inputs)) * MM + NYU.unproject(uvd)

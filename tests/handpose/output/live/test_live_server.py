@@ -5,54 +5,55 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
+import re
 import socket
 import struct
+import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
 
 from handpose.output.live import server as module
-from handpose.output.live.messages import LINES, VIEWS
+from handpose.output.live.messages import LINES, VIEWS, Messages
 from handpose.output.live.server import LiveServer, is_named
 from netlib.errors import NetlibError
+from netlib.files.paths import ROOT
+from tests.handpose.output.live.conftest import BOTH
+from tests.support.tracked_hands import HEADER
 
-Serve = Callable[..., LiveServer]
+Serve, Connect = Callable[..., LiveServer], Callable[..., Any]
 
-
-class Clients:
-    """Clients of a server; ``connect(server, path)`` adds one."""
-
-    def __init__(self, stack: contextlib.ExitStack) -> None:
-        self._stack = stack
-
-    def connect(self, server: LiveServer, path: str = LINES, **options: Any) -> Any:
-        """A client connected to a path; for the path of lines the header has been received."""
-        from websockets.sync.client import connect
-
-        client = self._stack.enter_context(connect(server.lines_url.replace(LINES, path), **options))
-        if path == LINES:
-            assert json.loads(client.recv(timeout=60))["format"] == "handpose"
-        assert server.wait_for_client(60)
-        return client
 
 @pytest.fixture
-def clients() -> Iterator[Clients]:
-    """Clients that are closed after the test."""
+def connect() -> Iterator[Connect]:
+    """``connect(server, path)`` is a client; for the path of lines it has received the header."""
+    client = pytest.importorskip("websockets.sync.client")
     with contextlib.ExitStack() as stack:
-        yield Clients(stack)
+
+        def connected(server: LiveServer, path: str = LINES, **options: Any) -> Any:
+            one = stack.enter_context(client.connect(server.lines_url.replace(LINES, path), **options))
+            if path == LINES:
+                assert json.loads(one.recv(timeout=60))["format"] == "handpose"
+            assert server.wait_for_client(60)
+            return one
+
+        yield connected
 
 
 # ------------------------------------------------------------------------------------------------ frames
 
 
-def test_lines(clients: Clients, serve: Serve) -> None:
-    """A client receives the header, every frame if it keeps up, and the recording's end as the end of the stream."""
+def test_lines(connect: Connect, serve: Serve) -> None:
+    """A client receives the header, every later frame if it keeps up, and the recording's end as that of the stream."""
     with serve() as server:
-        client = clients.connect(server)
+        server.put(LINES, "before")
+        assert not server.wait_for_client(0) and not server.has_clients(LINES)
+        client = connect(server)
         for number in range(3):
             server.put(LINES, f'{{"number":{number}}}')
             assert json.loads(client.recv(timeout=60)) == {"number": number}
@@ -61,9 +62,9 @@ def test_lines(clients: Clients, serve: Serve) -> None:
     assert (client.protocol.close_code, client.protocol.close_reason) == (1000, "the recording has ended")
 
 
-def test_two_clients(clients: Clients, serve: Serve) -> None:
+def test_two_clients(connect: Connect, serve: Serve) -> None:
     with serve() as server:
-        one, other = clients.connect(server), clients.connect(server)
+        one, other = connect(server), connect(server)
         server.put(LINES, "a")
         assert [client.recv(timeout=60) for client in (one, other)] == ["a", "a"]
         one.close()
@@ -73,9 +74,9 @@ def test_two_clients(clients: Clients, serve: Serve) -> None:
     assert list(other) == ["c"] and not server.has_clients(LINES)
 
 
-def test_a_viewer_gets_the_newest_frame_when_it_asks(clients: Clients, server: LiveServer) -> None:
+def test_a_viewer_gets_the_newest_frame_when_it_asks(connect: Connect, server: LiveServer) -> None:
     """Frames that arrived in between are dropped, and ``put`` does not block."""
-    viewer = clients.connect(server, VIEWS)
+    viewer = connect(server, VIEWS)
     server.put(VIEWS, b"0")
     assert viewer.recv(timeout=60) == b"0"
     for number in range(1, 100):
@@ -85,10 +86,10 @@ def test_a_viewer_gets_the_newest_frame_when_it_asks(clients: Clients, server: L
     viewer.close()
 
 
-def test_a_slow_program_misses_frames(clients: Clients, server: LiveServer) -> None:
+def test_a_slow_program_misses_frames(connect: Connect, server: LiveServer) -> None:
     """A slow client receives some frames in order, and the last one; sending does not wait for it."""
     count, size = 300, 1 << 18
-    client, found = clients.connect(server), [-1]
+    client, found = connect(server), [-1]
     for number in range(count):
         server.put(LINES, f"{number}".rjust(size))
     while found[-1] < count - 1:
@@ -96,9 +97,9 @@ def test_a_slow_program_misses_frames(clients: Clients, server: LiveServer) -> N
     assert found == sorted(found) and len(found) < count / 2
 
 
-def test_a_client_that_leaves_in_the_middle_of_a_frame(clients: Clients, serve: Serve) -> None:
+def test_a_client_that_leaves_in_the_middle_of_a_frame(connect: Connect, serve: Serve) -> None:
     with serve() as server:
-        gone, other = (clients.connect(server, max_size=None) for _ in range(2))
+        gone, other = (connect(server, max_size=None) for _ in range(2))
         gone.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # close by a reset
         server.put(LINES, "x" * (1 << 20) * 8)
         gone.socket.shutdown(socket.SHUT_RDWR)
@@ -106,30 +107,24 @@ def test_a_client_that_leaves_in_the_middle_of_a_frame(clients: Clients, serve: 
     assert list(other)[-1] == "after"
 
 
-def test_without_clients(serve: Serve) -> None:
-    with serve() as server:
-        assert not server.wait_for_client(0) and not server.has_clients(LINES) and not server.has_clients(VIEWS)
-        server.put(LINES, "a")
-
-
 # ------------------------------------------------------------------------------------------------ the end
 
 
-def test_a_run_that_is_stopped(clients: Clients, serve: Serve) -> None:
+def test_a_run_that_is_stopped(connect: Connect, serve: Serve) -> None:
     with contextlib.suppress(KeyboardInterrupt), serve() as server:
-        client = clients.connect(server)
+        client = connect(server)
         raise KeyboardInterrupt
     assert list(client) == []
     assert (client.protocol.close_code, client.protocol.close_reason) == (1001, "the tracker was stopped")
 
 
 def test_a_client_that_does_not_answer_does_not_hold_up_the_end(
-    clients: Clients, serve: Serve, monkeypatch: pytest.MonkeyPatch
+    connect: Connect, serve: Serve, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The server ends despite a viewer that requests no next frame, and a client that reads nothing."""
     monkeypatch.setattr(module, "GRACE_S", 0.05)
     with serve() as server:
-        viewer, place = clients.connect(server, VIEWS), urlsplit(server.lines_url)
+        viewer, place = connect(server, VIEWS), urlsplit(server.lines_url)
         silent = socket.create_connection((str(place.hostname), place.port))
         silent.sendall(f"GET {place.path}?{place.query} HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\n"
                        "Connection: Upgrade\r\nSec-WebSocket-Key: MDEyMzQ1Njc4OWFiY2RlZg==\r\n"
@@ -175,10 +170,10 @@ def serves(server: LiveServer) -> None:
     assert exchange(server, request("/?token=TOKEN")).startswith(b"HTTP/1.1 200")
 
 
-def a_message_of_10_mb(server: LiveServer, clients: Clients) -> None:
+def a_message_of_10_mb(server: LiveServer, connect: Connect) -> None:
     from websockets.exceptions import ConnectionClosed
 
-    client, other = clients.connect(server), clients.connect(server)
+    client, other = connect(server), connect(server)
     with contextlib.suppress(ConnectionClosed):  # while it is sent, or with the next message
         client.send("x" * 10_000_000)
         client.recv(timeout=60)
@@ -186,30 +181,16 @@ def a_message_of_10_mb(server: LiveServer, clients: Clients) -> None:
     assert other.recv(timeout=60) == "after" and client.protocol.close_code in (1006, 1009)
 
 
-def half_open_connections(server: LiveServer, clients: Clients) -> None:
+def half_open_connections(server: LiveServer, connect: Connect) -> None:
     with contextlib.ExitStack() as stack:
         for number in range(300):
             silent = stack.enter_context(socket.create_connection(("127.0.0.1", server.port), 60))
             silent.sendall(b"GET / HTTP/1.1\r\nHost: "[: number % 30])
             if number % 100 == 99:
                 serves(server)
-        client = clients.connect(server)
+        client = connect(server)
         server.put(LINES, "a")
         assert client.recv(timeout=60) == "a"
-
-
-def readers_that_never_read(server: LiveServer, clients: Clients) -> None:
-    with contextlib.ExitStack() as stack:
-        for _ in range(80):
-            silent = stack.enter_context(socket.create_connection(("127.0.0.1", server.port), 60))
-            silent.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-            silent.sendall(opening().replace(b"TOKEN", server.token.encode()).replace(b"PORT", b"%d" % server.port))
-            assert silent.recv(12) == b"HTTP/1.1 101"
-        client = clients.connect(server)
-        for number in range(100):
-            server.put(LINES, f"{number}".rjust(1 << 16))
-        while int(client.recv(timeout=60)) < 99:
-            pass
 
 
 # Requests with the statuses of their answers, and clients. A status of 0 is none: what websockets takes for no HTTP
@@ -240,13 +221,12 @@ DEMANDS: dict[str, Any] = {
     "HTTP/2": (b"GET / HTTP/2.0\r\n\r\n", (400, 0)),
     "a message of 10 MB": a_message_of_10_mb,
     "300 half-open connections": half_open_connections,
-    "80 readers that never read": readers_that_never_read,
 }
 
 
 @pytest.mark.parametrize("demand", DEMANDS)
 def test_what_the_gate_must_hold(
-    demand: str, serve: Serve, clients: Clients, caplog: pytest.LogCaptureFixture, capfd: pytest.CaptureFixture[str],
+    demand: str, serve: Serve, connect: Connect, caplog: pytest.LogCaptureFixture, capfd: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Each demand on requests and clients; after any of them the page is served, and no log has the token."""
@@ -254,7 +234,7 @@ def test_what_the_gate_must_hold(
     caplog.set_level(logging.DEBUG)
     with serve() as server:
         if callable(DEMANDS[demand]):
-            DEMANDS[demand](server, clients)
+            DEMANDS[demand](server, connect)
         else:
             sent, status = DEMANDS[demand]
             answer = exchange(server, sent)
@@ -310,11 +290,11 @@ def test_other_machines(serve: Serve) -> None:
 
 
 @pytest.mark.skipif(not socket.has_ipv6, reason="no IPv6")
-def test_an_address_of_ipv6(clients: Clients, serve: Serve) -> None:
+def test_an_address_of_ipv6(connect: Connect, serve: Serve) -> None:
     try:
         with serve("::1") as server:
             assert not server.is_public and server.lines_url.startswith(f"ws://[::1]:{server.port}/frames?token=")
-            clients.connect(server)
+            connect(server)
     except NetlibError as error:
         pytest.skip(str(error))
 
@@ -335,3 +315,21 @@ def test_without_websockets(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "websockets", None)
     with pytest.raises(NetlibError, match=r"^websockets is missing: pip install 'websockets>=13'$"):
         LiveServer("127.0.0.1", 0, "", "")
+
+
+def test_the_example_for_programs(tmp_path: Path, serve: Serve) -> None:
+    """docs/live.md: the example prints each hand's index fingertip in each frame, and ends with the recording."""
+    text = (ROOT / "docs" / "live.md").read_text(encoding="utf-8")
+    (program,) = re.findall(r"<!-- file: watch.py -->\n```python\n(.*?)```", text, re.DOTALL)
+    assert len(program.splitlines()) <= 10
+    (tmp_path / "watch.py").write_text(program, encoding="utf-8")
+    messages = Messages(HEADER)
+    with serve() as server:
+        (tmp_path / "live.json").write_text(json.dumps({"frames": server.lines_url}), encoding="utf-8")
+        process = subprocess.Popen([sys.executable, "watch.py"], stdout=subprocess.PIPE, text=True, cwd=tmp_path)
+        assert server.wait_for_client(60)
+        server.put(LINES, messages.line(messages.record(BOTH)))
+    out, _ = process.communicate(timeout=60)
+    tip = HEADER.skeleton.joint_names.index("index_tip")
+    expected = [f"{hand.hand} {[float(mm) for mm in hand.xyz[tip].round(2)]}" for hand in BOTH.hands]
+    assert process.returncode == 0 and out.splitlines() == expected

@@ -19,24 +19,20 @@ from tests.support.tracked_hands import CAMERA, HEADER
 
 
 def test_records_are_those_of_a_track_with_the_bones_in_each() -> None:
-    """Every record has the bones, because a receiver may have missed the first frame of a hand."""
+    """Every record has the bones, because a receiver may have missed some; joints before smoothing are for files."""
+    raw = dataclasses.replace(ONE.hands[0], raw_xyz=ONE.hands[0].xyz)
     messages, values = Messages(HEADER), FrameValues(HEADER)
     assert json.loads(messages.header) == json.loads(json.dumps(header_values(HEADER)))
     assert not json_schema.faults(json.loads(messages.header), "header")
-    for frame in (BOTH, ONE, ONE._replace(number=2, time=0.2)):
+    for frame in (BOTH, ONE, ONE._replace(number=2, time=0.2, hands=(raw,))):
         assert not json_schema.faults(messages.record(frame), "frame")
         found, expected = json.loads(messages.line(messages.record(frame))), values.values(frame)
         assert all(len(hand.pop("bones_mm")) == 31 for hand in found["hands"])
         for hand in expected["hands"]:
-            hand.pop("bones_mm", None)
+            assert ("raw_positions_mm" in hand) == (frame.number == 2)
+            for key in ("bones_mm", "raw_positions_mm"):
+                hand.pop(key, None)
         assert found == json.loads(json.dumps(expected))
-
-
-def test_records_have_no_raw_positions() -> None:
-    """Joints before smoothing are for files: a message is short."""
-    hand = dataclasses.replace(ONE.hands[0], raw_xyz=ONE.hands[0].xyz)
-    assert "raw_positions_mm" in FrameValues(HEADER).values(ONE._replace(hands=(hand,)))["hands"][0]
-    assert "raw_positions_mm" not in Messages(HEADER).record(ONE._replace(hands=(hand,)))["hands"][0]
 
 
 def test_joints_and_gestures() -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from handpose.output.tracks import csv_file
-from handpose.output.tracks.csv_file import CsvWriter
+from handpose.output.tracks.writing import CsvWriter
 from handpose.tracking.track import LostHand, TrackedFrame, TrackHeader
 from layers.hand.skeleton import load
 from tests.support.made_tracks import any_hand, any_skeleton, any_track, header_of
@@ -36,12 +36,8 @@ def test_a_row_per_frame_and_hand(tmp_path: Path, header: TrackHeader) -> None:
     for frame in frames:
         for hand in frame.hands:
             row = next(rows)
-            assert (row["number"], row["id"], row["hand"], row["lost"]) == (
-                str(frame.number),
-                str(hand.id),
-                hand.hand,
-                "",
-            )
+            given = (str(frame.number), str(hand.id), hand.hand, "")
+            assert (row["number"], row["id"], row["hand"], row["lost"]) == given
             assert float(row["time_s"]) == pytest.approx(frame.time, abs=1e-6)
             joints = [[float(row[f"{name}_{axis}_mm"]) for axis in "xyz"] for name in sk.joint_names]
             assert np.abs(np.array(joints) - hand.xyz).max() < 0.0051
@@ -69,13 +65,9 @@ def test_what_is_not_known_is_empty(tmp_path: Path) -> None:
 
 def test_no_hand_no_row(tmp_path: Path) -> None:
     assert written(tmp_path / "a.csv", HAND, [TrackedFrame(0, 0.0, ())]) == []
-    assert (
-        (tmp_path / "a.csv")
-        .read_text()
-        .startswith(
-            "number,time_s,id,hand,lost,presence,confidence,error_mm,"
-            "thumb_error_mm,index_error_mm,middle_error_mm,ring_error_mm,little_error_mm,little_tip_x_mm,"
-        )
+    assert (tmp_path / "a.csv").read_text().startswith(
+        "number,time_s,id,hand,lost,presence,confidence,error_mm,"
+        "thumb_error_mm,index_error_mm,middle_error_mm,ring_error_mm,little_error_mm,little_tip_x_mm,"
     )
 
 

@@ -12,8 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from handpose.output.tracks.json_file import JsonLinesWriter, JsonWriter, Track, read_track
+from handpose.output.tracks.json_file import Track, read_track
 from handpose.output.tracks.json_values import rounded
+from handpose.output.tracks.writing import JsonLinesWriter, JsonWriter
 from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackHeader, joints_of
 from layers.hand.skeleton import load
 from netlib.errors import DataError, PrototxtError
@@ -106,31 +107,21 @@ def test_keys_and_units(tmp_path: Path) -> None:
     assert np.allclose(got["positions_mm"], hand.xyz, atol=0.0051)
 
 
-def test_raw_positions_of_smoothed_hands(tmp_path: Path) -> None:
+def test_values_that_a_hand_may_lack(tmp_path: Path) -> None:
+    """Joints before smoothing are of smoothed hands only; errors of fingers may be null, or absent in older tracks."""
     hand = any_hand(HAND, np.random.default_rng(0))
-    smoothed = replace(hand, raw_xyz=hand.xyz + 7.125)
-    written(tmp_path / "a.json", HAND, [TrackedFrame(7, 0.25, (smoothed,)), TrackedFrame(8, 0.5, (hand,))])
+    full = replace(hand, raw_xyz=hand.xyz + 7.125, finger_error_mm=np.array([7, np.nan, 8, 9, 10]))
+    written(tmp_path / "a.json", HAND, [TrackedFrame(7, 0.25, (full,)), TrackedFrame(8, 0.5, (hand,))])
     found = json.loads((tmp_path / "a.json").read_text())
     assert not json_schema.faults(found)
-    assert "raw_positions_mm" not in found["frames"][1]["hands"][0]
-    first, second = (frame.hands[0].raw_xyz for frame in read_track(tmp_path / "a.json").frames)
-    assert first is not None and np.allclose(first, smoothed.raw_xyz, atol=0.0051)
-    assert second is None
-
-
-def test_errors_of_fingers_may_be_unknown(tmp_path: Path) -> None:
-    """Unknown errors of fingers are null, and NaN again when read; tracks of earlier programs do not have them."""
-    hand = replace(any_hand(HAND, np.random.default_rng(0)), finger_error_mm=np.array([7, np.nan, 8, 9, 10]))
-    written(tmp_path / "a.json", HAND, [TrackedFrame(7, 0.25, (hand,))])
-    found = json.loads((tmp_path / "a.json").read_text())
-    assert not json_schema.faults(found)
-    errors = found["frames"][0]["hands"][0].pop("finger_error_mm")
-    assert errors == {"thumb": 7, "index": None, "middle": 8, "ring": 9, "little": 10}
-    np.testing.assert_array_equal(
-        read_track(tmp_path / "a.json").frames[0].hands[0].finger_error_mm, [7, np.nan, 8, 9, 10]
-    )
-    (tmp_path / "a.json").write_text(json.dumps(found))
-    assert np.isnan(read_track(tmp_path / "a.json").frames[0].hands[0].finger_error_mm).all()
+    (one,), (other,) = (frame["hands"] for frame in found["frames"])
+    assert one.pop("finger_error_mm") == {"thumb": 7, "index": None, "middle": 8, "ring": 9, "little": 10}
+    assert "raw_positions_mm" not in other
+    (tmp_path / "older.json").write_text(json.dumps(found))
+    for name, errors in (("a", [7, np.nan, 8, 9, 10]), ("older", [np.nan] * 5)):
+        first, second = (frame.hands[0] for frame in read_track(tmp_path / f"{name}.json").frames)
+        np.testing.assert_array_equal(first.finger_error_mm, errors)
+        assert np.allclose(first.raw_xyz, full.raw_xyz, atol=0.0051) and second.raw_xyz is None
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, DataError])

@@ -1,4 +1,4 @@
-"""handpose/output/tracks/writing.py and growing.py: after any error, a file is complete or the old one"""
+"""handpose/output/tracks/writing.py: after any error, a file is complete or the old one"""
 
 from __future__ import annotations
 
@@ -8,24 +8,22 @@ from pathlib import Path
 
 import pytest
 
-from handpose.output.tracks.growing import GrowingFile
 from handpose.output.tracks.json_file import read_track
-from handpose.output.tracks.writing import open_writer
+from handpose.output.tracks.writing import GrowingFile, open_writer
 from layers.hand.skeleton import load
 from tests.support.made_tracks import any_track, header_of
 
 HAND = header_of(load())
-NAMES = {"a.json": ["a.json"], "b.JSONL": ["b.JSONL"], "c.csv": ["c.csv"]}
+NAMES = ("a.json", "b.JSONL", "c.csv")
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_by_the_ending(tmp_path: Path, name: str) -> None:
-    """The suffix selects the writer, which returns the files that it wrote."""
     frames = any_track(HAND, 1)
     with open_writer(tmp_path / name, HAND) as writer:
         for frame in frames:
             writer.write(frame)
-    assert sorted(writer.files) == sorted(tmp_path.iterdir()) == [tmp_path / file for file in NAMES[name]]
+    assert list(tmp_path.iterdir()) == [tmp_path / name]
     if "json" in name.lower():
         assert len(read_track(tmp_path / name).frames) == len(frames)
 
@@ -34,7 +32,6 @@ def test_standard_output(capsys: pytest.CaptureFixture[str]) -> None:
     with open_writer("-", HAND) as writer:
         writer.write(any_track(HAND, 1)[0])
     assert capsys.readouterr().out.count("\n") == 2
-    assert writer.files == []
 
 
 def test_pieces_one_after_the_other(tmp_path: Path) -> None:
@@ -49,10 +46,9 @@ def test_pieces_one_after_the_other(tmp_path: Path) -> None:
 
 
 def test_another_end(tmp_path: Path) -> None:
-    """``finish`` replaces the end that is written after an interruption."""
-    with GrowingFile(tmp_path / "a.txt", b"<", b" cut>") as file:
+    """A complete file has another end than one after an interruption."""
+    with GrowingFile(tmp_path / "a.txt", b"<", b" cut>", b">") as file:
         file.append(b"a")
-        file.finish(b">")
     assert (tmp_path / "a.txt").read_bytes() == b"<a>"
 
 
@@ -85,36 +81,6 @@ class Stream:
 
     def __getattr__(self, name: str) -> object:
         return getattr(self._stream, name)
-
-
-def test_a_file_that_is_shown(tmp_path: Path) -> None:
-    """It replaces an old file, or a link but not its target, with its first piece, and grows from then on."""
-    path, target = tmp_path / "a.txt", tmp_path / "target.txt"
-    target.write_text("old")
-    path.symlink_to(target)
-    with GrowingFile(path, b"head\n", shown=True) as file:
-        assert path.read_text() == "old"
-        file.append(b"a\n")
-        assert path.read_bytes() == b"head\na\n" and not path.is_symlink()
-        file.append(b"b\n")
-    assert path.read_bytes() == b"head\na\nb\n" and target.read_text() == "old"
-    assert len(list(tmp_path.iterdir())) == 2
-
-
-def test_a_shown_piece_that_was_not_written_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A partly written piece is removed at once; without a whole one, the old file stays."""
-    path, error = tmp_path / "a.txt", OSError(errno.ENOSPC, "No space left on device")
-    for pieces in ((), (b"a\n",)):
-        path.write_text("old")
-        with pytest.raises(OSError), GrowingFile(path, b"head\n", shown=True) as file:
-            for piece in pieces:
-                file.append(piece)
-            monkeypatch.setattr(file, "_stream", Stream(file._stream, error))
-            try:
-                file.append(b"wrong\n")
-            finally:
-                assert path.read_bytes() == (b"head\na\n" if pieces else b"old")
-        assert path.read_bytes() == (b"head\na\n" if pieces else b"old")
 
 
 def test_before_the_first_piece_the_old_file_stays(tmp_path: Path) -> None:
