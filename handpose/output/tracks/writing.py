@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import json
+import os
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -39,10 +40,13 @@ class GrowingFile:
     head  first bytes
     tail  last bytes: they are written after every piece, and overwritten by the next, so that no failure truncates them
     end   replaces ``tail`` at the end of a block without an exception; not longer
+    shown  rename it after the first piece instead, so that the others can be read as they are written
     """
 
-    def __init__(self, path: Path | None, head: bytes = b"", tail: bytes = b"", end: bytes | None = None) -> None:
-        self.path, self._head, self._tail = path, head, tail
+    def __init__(
+        self, path: Path | None, head: bytes = b"", tail: bytes = b"", end: bytes | None = None, shown: bool = False
+    ) -> None:
+        self.path, self._head, self._tail, self._shown = path, head, tail, shown
         self._end = tail if end is None else end
         self._offset = 0  # of the next piece
         self._pieces = 0
@@ -65,6 +69,8 @@ class GrowingFile:
         if self.path is not None:
             with atomic.error_names(self.path):
                 self._put(piece)
+                if self._shown and not self._pieces:
+                    atomic.commit(self._fresh, self.path, sync=False)
         elif sys.stdout is None:  # a shell closed it
             raise OSError(errno.EBADF, "is closed", "standard output")
         else:
@@ -86,11 +92,19 @@ class GrowingFile:
                 last = self._end if kind is None else self._tail
                 self._write(last)
                 self._stream.truncate(self._offset + len(last))
+                if is_shown := self._shown and self._pieces > 0:
+                    os.fsync(self._stream.fileno())
                 self._stream.close()
-                atomic.commit(self._fresh, self.path)
+                if not is_shown:
+                    atomic.commit(self._fresh, self.path)
 
     def _put(self, piece: bytes) -> None:
-        self._write(piece + self._tail)
+        try:
+            self._write(piece + self._tail)
+        except OSError:
+            if self._shown:  # a reader must not find half a piece
+                self._stream.truncate(self._offset)
+            raise
         self._offset += len(piece)
 
     def _write(self, content: bytes) -> None:
@@ -128,7 +142,7 @@ class JsonWriter(TrackWriter):
 
 
 class JsonLinesWriter(TrackWriter):
-    """Writes JSON lines, each of which can be read at once from standard output.
+    """Writes JSON lines, each of which can be read at once.
 
     joints, gestures  as for ``open_writer``
     """
@@ -137,7 +151,7 @@ class JsonLinesWriter(TrackWriter):
         self, path: Path | None, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False
     ) -> None:
         self._values = FrameValues(header, joints, gestures)
-        super().__init__(path, f"{_text(header_values(header, joints))}\n".encode())
+        super().__init__(path, f"{_text(header_values(header, joints))}\n".encode(), shown=True)
 
     def write(self, frame: TrackedFrame) -> None:
         """Add a frame."""

@@ -193,6 +193,20 @@ def half_open_connections(server: LiveServer, connect: Connect) -> None:
         assert client.recv(timeout=60) == "a"
 
 
+def readers_that_never_read(server: LiveServer, connect: Connect) -> None:
+    with contextlib.ExitStack() as stack:
+        for _ in range(80):
+            silent = stack.enter_context(socket.create_connection(("127.0.0.1", server.port), 60))
+            silent.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            silent.sendall(opening().replace(b"TOKEN", server.token.encode()).replace(b"PORT", b"%d" % server.port))
+            assert silent.recv(12) == b"HTTP/1.1 101"
+        client = connect(server)
+        for number in range(100):
+            server.put(LINES, f"{number}".rjust(1 << 16))
+        while int(client.recv(timeout=60)) < 99:
+            pass
+
+
 # Requests with the statuses of their answers, and clients. A status of 0 is none: what websockets takes for no HTTP
 # request is not answered, and versions before 17 answer less.
 DEMANDS: dict[str, Any] = {
@@ -221,6 +235,7 @@ DEMANDS: dict[str, Any] = {
     "HTTP/2": (b"GET / HTTP/2.0\r\n\r\n", (400, 0)),
     "a message of 10 MB": a_message_of_10_mb,
     "300 half-open connections": half_open_connections,
+    "80 readers that never read": readers_that_never_read,
 }
 
 

@@ -83,6 +83,36 @@ class Stream:
         return getattr(self._stream, name)
 
 
+def test_a_file_that_is_shown(tmp_path: Path) -> None:
+    """It replaces an old file, or a link but not its target, with its first piece, and grows from then on."""
+    path, target = tmp_path / "a.txt", tmp_path / "target.txt"
+    target.write_text("old")
+    path.symlink_to(target)
+    with GrowingFile(path, b"head\n", shown=True) as file:
+        assert path.read_text() == "old"
+        file.append(b"a\n")
+        assert path.read_bytes() == b"head\na\n" and not path.is_symlink()
+        file.append(b"b\n")
+    assert path.read_bytes() == b"head\na\nb\n" and target.read_text() == "old"
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_a_shown_piece_that_was_not_written_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A partly written piece is removed at once; without a whole one, the old file stays."""
+    path, error = tmp_path / "a.txt", OSError(errno.ENOSPC, "No space left on device")
+    for pieces in ((), (b"a\n",)):
+        path.write_text("old")
+        with pytest.raises(OSError), GrowingFile(path, b"head\n", shown=True) as file:
+            for piece in pieces:
+                file.append(piece)
+            monkeypatch.setattr(file, "_stream", Stream(file._stream, error))
+            try:
+                file.append(b"wrong\n")
+            finally:
+                assert path.read_bytes() == (b"head\na\n" if pieces else b"old")
+        assert path.read_bytes() == (b"head\na\n" if pieces else b"old")
+
+
 def test_before_the_first_piece_the_old_file_stays(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("old")
     with pytest.raises(KeyboardInterrupt), GrowingFile(tmp_path / "a.txt", b"<", b">"):
