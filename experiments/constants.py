@@ -4,7 +4,8 @@
     python -m experiments constants --recording take joints.npy --recording other other.npy --seeds 0 1 2 3 4 --mirrored
     python -m experiments constants ... --set tracking.hand_track.KEPT=1 tracking.hand_track.NEW=1
 
-Without recordings the numbers that modules of handpose/fit, handpose/tracking and handpose/estimate name are listed.
+Without recordings the tuned numbers that modules of handpose/fit, handpose/tracking and handpose/estimate name are
+listed.
 Labels are joints (frames, 5 fingers from the thumb on, MCP PIP DIP tip, 3) of a right hand in mm, x right, y down, z
 away, NaN where there are none. The error is the mean over PIP, DIP and tip of all fingers, absolute and unaligned, of
 the nearest hand with joints: mean, lowest and highest over the seeds. "without" is the share of frames without joints,
@@ -37,6 +38,34 @@ from tools.common.console import DONE, aligned, say
 from tools.common.progress import ProgressBar
 
 ROOMS = ("fit", "tracking", "estimate")
+# Numbers that are not tuned: indices, units, and what a measure or a format is by definition; bounds of rounding and of
+# convergence; sizes of blocks, and limits of what is held, tried or accepted.
+NOT_TUNED = {module: names.split() for module, names in {
+    "fit.body": "SIZE THICKNESS",
+    "fit.depth_fit": "MIN_VISIBLE STARTS_TOGETHER",
+    "fit.joint_starts": "RIDGE",
+    "fit.joints.companions": "VERSION",
+    "fit.joints.fit_joints": "CHUNK GRID_STEP ITERATIONS MIN_GAIN EXACT MIN_MU RIDGE",
+    "fit.joints.particle_swarm": "CONSTRICTION ATTRACTION",
+    "fit.objective": "MIN_SIZE_STD",
+    "fit.observation": "BACKGROUND _CROSS",
+    "fit.pose_confidence": "GOOD_MM LOST_MM MAX_SIGN",
+    "fit.residuals": "_TINY POSITION_BITS DIRECTION_STEP _UPPER _DIAGONAL _FULL",
+    "fit.rounding": "NETWORK_STEP PLACE_STEP_MM FIT_STEP",
+    "fit.search": "MAX_MU EXACT_COST LOW_MU HIGH_MU RIDGE",
+    "fit.support": "ALONG ACROSS",
+    "tracking.hand_track": "MOST_FOUND MAX_SIDE_CONFIDENCE",
+    "tracking.later_frames": "MAX_UNDECIDED AHEAD",
+    "tracking.pose_estimator": "ARM_PLACES",
+    "tracking.sizing": "POPULATION",
+    "tracking.smoothing": "NO_SPEED",
+    "tracking.summary": "LENGTH_MM",
+    "tracking.tracker": "MAX_HANDS AGAIN",
+    "estimate.estimator": "MAX_CROPS",
+    "estimate.finder": "FOCAL_PX VOTE_MM BEYOND_MM MIDDLE_MM STRIDE MAX_PIXELS CHANCE_STEP MIN_VOTES OUTPUTS",
+    "estimate.nets": "SIZES",
+    "estimate.predictor": "CROP_DEPTH_MM MOST MAX_REFINE",
+}.items()}
 SURE, OFF_MM = 0.9, 30.0
 
 
@@ -72,6 +101,13 @@ def constants() -> dict[str, list[str]]:
             if names := numbers_of(path):
                 found[".".join(path.relative_to(ROOT / "handpose").with_suffix("").parts)] = names
     return found
+
+
+def tuned() -> dict[str, list[str]]:
+    """Those of ``constants`` that were chosen by their effect."""
+    every = {module: [name for name in names if name not in NOT_TUNED.get(module, ())]
+             for module, names in constants().items()}
+    return {module: names for module, names in every.items() if names}
 
 
 def set_constant(text: str) -> None:
@@ -168,10 +204,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """List the constants, or measure. Raises NetlibError."""
     if not args.recording:
-        found = constants()
+        found = tuned()
         for module, names in found.items():
             print(f"{module:26}{len(names):3}  {', '.join(names)}")
-        say(f"{sum(map(len, found.values()))} constants in {len(found)} modules")
+        say(f"{sum(map(len, found.values()))} tuned numbers in {len(found)} modules")
         return DONE
     for text in args.set:
         set_constant(text)
