@@ -98,10 +98,6 @@ class GrowingFile:
         """Replace the last bytes, by no more than before; only at the end of the block."""
         self._tail = tail
 
-    def discard(self) -> None:
-        """Drop the pieces: after an exception in the block the old file at ``path`` is unchanged."""
-        self._pieces = 0
-
     def _put(self, piece: bytes) -> None:
         try:
             self._write(piece + self._tail)

@@ -87,10 +87,6 @@ class JsonWriter(TrackWriter):
         self._file.append((self._between + _text(self._values.values(frame))).encode())
         self._between = ",\n"
 
-    def discard(self) -> None:
-        """Drop the frames: after an exception in the block the old file is unchanged."""
-        self._file.discard()
-
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
     ) -> None:
