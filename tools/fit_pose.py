@@ -32,9 +32,8 @@ import numpy as np
 from handpose import NYU
 from handpose.body import nyu
 from handpose.datasets.frames import spread
-from handpose.fit.joints.absolute_joints import fit_absolute, write_fit
-from handpose.fit.joints.companions import fit_list
-from handpose.fit.joints.fit_joints import fit_joints
+from handpose.fit.joints.companions import fit_list, write_fit
+from handpose.fit.joints.fit_joints import fit_absolute, fit_joints
 from handpose.fit.joints.particle_swarm import fit_joints_by_swarm
 from handpose.scoring import metrics
 from handpose.scoring.published_predictions import FORMATS, is_list, read_joints
@@ -93,19 +92,18 @@ def _fit_text(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
     if args.out:
         outputs.refuse_inputs(args.out, [args.joints, args.skeleton])
     xyz = read_joints(args.joints, len(chosen), args.format, NYU)
-    rows = np.arange(len(xyz))
-    if args.frames:
-        rows = spread(len(xyz), args.frames)
+    rows = spread(len(xyz), args.frames) if args.frames else np.arange(len(xyz))
+    half_cube = nyu.half_cubes(len(xyz))[rows]
     with ProgressBar(len(rows)) as progress:
         if args.swarm:
             how: dict[str, Any] = {"fit": fit_joints_by_swarm, "particles": args.particles,
                                    "generations": args.generations}
         else:
             how = {"fit": fit_joints, "limits": not args.no_limits, "ridge": args.ridge}
-        found = fit_absolute(skeleton, xyz[rows], nyu.half_cubes(len(xyz))[rows], chosen, progress=progress, **how)
+        found = fit_absolute(skeleton, xyz[rows], half_cube, chosen, progress=progress, **how)
     if args.out:
         try:
-            write_fit(Path(args.out), found, rows)
+            write_fit(Path(args.out), found, half_cube, rows)
         except OSError as error:
             raise NetlibError(f"{args.out}: {reason_of(error)}") from None
     if warning := nyu.one_size_for_all(len(xyz)):

@@ -1,4 +1,4 @@
-"""Joint angles for the frames of a training set, by fitting the hand model to their joints.
+"""Files of joint angles: for the frames of a training set, by fitting the hand model to their joints, and for others.
 
 A net that learns the angles themselves (the paper's "direct parameter") needs them as labels, and a real data set has
 only joints. Each HDF5 file of the set gets a small companion file with
@@ -20,16 +20,32 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from handpose.datasets import labels, parts
-from handpose.fit.joints.fit_joints import fit_joints
+from handpose.fit.joints.fit_joints import AbsoluteFit, fit_joints
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError, reason_of
 from netlib.files import atomic, hdf5, make_folder, opened
 from netlib.files.paths import exists
 
+DESCRIPTION = "dof: inputs of the hand model, radians, and half-cubes from center (mm, camera axes, y up)"
+STARTS = 4  # of a fit
 VERSION = 3  # increase after a change of the code that changes the angles
+
+
+def write_fit(path: Path, found: AbsoluteFit, half_cube: Array, index: NDArray[np.int_]) -> None:
+    """Write angles and residuals to an HDF5 file atomically.
+
+    half_cube  (N,) mm
+    index      (N,) numbers of the frames
+    """
+    make_folder(path.parent)
+    with hdf5.created(path) as file:
+        file["dof"], file["residual_mm"] = found.inputs, found.residuals_mm
+        file["index"], file["center"], file["half_cube"] = index, found.center, half_cube
+        file.attrs["description"] = DESCRIPTION
 
 
 def companions_of(files: Sequence[Path], out: Path) -> list[Path]:
@@ -82,7 +98,7 @@ def _refuse_others(files: Sequence[Path], targets: Sequence[Path], names: Path) 
 
 
 def fit_file(
-    path: Path, target: Path, skeleton: Skeleton, *, limits: bool = True, ridge: float = 0.0, starts: int = 4,
+    path: Path, target: Path, skeleton: Skeleton, *, limits: bool = True, ridge: float = 0.0,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Array:
     """Fit the frames of one file and write its companion atomically; returns the residuals (n, K) in mm.
@@ -93,7 +109,7 @@ def fit_file(
     with opened(path, "the joints") as stream:
         stat = os.fstat(stream.fileno())
     recipe = json.dumps(
-        {"version": VERSION, "skeleton": hand, "limits": limits, "ridge": ridge, "starts": starts,
+        {"version": VERSION, "skeleton": hand, "limits": limits, "ridge": ridge, "starts": STARTS,
          "source": path.name, "size": stat.st_size, "changed": stat.st_mtime_ns},
         sort_keys=True,
     )
@@ -105,7 +121,7 @@ def fit_file(
     found_labels = labels.read(path, [len(skeleton.parents)])
     joints = np.where(found_labels.seen[..., None], found_labels.joints, np.nan)
     try:
-        found = fit_joints(skeleton, joints, limits=limits, ridge=ridge, starts=starts, progress=progress)
+        found = fit_joints(skeleton, joints, limits=limits, ridge=ridge, starts=STARTS, progress=progress)
     except DataError as error:
         raise DataError(f"{path}: {error}") from None
     residuals = found.residuals * found_labels.half_cube[:, None]

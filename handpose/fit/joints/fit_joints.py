@@ -19,6 +19,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -52,6 +53,19 @@ class JointFit:
 
     inputs: Array
     residuals: Array
+
+
+class AbsoluteFit(NamedTuple):
+    """The best pose of every frame, to joints at absolute positions.
+
+    inputs        (N, D) of the model; lengths in half-cubes from the centre
+    residuals_mm  (N, K) distances between the joints of the model and the given ones
+    center        (N, 3) mm, camera axes: the mean of the joints, because there is no crop
+    """
+
+    inputs: Array
+    residuals_mm: Array
+    center: Array
 
 
 class PoseProblem:
@@ -140,6 +154,20 @@ def fit_joints(
 
     for_each(blocks(len(goal), CHUNK), job)
     return problem.result(inputs, goal, limits)
+
+
+def fit_absolute(
+    skeleton: Skeleton, xyz: Array, half_cube: Array, joints: Sequence[int], *,
+    fit: Callable[..., JointFit] = fit_joints, **options: Any,
+) -> AbsoluteFit:
+    """Fit the hand to joints (N, K, 3) in mm, whose unit of the skeleton is ``half_cube`` (N,) mm. Raises DataError.
+
+    joints   indices of the K joints in the skeleton
+    fit      ``fit_joints`` or ``fit_joints_by_swarm``, with its options
+    """
+    center = xyz.mean(axis=1, keepdims=True)
+    found = fit(skeleton, (xyz - center) / half_cube[:, None, None], joints, **options)
+    return AbsoluteFit(found.inputs, found.residuals * half_cube[:, None], center[:, 0])
 
 
 def _best(
