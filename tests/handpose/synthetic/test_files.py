@@ -88,9 +88,6 @@ def test_generate_cuts_anywhere(generator: Generator, frames: Frames) -> None:
     assert not list(generate(0, generator))
 
 
-ROOT = Path(__file__).resolve().parents[3]
-
-
 @pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="waiting for a process that is not a child needs pidfd_open")
 def test_workers_do_not_outlive_their_parent(tmp_path: Path) -> None:
     script = tmp_path / "parent.py"
@@ -102,13 +99,9 @@ def test_workers_do_not_outlive_their_parent(tmp_path: Path) -> None:
         "        print(pool.submit(os.getpid).result(), flush=True)\n"
         "        sys.stdin.read()\n"
     )
-    parent = subprocess.Popen(
-        [sys.executable, str(script)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
-    with parent:
+    own = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[3])}
+    command = [sys.executable, str(script)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=own) as parent:
         assert parent.stdout is not None
         worker = os.pidfd_open(int(parent.stdout.readline()))
         try:

@@ -14,7 +14,6 @@ from handpose.synthetic import prior_file
 from handpose.synthetic.generator import BLOCK, Generator
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.recipes import check_in_view, recipe, recipe_of
-from layers.hand.skeleton import NYU_HAND
 from netlib.errors import NetlibError, PrototxtError
 from tests.support.bad_input import bad_inputs
 
@@ -190,8 +189,3 @@ def test_a_body_beside_the_crops(tail: Path, old: str, new: str) -> None:
     tail.write_text(PRIOR.replace(old, new))
     with pytest.raises(NetlibError, match=r"of the joints lie outside the crops.*expected lengths in half-cubes"):
         check_in_view(recipe_of(tail), 0)
-
-
-def test_packaged_bodies_are_in_view() -> None:
-    for name in ("person", "arm"):
-        check_in_view(recipe_of(NYU_HAND.parents[1] / "body" / f"{name}_prior.prototxt"), 0)
