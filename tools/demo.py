@@ -89,7 +89,7 @@ def measurable_scenes(seed_number: int) -> Iterator[tuple[Array, Array]]:
     """Depth frames (mm) and their true joints (31, 3), without those that the camera is too near to measure."""
     rng = np.random.default_rng(seed_number)
     for n in itertools.count():
-        [depth], _, [joints], _ = draw_scenes(rng, 1, first=n)
+        [depth], [joints] = draw_scenes(rng, 1, first=n)
         if not NYU.is_too_near(depth).any():
             yield depth, joints
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from handpose.body.render import Capsules, Floats, in_front, render
 from handpose.estimate.finder import FOCAL_PX
 from handpose.synthetic import prior_file
-from handpose.synthetic.generator import Split, check_source, numbers_of
+from handpose.synthetic.generator import Split, numbers_of
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.sensor import measure_frame
 from handpose.synthetic.surface_prior import SurfacePrior, draw_capsules
@@ -147,10 +147,9 @@ class View(NamedTuple):
 
 
 class SceneGenerator:
-    """Draws scenes for a seed and a split, block by block. Raises DataError for an unknown split or a wrong seed."""
+    """Draws scenes for a seed and a split, block by block."""
 
     def __init__(self, seed: int = 0, split: Split = "train") -> None:
-        check_source(seed, split)
         self.seed, self.split = seed, split
         self.sampler = BodySampler(prior_file.load(prior_file.PEOPLE_PRIOR))
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -20,9 +18,7 @@ from handpose.frames.crops import crop_pixels, restore_joints, window
 from handpose.synthetic import prior_file, recipes
 from handpose.synthetic.generator import BLOCK, VERSION, Generator, Recipe, View
 from handpose.synthetic.prior_file import NormalParameter, RangeParameter
-from netlib.errors import DataError
 from netlib.files.paths import ROOT
-from tests.support.bad_input import bad_inputs
 
 
 def test_arrays(generator: Generator, frames: Frames) -> None:
@@ -132,16 +128,3 @@ def test_crops_look_like_real_ones(generator: Generator) -> None:
 def test_the_present_version_is_documented() -> None:
     rows = [line for line in (ROOT / "docs" / "experiments.md").read_text().splitlines() if "present version" in line]
     assert len(rows) == 1 and rows[0].startswith(f"| {VERSION} |")
-
-
-SEED, SPLIT = "expected 0 to 4294967295", "expected one of train, test"
-
-
-@bad_inputs(DataError, {
-    "seed": (lambda: Generator(-1), f"seed -1, {SEED}"),
-    "seed of the other split": (lambda: Generator(1 << 32), f"seed 4294967296, {SEED}"),
-    "split": (lambda: Generator(0, "tset"), f"split 'tset', {SPLIT}"),  # type: ignore[arg-type]
-})
-def test_mistakes(given: Callable[[], object], rejected: Any) -> None:
-    with rejected:
-        given()
