@@ -96,3 +96,9 @@ def test_what_cannot_be_done(frames: Path, argv: list[str], what: str) -> None:
     before = sorted(Path().rglob("*"))
     assert run_tool("record", *argv, status=1).err.startswith(what)
     assert sorted(Path().rglob("*")) == before
+
+
+@pytest.mark.parametrize("name", ["a/b/c", "a/b/c.npz"])
+def test_folders_on_the_way_are_made(frames: Path, name: str) -> None:
+    run_tool("record", "frames", *CAMERA, "--out", name)
+    assert Path(name).exists()

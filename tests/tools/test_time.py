@@ -10,11 +10,8 @@ from tests.support.running import run_tool
 
 
 def test_lines_are_caffes(work):
-    """Every layer is timed forwards and backwards, with the averages of whole passes."""
+    """The averages are those of whole passes; test_caffe.py compares the lines."""
     out = run_tool("time", "net.prototxt", "--iterations", "3").out
-    for name in ("convL1", "poolL1", "FC1", "HandModel"):
-        assert re.search(rf"^ *{name}\tforward: [\d.e-]+ ms\.$", out, re.MULTILINE)
-        assert re.search(rf"^ *{name}\tbackward: [\d.e-]+ ms\.$", out, re.MULTILINE)
     ms = {what: float(number) for what, number in re.findall(r"^(.+): ([\d.e-]+) ms\.$", out, re.MULTILINE)}
     mean = ms["Average Forward-Backward"]
     assert ms["Average Forward pass"] + ms["Average Backward pass"] == pytest.approx(mean, rel=1e-4)
