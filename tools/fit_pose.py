@@ -40,7 +40,7 @@ from handpose.scoring.published_predictions import FORMATS, is_list, read_joints
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
 from netlib.errors import DataError, NetlibError, reason_of
-from netlib.files.hdf5 import read_list
+from netlib.files.hdf5 import File, read_list
 from tools.common import outputs
 from tools.common.arguments import count, parser_of, real, reject_given
 from tools.common.console import DONE, duration, guarded, say
@@ -121,12 +121,9 @@ def _fit_list(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
     name = Path(args.joints).name
     outputs.refuse_inputs(Path(args.out) / name, [args.joints])
     files = read_list(args.joints, None)
-
-    def on_file_done(number: int, target: Path, residuals: Any) -> None:
-        say(f"{number} of {len(files)}: {target}, {np.nanmean(residuals):.3f} mm", file=sys.stderr)
-
-    return fit_list(files, Path(args.out), name, skeleton, on_done=on_file_done,
-                    limits=not args.no_limits, ridge=args.ridge)
+    with ProgressBar(sum(File(file, ("joint",)).rows for file in files)) as progress:
+        return fit_list(files, Path(args.out), name, skeleton, progress=progress,
+                        limits=not args.no_limits, ridge=args.ridge)
 
 
 if __name__ == "__main__":

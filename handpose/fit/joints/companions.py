@@ -63,22 +63,19 @@ def companions_of(files: Sequence[Path], out: Path) -> list[Path]:
 
 
 def fit_list(
-    files: Sequence[Path], out: Path, name: str, skeleton: Skeleton, *,
-    on_done: Callable[[int, Path, Array], object] = lambda number, target, residuals: None, **options: Any,
+    files: Sequence[Path], out: Path, name: str, skeleton: Skeleton, **options: Any
 ) -> tuple[Array, Array]:
     """Write the companions of all files to a folder, with a list of this name. Raises DataError.
 
-    Returns the inputs (N, D) of all frames and the residuals (N, K) in mm. ``on_done`` is called for each complete
-    companion with its number from 1 on, its file and its residuals; ``options`` are those of ``fit_file``. Only
-    companions of the same files are replaced.
+    Returns the inputs (N, D) of all frames and the residuals (N, K) in mm. ``options`` are those of
+    ``fit_file``. Only companions of the same files are replaced.
     """
     targets = companions_of(files, out)
     _refuse_others(files, targets, out / name)
     residuals, inputs = [], []
-    for number, (path, target) in enumerate(zip(files, targets), 1):
+    for path, target in zip(files, targets):
         residuals.append(fit_file(path, target, skeleton, **options))
         inputs.append(hdf5.File(target, ("dof",)).datasets[0].numbers())
-        on_done(number, target, residuals[-1])
     atomic.replace_text(out / name, parts.list_text(targets))
     return np.concatenate(inputs), np.concatenate(residuals)
 

@@ -141,8 +141,6 @@ def fit_joints(
     progress  called by any thread with the number of further frames that are done
     """
     goal, chosen = checked(skeleton, targets, joints)
-    if starts < 1 or not ridge >= 0:
-        raise DataError(f"{starts} starts with ridge {ridge:g}, expected 1 or more, ridge 0 or more")
     problem = PoseProblem(skeleton, chosen, limits, ridge)
     grids = [RotationGrid(problem, limbs) for limbs in _limb_poses(problem, 1 + (starts - 1) // 2, seed)]
     inputs = np.zeros((len(goal), len(skeleton.initial)))
@@ -213,8 +211,6 @@ def checked(skeleton: Skeleton, targets: ArrayLike, joints: Sequence[int] | None
     empty = np.isnan(goal).all(axis=(1, 2))
     if empty.any():
         raise DataError(f"frame {int(empty.argmax())} has no known joint ({np.count_nonzero(empty)} such frames)")
-    if not all(0 <= j < len(skeleton.parents) for j in chosen) or len(set(chosen)) < len(chosen) or not chosen:
-        raise DataError(f"joints {chosen}, expected different numbers from 0 to {len(skeleton.parents) - 1}")
     return goal, chosen
 
 
