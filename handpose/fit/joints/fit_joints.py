@@ -84,7 +84,6 @@ class PoseProblem:
         self.kinematics = kinematics_of(skeleton)
         self.free = np.unique(skeleton.driven)
         self.sums = (skeleton.driven[:, None] == self.free).astype(float)  # (Q, F): motions of one DoF are added
-        self.one_each = np.array_equal(skeleton.driven, self.free)
         self.lower = np.where(limits, skeleton.lower, -np.inf)[self.free]
         self.upper = np.where(limits, skeleton.upper, np.inf)[self.free]
         roots = np.flatnonzero(skeleton.parents < 0)
@@ -99,7 +98,7 @@ class PoseProblem:
         pose = self.kinematics.forward(inputs)
         r = (pose.joints[:, self.joints] - goal).reshape(len(goal), -1)
         J = self.kinematics.jacobian(pose, self.joints)
-        J = np.ascontiguousarray(J) if self.one_each else self.sums.T @ J
+        J = self.sums.T @ J
         unknown = np.isnan(r)
         if unknown.any():
             r[unknown] = 0
@@ -220,9 +219,7 @@ class RotationGrid:
     def __init__(self, problem: PoseProblem, limbs: Array) -> None:
         self.problem, sk = problem, problem.skeleton
         grid = np.arange(-np.pi, np.pi - 1e-9, GRID_STEP)
-        tried = problem.root_turns[:3]  # the grid of more rotations would be too large; the descent finds them
-        angles = np.zeros((len(grid) ** len(tried), len(problem.root_turns)))
-        angles[:, : len(tried)] = list(itertools.product(grid, repeat=len(tried)))
+        angles = np.array(list(itertools.product(grid, repeat=len(problem.root_turns))))
         if len(problem.root_turns) == 3:  # the second angle needs half a turn only: see angles.py
             angles = angles[np.abs(angles[:, 1]) <= np.pi / 2 + 1e-9]
         self.inputs = np.tile(limbs, (len(angles), 1))
