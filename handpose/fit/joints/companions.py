@@ -62,22 +62,20 @@ def companions_of(files: Sequence[Path], out: Path) -> list[Path]:
     return targets
 
 
-def fit_list(
-    files: Sequence[Path], out: Path, name: str, skeleton: Skeleton, **options: Any
-) -> tuple[Array, Array]:
+def fit_list(files: Sequence[Path], out: Path, name: str, skeleton: Skeleton, **options: Any) -> tuple[Array, Array]:
     """Write the companions of all files to a folder, with a list of this name. Raises DataError.
 
-    Returns the inputs (N, D) of all frames and the residuals (N, K) in mm. ``options`` are those of
-    ``fit_file``. Only companions of the same files are replaced.
+    Returns the inputs (N, D) of all frames and the residuals (N, K) in mm. ``options`` are those of ``fit_file``. Only
+    companions of the same files are replaced.
     """
     targets = companions_of(files, out)
     _refuse_others(files, targets, out / name)
-    residuals, inputs = [], []
     for path, target in zip(files, targets):
-        residuals.append(fit_file(path, target, skeleton, **options))
-        inputs.append(hdf5.File(target, ("dof",)).datasets[0].numbers())
+        fit_file(path, target, skeleton, **options)
     atomic.replace_text(out / name, parts.list_text(targets))
-    return np.concatenate(inputs), np.concatenate(residuals)
+    fits = [[dataset.numbers() for dataset in hdf5.File(path, ("dof", "residual_mm")).datasets] for path in targets]
+    inputs, residuals = map(np.concatenate, zip(*fits))
+    return inputs, residuals
 
 
 def _refuse_others(files: Sequence[Path], targets: Sequence[Path], names: Path) -> None:
@@ -97,10 +95,10 @@ def _refuse_others(files: Sequence[Path], targets: Sequence[Path], names: Path) 
 def fit_file(
     path: Path, target: Path, skeleton: Skeleton, *, limits: bool = True, ridge: float = 0.0,
     progress: Callable[[int], None] = lambda done: None,
-) -> Array:
-    """Fit the frames of one file and write its companion atomically; returns the residuals (n, K) in mm.
+) -> None:
+    """Fit the frames of one file and write its companion atomically. Raises DataError.
 
-    An existing companion of the same file and options is kept. Raises DataError.
+    An existing companion of the same file and options is kept.
     """
     hand = sha256(repr(skeleton.param).encode()).hexdigest()
     with opened(path, "the joints") as stream:
@@ -112,24 +110,20 @@ def fit_file(
     )
     kept = parts.attributes(target)
     if kept is not None and kept.get("recipe") == recipe:
-        residuals = hdf5.File(target, ("residual_mm",)).datasets[0].numbers()
-        progress(len(residuals))
-        return np.asarray(residuals)
+        progress(hdf5.File(target, ("dof",)).rows)
+        return
     found_labels = labels.read(path, [len(skeleton.parents)])
     joints = np.where(found_labels.seen[..., None], found_labels.joints, np.nan)
     try:
         found = fit_joints(skeleton, joints, limits=limits, ridge=ridge, starts=STARTS, progress=progress)
     except DataError as error:
         raise DataError(f"{path}: {error}") from None
-    residuals = found.residuals * found_labels.half_cube[:, None]
-
     rest = os.path.relpath(os.path.realpath(path), os.path.realpath(target.parent))
     try:
         make_folder(target.parent)
         with hdf5.created(target) as file:
             file["dof"] = found.inputs.astype(np.float32)
-            file["residual_mm"] = residuals.astype(np.float32)
+            file["residual_mm"] = (found.residuals * found_labels.half_cube[:, None]).astype(np.float32)
             file.attrs.update(recipe=recipe, made_from=found_labels.made_from, rest_in=rest)
     except OSError as error:
         raise DataError(f"{target}: {reason_of(error)}") from None
-    return np.asarray(residuals)
