@@ -165,14 +165,14 @@ def other_scenes(number: int, scenes: int) -> Iterator[Labelled]:
     rng = np.random.default_rng(number)
     for n in range(scenes):
         camera = MADE[n % len(MADE)]
-        drawn = draw_scenes(rng, 1, camera, sensor_of(camera), prior_of(RangeParameter(400.0, 1200.0)), first=n // 2)
-        depth, place = drawn.depth[0], drawn.joints[0].mean(0)
+        [depth], [joints] = draw_scenes(rng, 1, camera, sensor_of(camera), prior_of(RangeParameter(400.0, 1200.0)),
+                                        first=n // 2)
         if n % 2:
             mirrored = Camera(camera.name, camera.fx, camera.fy, camera.width - 1 - camera.u0, camera.v0, camera.width,
                               camera.height)
-            yield Labelled(depth[:, ::-1], mirrored, [(place * (-1, 1, 1), "left")])
+            yield Labelled(depth[:, ::-1], mirrored, [(joints.mean(0) * (-1, 1, 1), "left")])
         else:
-            yield Labelled(depth, camera, [(place, "right")])
+            yield Labelled(depth, camera, [(joints.mean(0), "right")])
 
 
 def labels_of(words: Sequence[str]) -> dict[Side, Path]:

@@ -20,7 +20,7 @@ from netlib.proto import prototxt, schema, wire
 from netlib.proto.messages import NetParameter
 from netlib.proto.upgrade import upgraded
 from tests.support.nets import inputs
-from tools.plot_log import read_log
+from tools.plot_log import LOSS, read_log
 
 SIZE = 40  # of the smaller input
 INPUT = inputs(x=(1, 1, 4, 4))
@@ -163,7 +163,7 @@ def test_a_long_line_of_a_log(tmp_path: Path, line: str) -> None:
     """A long line that is not one of a log is skipped quickly."""
     path = tmp_path / "train.log"
     path.write_text("Iteration " + line * 50_000 + "\nIteration 7 (2 iter/s, 1s/2 iters), loss = 0.5\n")
-    assert read_log(path).loss == [(7, 0.5)]
+    assert read_log(path) == {LOSS: [(7, 0.5)]}
 
 
 def test_the_depth_of_a_skeleton_says_who_carries_whom() -> None:

@@ -32,7 +32,6 @@ from netlib.proto import schema
 from netlib.training import report, solver_parameter
 from tools.common import training
 from tools.common.arguments import MAX_COUNT, caffes_flags, count, parser_of, whole
-from tools.common.caffe_log import BarHandler
 from tools.common.console import DONE, guarded
 from tools.common.costs import mean_scores, report_time
 from tools.common.ranks import only_first_prints, world
@@ -56,7 +55,8 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--phase", choices=("TRAIN", "TEST"), default="TRAIN", help="time (default: %(default)s)")
     parser.add_argument("--level", type=whole(-MAX_COUNT, MAX_COUNT), default=0, metavar="N",
                         help="level of the net (default: %(default)s)")
-    parser.add_argument("--stage", default="", metavar="A,B", help="stages of the net, separated by commas")
+    parser.add_argument("--stage", type=lambda text: tuple(filter(None, text.split(","))), default=(), metavar="A,B",
+                        help="stages of the net, separated by commas")
     parser.add_argument("--sigint_effect", choices=EFFECTS, default="stop", help="train (default: %(default)s)")
     parser.add_argument("--sighup_effect", choices=EFFECTS, default="snapshot", help="train (default: %(default)s)")
     parser.add_argument("--gpu", metavar="ID", help="accepted; this runs on the CPU")
@@ -91,24 +91,16 @@ def run(args: argparse.Namespace) -> int:
     return DONE if ranks.rank else status
 
 
-def stages(args: argparse.Namespace) -> tuple[str, ...]:
-    """Split the stages at commas."""
-    return tuple(filter(None, args.stage.split(",")))
-
-
-def train(args: argparse.Namespace, console: BarHandler, ranks: Ranks) -> int:
+def train(args: argparse.Namespace, console: training.BarHandler, ranks: Ranks) -> int:
     """Train; returns the exit status, which is 0 for every end that the user requests, as in Caffe."""
     state = solver_parameter.read(args.solver).train_state
-    state = schema.changed(state, level=args.level, stage=(*state.stage, *stages(args)))
+    state = schema.changed(state, level=args.level, stage=(*state.stage, *args.stage))
     weights = [args.weights] if args.weights else []
     solver = training.new_solver(args.solver, args.snapshot, weights, ranks=ranks, train_state=state)
     log.info("Solver scaffolding done.")
     if args.snapshot:
         log.info("Resuming from %s", args.snapshot)
         solver.restore(args.snapshot)
-        if solver.iter >= solver.param.max_iter:
-            log.warning("The snapshot is at iteration %d, and max_iter is %d: nothing is left to train", solver.iter,
-                        solver.param.max_iter)
     log.info("Starting Optimization")
     status = training.solve(solver, console, None, args.sigint_effect, args.sighup_effect)
     if status == 128 + signal.SIGTERM:
@@ -120,7 +112,7 @@ def train(args: argparse.Namespace, console: BarHandler, ranks: Ranks) -> int:
 def examine(args: argparse.Namespace) -> None:
     """Test or time a net."""
     phase = netlib.TRAIN if args.command == "time" and args.phase == "TRAIN" else netlib.TEST
-    net = Net(args.model, phase, level=args.level, stages=stages(args))
+    net = Net(args.model, phase, level=args.level, stages=args.stage)
     if args.command == "time":
         report_time(net, args.iterations, lambda *cells: log.info("\t".join(["%s"] * len(cells)), *cells))
         return

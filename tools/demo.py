@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import os
 import shlex
 import sys
 import time
@@ -37,7 +36,7 @@ from handpose.scoring.metrics import mean_errors_14
 from handpose.synthetic.scenes import draw_scenes
 from netlib.blob import Array
 from netlib.files import atomic
-from netlib.files.paths import command, is_subcommand
+from netlib.files.paths import command
 from tools.common import findings, outputs
 from tools.common.arguments import count, parser_of, seed
 from tools.common.console import DONE, guarded, say
@@ -52,8 +51,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--out", metavar="DIR", type=Path, default=Path("demo"), help="default: demo")
     parser.add_argument("--frames", type=count, default=6, metavar="N", help="default: %(default)s")
     parser.add_argument("--seed", type=seed, default=0, metavar="N", help="random seed (default: %(default)s)")
-    args = parser.parse_args(argv)
-    return guarded(run, args)
+    return guarded(run, parser.parse_args(argv))
 
 
 def run(args: argparse.Namespace) -> int:
@@ -82,10 +80,8 @@ def run(args: argparse.Namespace) -> int:
     outputs.write_image(args.out / "hands.png", strokes.sheet(images, VIEWS * (1 if args.frames <= 2 else 2), titles))
     atomic.replace_text(args.out / "hands.json", document("demo", hands, frames, predictor.skeleton) + "\n")
     say(f"{args.frames} frames in {time.perf_counter() - begun:.1f} s: {args.out / 'hands.png'}")
-    predict = Path(__file__).resolve().with_name("predict.py")
-    program = command("predict").split() if is_subcommand() else [_from_here(sys.executable), _from_here(str(predict))]
     options = [str(args.out / "frame_0.png"), "--camera", "nyu", "--out", str(args.out)]
-    say(f"For your own camera: {shlex.join([*program, *options])}")
+    say(f"For your own camera: {command('predict')} {shlex.join(options)}")
     return DONE
 
 
@@ -93,14 +89,9 @@ def measurable_scenes(seed_number: int) -> Iterator[tuple[Array, Array]]:
     """Depth frames (mm) and their true joints (31, 3), without those that the camera is too near to measure."""
     rng = np.random.default_rng(seed_number)
     for n in itertools.count():
-        [depth], _, [joints], _ = draw_scenes(rng, 1, first=n)
+        [depth], [joints] = draw_scenes(rng, 1, first=n)
         if not NYU.is_too_near(depth).any():
             yield depth, joints
-
-
-def _from_here(path: str) -> str:
-    """Path relative to the working folder if the file is below it."""
-    return os.path.relpath(path) if Path(path).is_relative_to(Path.cwd()) else path
 
 
 if __name__ == "__main__":

@@ -39,8 +39,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--phase", choices=list(PHASES), default="ALL",
                         help="draw the layers of this phase (default: %(default)s)")
     parser.add_argument("--display_lrm", action="store_true", help="show the lr_mult of layers with weights")
-    args = parser.parse_args(argv)
-    return guarded(run, args)
+    return guarded(run, parser.parse_args(argv))
 
 
 def run(args: argparse.Namespace) -> int:

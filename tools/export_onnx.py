@@ -36,7 +36,7 @@ from netlib.net import Net
 from tools.common import outputs
 from tools.common.arguments import parser_of, pixels
 from tools.common.console import DONE, FAILED, guarded, say
-from tools.common.hand_arguments import cube
+from tools.common.sources import cube
 
 BATCHES = (1, 3)  # batch sizes of --check
 
@@ -54,8 +54,7 @@ def main(argv: list[str] | None = None) -> int:
                              f"(default for hands: {CUBE_MM:g})")
     parser.add_argument("--size", type=pixels, metavar="WxH", help="size of images; the net is reshaped to it")
     parser.add_argument("--check", action="store_true", help="compare with onnxruntime")
-    args = parser.parse_args(argv)
-    return guarded(run, args)
+    return guarded(run, parser.parse_args(argv))
 
 
 def run(args: argparse.Namespace) -> int:

@@ -35,13 +35,14 @@ from netlib.errors import DataError, NetlibError
 from netlib.files import atomic
 from netlib.files.paths import command, list_folder
 from netlib.net import Net
+from netlib.proto import schema
 from netlib.proto.binaryproto import write_blob
 from tools.common import training
 from tools.common.arguments import add_engine, count, natural, parser_of, positive_number, real
 from tools.common.console import DONE, guarded, say
 from tools.common.net_images import Preprocessing, add_value_options, image_input, mean_of, passes
 from tools.common.net_results import Confusion
-from tools.common.new_classes import NewClasses, text_of
+from tools.common.new_classes import NewClasses
 
 PICTURES = (".bmp", ".jpeg", ".jpg", ".png", ".pgm", ".ppm", ".tif", ".tiff", ".webp")
 EPOCHS, MIN_ITERATIONS = 20, 300
@@ -103,15 +104,16 @@ def run(args: argparse.Namespace) -> int:
     preprocessing = Preprocessing((width, height), resize, False, args.rgb, mean, args.scale)
     classes = pictures_of(args.pictures, color=channels == 3)
     nets = NewClasses(old, len(classes))
-    frozen = {"all": nets.frozen_by_default, "none": list[str]}.get(args.freeze, lambda: nets.up_to(args.freeze))()
+    frozen = [] if args.freeze == "none" else nets.frozen(None if args.freeze == "all" else args.freeze)
     train, test = split(classes, args.held_out, args.seed)
     if (args.out / "solver.prototxt").exists():
         raise NetlibError(f"{args.out}: has the result of an earlier run; expected another --out")
     args.out.mkdir(parents=True, exist_ok=True)
+    training_net = nets.training(_data(args, name, preprocessing, len(train), len(test)), frozen)
     for file, text in {
         "labels.txt": "\n".join(classes), "train.txt": _listed(train), "test.txt": _listed(test),
-        "train.prototxt": text_of(nets.training(_data(args, name, preprocessing, len(train), len(test)), frozen)),
-        "deploy.prototxt": text_of(nets.deploy()), "solver.prototxt": _solver(args, len(train), len(test)),
+        "train.prototxt": str(schema.to_tree(training_net)), "deploy.prototxt": str(schema.to_tree(nets.deploy())),
+        "solver.prototxt": _solver(args, len(train), len(test)),
     }.items():
         atomic.replace_text(args.out / file, text.rstrip("\n") + "\n")
     say(f"{len(classes)} classes, {len(train)} pictures to train on, {len(test)} held out; layer {nets.head!r} becomes "

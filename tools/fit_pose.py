@@ -32,16 +32,15 @@ import numpy as np
 from handpose import NYU
 from handpose.body import nyu
 from handpose.datasets.frames import spread
-from handpose.fit.joints.absolute_joints import fit_absolute, write_fit
-from handpose.fit.joints.companions import fit_list
-from handpose.fit.joints.fit_joints import fit_joints
+from handpose.fit.joints.companions import fit_list, write_fit
+from handpose.fit.joints.fit_joints import fit_absolute, fit_joints
 from handpose.fit.joints.particle_swarm import fit_joints_by_swarm
 from handpose.scoring import metrics
 from handpose.scoring.published_predictions import FORMATS, is_list, read_joints
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
 from netlib.errors import DataError, NetlibError, reason_of
-from netlib.files.hdf5 import read_list
+from netlib.files.hdf5 import File, read_list
 from tools.common import outputs
 from tools.common.arguments import count, parser_of, real, reject_given
 from tools.common.console import DONE, duration, guarded, say
@@ -93,19 +92,18 @@ def _fit_text(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
     if args.out:
         outputs.refuse_inputs(args.out, [args.joints, args.skeleton])
     xyz = read_joints(args.joints, len(chosen), args.format, NYU)
-    rows = np.arange(len(xyz))
-    if args.frames:
-        rows = spread(len(xyz), args.frames)
+    rows = spread(len(xyz), args.frames) if args.frames else np.arange(len(xyz))
+    half_cube = nyu.half_cubes(len(xyz))[rows]
     with ProgressBar(len(rows)) as progress:
         if args.swarm:
             how: dict[str, Any] = {"fit": fit_joints_by_swarm, "particles": args.particles,
                                    "generations": args.generations}
         else:
             how = {"fit": fit_joints, "limits": not args.no_limits, "ridge": args.ridge}
-        found = fit_absolute(skeleton, xyz[rows], nyu.half_cubes(len(xyz))[rows], chosen, progress=progress, **how)
+        found = fit_absolute(skeleton, xyz[rows], half_cube, chosen, progress=progress, **how)
     if args.out:
         try:
-            write_fit(Path(args.out), found, rows)
+            write_fit(Path(args.out), found, half_cube, rows)
         except OSError as error:
             raise NetlibError(f"{args.out}: {reason_of(error)}") from None
     if warning := nyu.one_size_for_all(len(xyz)):
@@ -123,12 +121,9 @@ def _fit_list(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
     name = Path(args.joints).name
     outputs.refuse_inputs(Path(args.out) / name, [args.joints])
     files = read_list(args.joints, None)
-
-    def on_file_done(number: int, target: Path, residuals: Any) -> None:
-        say(f"{number} of {len(files)}: {target}, {np.nanmean(residuals):.3f} mm", file=sys.stderr)
-
-    return fit_list(files, Path(args.out), name, skeleton, on_done=on_file_done,
-                    limits=not args.no_limits, ridge=args.ridge)
+    with ProgressBar(sum(File(file, ("joint",)).rows for file in files)) as progress:
+        return fit_list(files, Path(args.out), name, skeleton, progress=progress,
+                        limits=not args.no_limits, ridge=args.ridge)
 
 
 if __name__ == "__main__":

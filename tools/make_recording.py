@@ -22,9 +22,7 @@ have no correct answer for a tracker. The seed determines everything; noise is t
 from __future__ import annotations
 
 import argparse
-import contextlib
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -41,9 +39,8 @@ from netlib.errors import NetlibError
 from netlib.files import atomic, make_folder
 from tools.common.arguments import parser_of, seconds, seed
 from tools.common.console import DONE, guarded, say
-from tools.common.hand_arguments import camera
 from tools.common.progress import ProgressBar, StoppedError, Stopper
-from tools.common.sources import rate
+from tools.common.sources import camera, rate
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -82,9 +79,7 @@ def run(args: argparse.Namespace) -> int:
         with (
             Stopper() as stopper,
             JsonWriter(truth, recording.header) as track,
-            _discarded_by_errors(track),
             writer,
-            _discarded_by_errors(writer),
             ProgressBar(recording.count, what="recording") as progress,
         ):
             truth.unlink(missing_ok=True)  # never that of another recording
@@ -96,24 +91,13 @@ def run(args: argparse.Namespace) -> int:
     except StoppedError:
         say(f"stopped; {args.out} and {truth} have {writer.count} frames", file=sys.stderr)
         return 128 + stopper.signum
+    except BaseException:
+        if writer.count:
+            truth.unlink(missing_ok=True)  # the recording may lack its frames, or be an older one
+        raise
     say(f"wrote {args.out}: {writer.count} frames of {writer.count / recording.rate:.1f} s, "
         f"unit {recording.unit_mm:g} mm; ground truth in {truth}")
     return DONE
-
-
-@contextlib.contextmanager
-def _discarded_by_errors(output: RecordingWriter | JsonWriter) -> Iterator[None]:
-    """Context manager: discard the output after an error, but keep it if the block ends or a signal stops it.
-
-    A recording is useless without its ground truth, and misleading with that of another one.
-    """
-    try:
-        yield
-    except StoppedError:
-        raise
-    except BaseException:
-        output.discard()
-        raise
 
 
 if __name__ == "__main__":

@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
         say(f"{summary} exist already")
         return DONE
     begun = time.perf_counter()
-    status = fill_folder(out, "whole files are", data.missing_frames, lambda advance: data.write(args.workers, advance))
+    status = fill_folder(out, data.missing_frames, lambda advance: data.write(args.workers, advance))
     if status == DONE:
         say(f"{summary}; made {data.missing_frames} of them in {duration(time.perf_counter() - begun)}")
     return status

@@ -52,9 +52,8 @@ from handpose.frames.images import UnitError, read_crop, read_frame
 from handpose.frames.inspection import doubt_of
 from netlib.errors import DataError
 from netlib.files.paths import ROOT
-from tools.common import arguments, findings, hand_arguments, outputs
+from tools.common import arguments, findings, outputs, sources
 from tools.common.console import DONE, guarded, say
-from tools.common.sources import ABOUT_FRAMES, add_camera_options, frames_camera, print_warnings
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -70,27 +69,27 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--hand", choices=SOUGHT_SIDES, help="default: either, with --fit no right")
     parser.add_argument("--out", metavar="DIR", default=".", help="output folder (default: the working folder)")
     parser.add_argument("--html", metavar="FILE", help="write a page on which the hands can be rotated")
-    parser.add_argument("--cube", type=hand_arguments.cube, metavar="MM",
+    parser.add_argument("--cube", type=sources.cube, metavar="MM",
                         help=f"edge of the cube (default for hands: {CUBE_MM:g})")
-    add_camera_options(parser, "the images are full depth frames of this camera")
-    parser.add_argument("--center", type=hand_arguments.center, metavar="U,V[,D]", action="append",
+    sources.add_camera_options(parser, "the images are full depth frames of this camera")
+    parser.add_argument("--center", type=sources.center, metavar="U,V[,D]", action="append",
                         help="px, px, mm: centre of the hand, once for all frames or once per frame")
     parser.add_argument("--refine", type=arguments.whole(0, MAX_REFINE), default=3, metavar="N",
                         help="move the crop to the predicted palm N times (default: %(default)s)")
-    hand_arguments.add_min_confidence(parser)
+    sources.add_min_confidence(parser)
     arguments.add_engine(parser)
-    hand_arguments.add_joints_option(parser, "in the table and in --csv instead of NYU's, in --json in addition")
+    sources.add_joints_option(parser, "in the table and in --csv instead of NYU's, in --json in addition")
     parser.add_argument("--csv", metavar="FILE.csv", type=arguments.name_in(".csv"), help="write one row per image")
-    parser.add_argument("--json", metavar="FILE.json", type=arguments.name_in(".json", "-"),
-                        help="write JSON; without a name or with -, print it instead of a table")
-    args = parser.parse_args(arguments.with_dash(argv, "--json", ".json"))
+    parser.add_argument("--json", metavar="FILE.json|-", type=arguments.name_in(".json", "-"),
+                        help="write JSON; with - print it instead of a table")
+    args = parser.parse_args(argv)
     if args.model and not args.weights:
         parser.error("--model needs --weights")
     if args.fit == "no" and args.hand == "either":
         parser.error("--hand either needs a fit; use --hand right or left")
     if args.camera is None:
         arguments.reject_given(
-            parser, args, ["center", *ABOUT_FRAMES, "refine"], "applies only to full frames, with --camera"
+            parser, args, ["center", *sources.ABOUT_FRAMES, "refine"], "applies only to full frames, with --camera"
         )
     if args.center and len(args.center) not in (1, len(args.images)):
         parser.error(f"--center is given {len(args.center)} times for {len(args.images)} images; "
@@ -100,7 +99,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Predict the images."""
-    given, camera = (CameraInfo(), NYU) if args.camera is None else frames_camera(args)
+    given, camera = (CameraInfo(), NYU) if args.camera is None else sources.frames_camera(args)
     predictor = _predictor(args, camera)
     out = Path(args.out)
     outputs.make_folder(out)
@@ -116,7 +115,8 @@ def run(args: argparse.Namespace) -> int:
     for image, depth, middle, place in zip(args.images, depths, centers, places):
         found = _in_frame(predictor, depth, middle, image, given) if whole else predictor.in_crop(depth)
         if found.in_frame and predictor.is_hand:
-            print_warnings(image, depth, found.camera, given.unit_mm, 0.0 if found.fit is None else found.confidence)
+            confidence = 0.0 if found.fit is None else found.confidence
+            sources.print_warnings(image, depth, found.camera, given.unit_mm, confidence)
         hands.append((image, found))
         findings.draw(place, found, predictor)
         if args.json != "-":

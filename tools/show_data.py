@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -25,7 +24,7 @@ tools.begin(__name__)
 
 import numpy as np
 
-from handpose.datasets.frames import Example, examples_of
+from handpose.datasets.frames import examples_of
 from handpose.output.drawing import hands, strokes
 from layers.hand import skeleton as skeletons
 from netlib import files
@@ -35,8 +34,6 @@ from tools.common.arguments import count, name_in, parser_of
 from tools.common.console import DONE, guarded, say
 
 COLUMNS = 8
-MAX_PX = 65000  # per side, close to the limit of JPEG
-MAX_PIXELS = 1 << 28  # about 1 GB of memory
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -59,7 +56,6 @@ def run(args: argparse.Namespace) -> int:
     contents = [path for name in args.sets for path in Path(name).glob("*")]
     outputs.refuse_inputs(args.out, [args.skeleton, *read, *contents])
     columns = min(COLUMNS, max(map(len, sets)))
-    _check_size(sets, columns)
     images, titles = [], []
     for name, examples in zip(args.sets, sets):
         for number, (crop, joints, where) in enumerate(examples):
@@ -79,15 +75,6 @@ def run(args: argparse.Namespace) -> int:
     outputs.write_image(args.out, strokes.sheet(images, columns, titles, gap=4))
     say(f"wrote {args.out}", file=sys.stderr)
     return DONE
-
-
-def _check_size(sets: Sequence[Sequence[Example]], columns: int) -> None:
-    """Raise DataError if the figure would be too large."""
-    size = max(len(crop) for examples in sets for crop, *_ in examples)
-    width, height = columns * size, sum(-(-len(examples) // columns) for examples in sets) * size
-    if max(width, height) > MAX_PX or width * height > MAX_PIXELS:
-        raise DataError(f"{width} x {height} pixels; expected at most {MAX_PX} per side and {MAX_PIXELS / 1e6:.0f} "
-                        "million in total, so reduce --frames")
 
 
 if __name__ == "__main__":

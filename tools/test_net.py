@@ -35,8 +35,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--iterations", type=count, default=50, metavar="N",
                         help="number of batches; test_iter in a solver (default: %(default)s)")
     add_engine(parser)
-    args = parser.parse_args(argv)
-    return guarded(run, args)
+    return guarded(run, parser.parse_args(argv))
 
 
 def run(args: argparse.Namespace) -> int:

@@ -41,8 +41,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--phase", choices=tuple(PHASES), help="default: TRAIN, of deploy nets TEST")
     add_engine(parser, threads=True)
     parser.add_argument("--memory", action="store_true", help="report memory use instead")
-    args = parser.parse_args(argv)
-    return guarded(run, args)
+    return guarded(run, parser.parse_args(argv))
 
 
 def run(args: argparse.Namespace) -> int:

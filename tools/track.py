@@ -41,32 +41,34 @@ tools.begin(__name__)
 
 from handpose import Recording, Tracker, load_predictor
 from handpose.body.sides import SOUGHT_SIDES
+from handpose.estimate.hand import MIN_PRESENCE
+from handpose.fit.body import MAX_SIZE, MIN_SIZE
 from handpose.frames.inspection import Inspection, inspect
-from handpose.tracking import sizing
 from handpose.tracking.reporting import Ready, Reporting
 from handpose.tracking.summary import Summary
 from handpose.tracking.tracker import MAX_HANDS
 from netlib.errors import DataError
-from tools.common import findings, hand_arguments
-from tools.common.arguments import add_engine, count, parser_of, positive_number, seed, whole
+from tools.common import findings, sources
+from tools.common.arguments import add_engine, count, parser_of, real, seed, whole
 from tools.common.console import DONE, aligned, guarded, say
 from tools.common.progress import ProgressBar, StoppedError, Stopper
-from tools.common.sources import add_source_options, opened, print_inspection, print_new_remarks, total_of
 from tools.common.track_outputs import Outputs, add_output_options, is_drawn, refuse_inputs, settle_outputs
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__, nets=True)
-    add_source_options(parser)
+    sources.add_source_options(parser)
     add_output_options(parser)
     parser.add_argument("--fit", choices=("fast", "accurate"), default="fast", help="default: %(default)s")
     parser.add_argument("--hand", choices=SOUGHT_SIDES, default="either",
                         help="hands in the recording, if known (default: either, decided from the depth)")
     parser.add_argument("--hands", type=whole(1, MAX_HANDS), default=2, metavar="N", help="maximum number (default: 2)")
-    parser.add_argument("--size", type=_size, metavar="S", help="relative to the skeleton (default: estimated)")
-    hand_arguments.add_min_confidence(parser)
-    hand_arguments.add_min_presence(parser)
+    parser.add_argument("--size", type=real(MIN_SIZE, MAX_SIZE), metavar="S",
+                        help="relative to the skeleton (default: estimated)")
+    sources.add_min_confidence(parser)
+    parser.add_argument("--min-presence", type=real(0, 1), default=MIN_PRESENCE, metavar="P",
+                        help="ignore what is a hand with a lower probability, from 0 to 1 (default: %(default)s)")
     parser.add_argument("--seed", type=seed, default=0, metavar="N", help="of random starts (default: %(default)s)")
     parser.add_argument("--raw", action="store_true", help="do not smooth")
     parser.add_argument("--frames", type=count, metavar="N", help="maximum number of frames")
@@ -83,10 +85,10 @@ def main(argv: list[str] | None = None) -> int:
 def run(args: argparse.Namespace) -> int:
     """Track the recording."""
     talk = sys.stderr if args.json == "-" else sys.stdout
-    with opened(args) as recording:
+    with sources.opened(args) as recording:
         refuse_inputs(args, recording)
         seen = inspect(recording)
-        print_inspection(seen, talk)
+        sources.print_inspection(seen, talk)
         predictor = load_predictor(recording.camera, fit=args.fit, hand=args.hand, engine=args.engine,
                                    min_confidence=args.min_confidence, seed=args.seed)
         if args.look is not None:
@@ -95,14 +97,14 @@ def run(args: argparse.Namespace) -> int:
                           min_confidence=0, min_presence=args.min_presence)
         summary, begun = Summary(predictor.skeleton), time.perf_counter()
         outputs, status = Outputs(args, tracker.header(recording.name), recording.rate), DONE
-        reporting = Reporting(tracker.estimator.model, args.min_confidence, outputs.is_live or recording.live)
+        reporting = Reporting(tracker.estimator.model, args.min_confidence, recording.live or args.serve is not None)
         try:
             with Stopper() as stopper:
                 _track(recording, seen, tracker, reporting, outputs, summary, stopper, args.frames)
         except StoppedError:
             say(f"stopped after {summary.frames} frames" if summary.frames else "stopped", file=sys.stderr)
             status = 128 + stopper.signum
-        print_new_remarks(recording, seen)
+        sources.print_new_remarks(recording, seen)
         if summary.frames:
             seconds = time.perf_counter() - begun or 1e-3  # 0: a coarse clock
             _say_summary(summary, seconds, reporting.sure_hands.note, outputs, talk, seen.doubt)
@@ -124,7 +126,8 @@ def _track(
             outputs.write(depth, found)
             summary.add(found)
 
-    with outputs, ProgressBar(total_of(recording, frames), what="tracking") as progress:
+    total = min((count for count in (recording.count, frames) if count), default=0)
+    with outputs, ProgressBar(total, what="tracking") as progress:
         outputs.begin(recording, stopper.check)
         try:
             for frame in islice(seen.all_frames(recording), frames):
@@ -150,14 +153,6 @@ def _say_summary(summary: Summary, seconds: float, note: str, outputs: Outputs, 
         say(note, file=talk)
     for name in outputs.written:
         say(f"wrote {name}", file=talk)
-
-
-def _size(text: str) -> float:
-    """Parse a size of hands that the fit supports."""
-    try:
-        return sizing.checked(positive_number(text))
-    except DataError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 if __name__ == "__main__":

@@ -44,8 +44,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("old", metavar="IN", help="net, or with --solver a solver")
     parser.add_argument("new", metavar="OUT", help="file to write")
     parser.add_argument("--solver", action="store_true", help="IN is a solver in text format")
-    args = parser.parse_args(argv)
-    return guarded(run, args)
+    return guarded(run, parser.parse_args(argv))
 
 
 def run(args: argparse.Namespace) -> int:

@@ -82,10 +82,6 @@ class RecordingWriter:
         self._last = micro
         self.count += 1
 
-    def discard(self) -> None:
-        """Drop the frames that were written: after the block there is no recording, or an old .npz."""
-        self._writer.discard()
-
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
     ) -> None:
@@ -119,12 +115,6 @@ class _Folder:
         name = f"{round(time * MICRO):012d}us.png"
         atomic.replace(self._path / name, lambda fresh: fresh.write_bytes(content), sync=False)
         self._has_frames = True
-
-    def discard(self) -> None:
-        """Remove the frames so far, and the folder if it is new."""
-        if self._has_frames:
-            self._remove()
-        self._has_frames = False
 
     def close(self) -> None:
         """Sync the names to the disk; a new folder without frames is removed."""
@@ -164,10 +154,6 @@ class _Stack:
         with atomic.error_names(self._path):
             self._kept.write(values.astype("<u2").tobytes())
         self._times.append(time)
-
-    def discard(self) -> None:
-        """Drop the frames so far, without writing a file."""
-        self._times.clear()
 
     def close(self) -> None:
         """Make the file of all whole frames."""

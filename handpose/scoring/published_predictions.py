@@ -24,7 +24,7 @@ import numpy as np
 from handpose.body import nyu
 from handpose.datasets import icvl_files as icvl
 from handpose.fit.joints import angles
-from handpose.fit.joints.absolute_joints import fit_absolute
+from handpose.fit.joints.fit_joints import fit_absolute
 from handpose.frames.cameras import ICVL, NYU, Camera
 from handpose.scoring import metrics
 from layers.hand import skeleton as skeletons
@@ -175,7 +175,7 @@ def compare_angles(
         """Inputs (N, D), and the mean remaining distance (N,) of each frame's joints in mm."""
         with watch(len(joints), what=what) as progress:
             found = fit_absolute(skeleton, joints, half, nyu.EVALUATION_JOINTS, progress=progress, **options)
-        return found.inputs, found.residuals.mean(axis=1) * half
+        return found.inputs, found.residuals_mm.mean(axis=1)
 
     true_inputs, _ = fitted(truth, "annotation", ridge=RIDGE)
     results = {}

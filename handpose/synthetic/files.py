@@ -18,89 +18,36 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, TypeVar
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import NamedTuple
 
 from handpose.datasets import nyu_files, parts
+from handpose.datasets.frames import Frames
 from handpose.datasets.parts import Columns, Part
-from handpose.synthetic.generator import BLOCK, Split
-from netlib.blob import Array
+from handpose.synthetic.generator import BLOCK, Generator
 from netlib.errors import DataError
 from netlib.files import atomic
 
 _AHEAD = 16  # blocks drawn ahead of the consumer, 4 MB each
 
 
-class Rows(Protocol):
-    """Rows of a data set, as arrays by name."""
-
-    @property
-    def index(self) -> NDArray[np.int64]:
-        """(n,) number of each row in its split."""
-
-    def __len__(self) -> int: ...
-
-    def arrays(self) -> dict[str, Array]:
-        """All arrays, in the order of the files."""
-
-    def rows(self: R, rows: slice) -> R:
-        """Some of the rows."""
-
-
-R = TypeVar("R", bound=Rows)
-R_co = TypeVar("R_co", bound=Rows, covariant=True)
-
-
-class Source(Protocol[R_co]):
-    """Draws rows, block by block: as ``Generator`` does."""
-
-    description: str
-    seed: int
-    split: Split
-
-    def block(self, number: int) -> R_co:
-        """Rows ``number * BLOCK`` and following; the result depends on the number only."""
-
-    def columns(self) -> dict[str, Array]:
-        """Arrays without rows, of the shapes and types of the rows'."""
-
-    def made_from(self) -> dict[str, object]:
-        """Everything that the rows depend on, as JSON values."""
-
-
-def generate(count: int, generator: Source[R], workers: int | ProcessPoolExecutor = 1, start: int = 0) -> Iterator[R]:
+def generate(
+    count: int, generator: Generator, pool: ProcessPoolExecutor | None = None, start: int = 0
+) -> Iterator[Frames]:
     """Frames ``start`` to ``start + count`` of a generator, in pieces of at most ``BLOCK``. Raises DataError.
 
-    ``workers`` is a number of processes, or a pool made by ``processes`` for several calls. The frames and
-    their order do not depend on it. Processes are spawned, so a script with more than one needs the usual ``if __name__
-    == "__main__":``.
+    ``pool`` is made by ``processes``; the frames and their order do not depend on it. Processes are spawned, so a
+    script with a pool needs the usual ``if __name__ == "__main__":``.
     """
-    if count < 0 or start < 0:
-        raise DataError(f"{count} frames from number {start}, expected 0 or more of both")
     numbers = range(start // BLOCK, -(-(start + count) // BLOCK))
-    if workers == 1:
-        yield from (_part(generator.block(number), start, start + count) for number in numbers)
-    elif isinstance(workers, int):
-        with processes(workers) as pool:
-            yield from generate(count, generator, pool, start)
-    else:
-        for frames in _in_processes(generator, numbers, workers):
-            yield _part(frames, start, start + count)
+    blocks = map(generator.block, numbers) if pool is None else _in_processes(generator, numbers, pool)
+    for frames in blocks:
+        first = int(frames.index[0])
+        yield frames.rows(slice(max(start - first, 0), start + count - first))
 
 
-def _part(frames: R, start: int, stop: int) -> R:
-    """The frames with numbers from ``start`` to ``stop``."""
-    first = int(frames.index[0])
-    if start <= first and first + len(frames) <= stop:
-        return frames
-    return frames.rows(slice(max(start - first, 0), stop - first))
-
-
-def _in_processes(generator: Source[R], numbers: range, pool: ProcessPoolExecutor) -> Iterator[R]:
+def _in_processes(generator: Generator, numbers: range, pool: ProcessPoolExecutor) -> Iterator[Frames]:
     """``generator.block`` of every number in order, drawn a few blocks ahead of the consumer."""
-    ahead: collections.deque[Future[R]] = collections.deque()
+    ahead: collections.deque[Future[Frames]] = collections.deque()
     try:
         for number in numbers:
             with no_interrupt():
@@ -121,8 +68,6 @@ def _in_processes(generator: Source[R], numbers: range, pool: ProcessPoolExecuto
 @contextlib.contextmanager
 def processes(workers: int) -> Iterator[ProcessPoolExecutor]:
     """A pool whose processes end with their parent. Submit within ``no_interrupt``; otherwise Ctrl-C reaches them."""
-    if workers < 1:
-        raise DataError(f"{workers} worker processes, expected at least one")
     pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _start_worker)
     try:
         yield pool
@@ -164,11 +109,11 @@ class Piece(NamedTuple):
     """A part and its frames: those of a generator from number ``start`` on."""
 
     part: Part
-    generator: Source[Any]
+    generator: Generator
     start: int
 
 
-def pieces_of(generator: Source[Any], count: int, out: Path) -> list[Piece]:
+def pieces_of(generator: Generator, count: int, out: Path) -> list[Piece]:
     """The parts in the folder ``out`` for the first ``count`` frames of a generator."""
     pieces, made_from = [], generator.made_from()
     for i, start in enumerate(range(0, count, parts.FRAMES_PER_FILE)):
@@ -205,12 +150,10 @@ class DataSet:
     Raises DataError where data of another origin or kind would be replaced, and if the disk is full.
     """
 
-    def __init__(self, out: Path, sources: Sequence[tuple[Source[Any], int]], force: bool = False) -> None:
-        self._rows = [(count, generator.columns()) for generator, count in sources]
-        parts.check_space(out, self._rows)  # at once
+    def __init__(self, out: Path, sources: Sequence[tuple[Generator, int]], force: bool = False) -> None:
+        parts.check_space(out, [(count, generator.columns()) for generator, count in sources])
         pieces = {generator.split: pieces_of(generator, count, out) for generator, count in sources}
         every = [piece for some in pieces.values() for piece in some]
-        self.out = out
         self.lists = {out / f"{split}.txt": parts.list_text(p.part.path for p in pieces[split]) for split in pieces}
         parts.refuse_foreign([piece.part.path for piece in every], list(self.lists), [MADE_FROM], force)
         for piece in () if force else every:
@@ -234,7 +177,6 @@ class DataSet:
         advance  called with the number of further frames; its exceptions end the run and keep complete files only.
         """
         if self.missing:
-            parts.check_space(self.out, self._rows)
             for path in self.lists:
                 path.unlink(missing_ok=True)  # no list may name files of two kinds
             self._write_parts(workers, advance)
@@ -243,7 +185,7 @@ class DataSet:
 
     def _write_parts(self, workers: int, advance: Callable[[int], None]) -> None:
         with contextlib.ExitStack() as stack:
-            pool = stack.enter_context(processes(workers)) if workers > 1 else 1
+            pool = stack.enter_context(processes(workers)) if workers > 1 else None
 
             def rows(piece: Piece) -> Iterator[Columns]:
                 for frames in generate(piece.part.rows, piece.generator, pool, piece.start):

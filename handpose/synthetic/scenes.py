@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,47 +35,36 @@ def prior_of(depth: RangeParameter) -> PosePrior:
     return any_roll().but(depth=depth, lateral_x=NormalParameter(0.0, 0.12), lateral_y=NormalParameter(0.0, 0.08))
 
 
-class Scenes(NamedTuple):
-    """N images of one kind each."""
-
-    depth: Floats  # (N, height, width) mm, 0 where nothing was read
-    center: Array  # (N, 3) mm, where a crop of the hand has its centre
-    joints: Array  # (N, K, 3) mm, camera axes
-    kind: list[str]
-
-
 def draw_scenes(
     rng: np.random.Generator, count: int, camera: Camera = NYU, sensor: Sensor | None = KINECT,
     prior: PosePrior | None = None, first: int = 0,
-) -> Scenes:
-    """Images of the kinds of ``KINDS`` in turn from number ``first`` on, of right hands with poses from ``prior``.
+) -> tuple[Floats, Array]:
+    """Images (N, height, width) in mm, 0 where nothing was read, and the joints (N, K, 3) of their hands, camera axes.
 
-    The default is ``prior_of``.
+    They are of the kinds of ``KINDS`` in turn from number ``first`` on, and show right hands with poses from ``prior``,
+    by default ``prior_of``.
 
     forearm  comes from the camera's side: it is nearer than the hand
     body     the person's body behind the hand: upper arm, shoulders, trunk and head, in front of a wall
     clutter  a table below, bottles and balls next to the hand, some of them nearer than it
     """
     sampler = BodySampler(prior or prior_of(DEPTH))
-    images, centers, joints, kinds = [], [], [], []
+    images, joints = [], []
     for n in range(first, first + count):
-        kind = KINDS[n % len(KINDS)]
-        image, center, xyz, wall = _visible_scene(rng, sampler, camera, kind)
+        image, xyz, wall = _visible_scene(rng, sampler, camera, KINDS[n % len(KINDS)])
         if sensor is not None:
             image = sense(rng, image, np.array([wall]), sensor, camera)
         if rng.random() < 0.5:
             image[image >= wall] = 0  # the wall is out of range
         images.append(image[0])
-        centers.append(center)
         joints.append(xyz)
-        kinds.append(kind)
-    return Scenes(np.stack(images), np.stack(centers), np.stack(joints), kinds)
+    return np.stack(images), np.stack(joints)
 
 
 def _visible_scene(
     rng: np.random.Generator, sampler: BodySampler, camera: Camera, kind: str
-) -> tuple[Floats, Array, Array, float]:
-    """An image (1, height, width), centre and joints of its mostly visible hand, and the depth of the wall."""
+) -> tuple[Floats, Array, float]:
+    """An image (1, height, width), the joints of its mostly visible hand, and the depth of the wall."""
     own = ~sampler.surface.limbs
     while True:
         capsules, center, xyz = _hand(rng, sampler, camera, kind == "forearm")
@@ -93,7 +81,7 @@ def _visible_scene(
         u, v, _ = camera.project(xyz).T
         inside = ((u > 0) & (u < camera.width) & (v > 0) & (v < camera.height)).mean()
         if inside > MIN_INSIDE and (image >= hand)[np.isfinite(hand)].mean() > SEEN:
-            return image, center, xyz, wall
+            return image, xyz, wall
 
 
 def _hand(

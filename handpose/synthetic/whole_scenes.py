@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from handpose.body.render import Capsules, Floats, in_front, render
 from handpose.estimate.finder import FOCAL_PX
 from handpose.synthetic import prior_file
-from handpose.synthetic.frame_errors import measure
-from handpose.synthetic.generator import Split, check_source, numbers_of
+from handpose.synthetic.generator import Split, numbers_of
 from handpose.synthetic.pose_prior import BodySampler
+from handpose.synthetic.sensor import measure_frame
 from handpose.synthetic.surface_prior import SurfacePrior, draw_capsules
 from netlib.blob import Array
 
@@ -147,10 +147,9 @@ class View(NamedTuple):
 
 
 class SceneGenerator:
-    """Draws scenes for a seed and a split, block by block. Raises DataError for an unknown split or a wrong seed."""
+    """Draws scenes for a seed and a split, block by block."""
 
     def __init__(self, seed: int = 0, split: Split = "train") -> None:
-        check_source(seed, split)
         self.seed, self.split = seed, split
         self.sampler = BodySampler(prior_file.load(prior_file.PEOPLE_PRIOR))
 
@@ -161,7 +160,7 @@ class SceneGenerator:
         """Scenes ``number * BLOCK`` and following, as a camera measures them."""
         rng = numbers_of(self.seed, self.split, number, STREAM)
         scenes, focal = draw_scenes(rng, self.sampler, BLOCK)
-        depth = np.stack([measure(rng, *scene) for scene in zip(scenes.depth, scenes.which > 0, focal)])
+        depth = np.stack([measure_frame(rng, *scene) for scene in zip(scenes.depth, scenes.which > 0, focal)])
         return _judged(scenes._replace(depth=depth))
 
 

@@ -72,11 +72,11 @@ CURVES = {
 @pytest.mark.parametrize("name", CURVES)
 def test_plot_log_reads_caffes_trainings(name: str) -> None:
     log = plot_log.read_log(FOLDER / "logs" / name)
-    ((_, test),) = log.test.items()
-    assert (len(log.loss), log.loss[0], log.loss[-1], len(test), test[0], test[-1]) == CURVES[name]
+    loss, test = (log.pop(plot_log.LOSS), *log.values())
+    assert (len(loss), loss[0], loss[-1], len(test), test[0], test[-1]) == CURVES[name]
     text = "\n".join(log_lines(name))
     said_losses = re.findall(r"Iteration (\d+)(?: \(.*\))?, loss = (\S+)", text)
-    assert log.loss == [(int(iteration), float(loss)) for iteration, loss in said_losses]
+    assert loss == [(int(iteration), float(loss)) for iteration, loss in said_losses]
 
 
 @pytest.mark.parametrize("name", ["test.log", "time.log"])

@@ -2,27 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 
-from experiments.table1 import (
-    NETWORKS,
-    PROTOTXT,
-    RECIPES,
-    angles_of,
-    derived_net,
-    layers_of,
-    scores,
-    set_limit,
-    solvers,
-    text_of,
-    write_components,
-)
+from experiments import table1
+from experiments.table1 import NETWORKS, PROTOTXT, RECIPES, derived_net, layers_of, scores, solvers, text_of
 from handpose.scoring.held_out import Predictions
 from handpose.synthetic.generator import Generator
 from layers.hand import skeleton
@@ -32,34 +19,25 @@ from netlib.proto import messages, prototxt, schema
 from netlib.proto.net_parameter import load_parameter
 from netlib.training import solver_parameter
 from netlib.updates import learning_rate
-from tests.support.hdf5_files import write_hdf5
 
 LISTS = {split: Path(f"/data/{split}.txt") for split in ("train", "test")}
-
-
-def features(model: Path) -> list[str]:
-    """The layers from the depth to FC2, as text."""
-    layers = [str(layer) for layer in layers_of(prototxt.parse_file(model))]
-    names = [re.search('name: "(.*)"', layer)[1] for layer in layers]  # type: ignore[index]
-    return layers[names.index("convL1") : names.index("DropoutFC2") + 1]
-
-
-def test_the_networks_differ_after_the_features_only() -> None:
-    """The layers up to the last hidden one equal the paper's, character by character."""
-    one, *others = (features(PROTOTXT / file) for file in NETWORKS.values())
-    assert len(one) == 14 and all(other == one for other in others)
 
 
 @pytest.mark.parametrize("recipe", RECIPES)
 @pytest.mark.parametrize("network", NETWORKS)
 def test_every_net_is_one(network: str, recipe: str) -> None:
-    """A printed net parses to the same text and has the data, layers and losses of its recipe."""
+    """A printed net parses to the same text and has the data and losses of its recipe; up to the last hidden layer it
+    equals ours, character by character.
+    """
     printed = str(derived_net(network, RECIPES[recipe], LISTS))
     param = load_parameter(prototxt.parse(printed))
     sources = [str(layer.blocks["hdf5_data_param"].values("source")[0]) for layer in param.layer[:2]]
     assert sources == ['"/data/train.txt"', '"/data/test.txt"'] and str(prototxt.parse(printed)) == printed
     kinds = [layer.type for layer in param.layer]
     assert ("Dropout" in kinds, "SmoothL1Loss" in kinds) == ((False, True) if recipe == "adam" else (True, False))
+    own, ours = (text[text.index('name: "convL1"') : text.index('name: "ReLUFC2"')]
+                 for text in (printed, str(derived_net("ours", RECIPES[recipe], LISTS))))
+    assert own == ours
 
 
 def test_by_the_papers_recipe_a_net_is_its_file_with_other_data() -> None:
@@ -78,11 +56,11 @@ def test_our_recipes_net_is_that_for_synthetic_hands() -> None:
 
 def test_the_weight_of_physlimit() -> None:
     net = derived_net("ours", RECIPES["paper"], LISTS)
-    set_limit(net, 10.0, "L2")
+    table1.set_limit(net, 10.0, "L2")
     *_, limit = layers_of(net)
     assert (text_of(limit, "type"), text_of(limit, "loss_weight")) == ("PhysLimit", "10.0") and "L2" in str(limit)
     with pytest.raises(NetlibError, match="no PhysLimit"):
-        set_limit(derived_net("direct_joint", RECIPES["paper"], LISTS), 10.0, "L2")
+        table1.set_limit(derived_net("direct_joint", RECIPES["paper"], LISTS), 10.0, "L2")
 
 
 def test_the_papers_solver() -> None:
@@ -105,21 +83,6 @@ def test_our_recipe_falls_in_a_straight_line() -> None:
     assert [learning_rate(end, i) for i in (14000, 17000, 20000)] == pytest.approx([0.002, 0.001, 0])
 
 
-def test_thirty_components_are_nearly_all_of_a_hand(tmp_path: Path) -> None:
-    """For 64 hands of all sizes, 30 components lose less than 2.5 mm per joint; the components have unit variance."""
-    joints = Generator(0).block(0).joint.astype(np.float64)
-    for n, some in enumerate(np.array_split(joints, 2)):
-        write_hdf5(tmp_path / f"{n}.h5", joint=some)
-    write_components(tmp_path / "components.caffemodel.h5", [tmp_path / "0.h5", tmp_path / "1.h5"])
-    with h5py.File(tmp_path / "components.caffemodel.h5") as file:
-        basis, mean = file["data/joints/0"][...].astype(np.float64), file["data/joints/1"][...]
-    assert basis.shape == (93, 30) and mean == pytest.approx(joints.mean(axis=0), abs=1e-6)
-    numbers = (joints - mean) @ np.linalg.pinv(basis).T
-    assert numbers.std(axis=0) == pytest.approx(np.ones(30), abs=1e-3)
-    lost = np.linalg.norm((numbers @ basis.T + mean - joints).reshape(-1, 31, 3), axis=2) * 150
-    assert lost.mean() < 2.5
-
-
 # ---------------------------------------------------------------------------------------------- scores
 
 SKELETON = skeleton.load()
@@ -136,18 +99,14 @@ def predicted(inputs: np.ndarray, bones: np.ndarray | None = None) -> Prediction
     return Predictions(joints, kinematics.joints(INPUTS, bones), inputs, joints, HALF_CUBE, {}, "a test")
 
 
-def angles(predictions: Predictions) -> np.ndarray:
-    return angles_of(predictions, SKELETON, lambda done: None)
-
-
 def test_scores_of_a_perfect_network() -> None:
     """True joints have no error, with true or with fitted angles, except for angles that joints do not determine."""
     perfect = predicted(INPUTS)
-    row = scores(perfect, angles(perfect), INPUTS, INPUTS, None, SKELETON)
+    row = scores(perfect, INPUTS, INPUTS, INPUTS, None, SKELETON)
     assert row == {"error": "0.00", "cube of 300": "0.00", "cube of 261": "0.00", "fitted angles": "0.00°",
                    "exact angles": "0.00°", "out of limits": "0.0%", "max <= 40": "100.0%"}
     bare = replace(perfect, dof=None)
-    row = scores(bare, angles(bare), INPUTS, None, None, SKELETON)
+    row = scores(bare, table1.angles_of(bare, SKELETON, lambda done: None), INPUTS, None, None, SKELETON)
     assert (row["error"], row["exact angles"], row["out of limits"]) == ("0.00", "–", "–")
     assert float(row["fitted angles"].rstrip("°")) < 2
 

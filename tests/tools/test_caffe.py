@@ -87,14 +87,6 @@ def test_train_goes_on_from_a_snapshot(trained, tmp_path):
     assert mine.index(f"Resuming from {state_path}") < mine.index("SGDSolver: restoring history")
 
 
-def test_a_finished_training(short, tmp_path):
-    """A snapshot of the last iteration leaves nothing to train, which is logged."""
-    log_of("train", "-solver", short)
-    (state,) = tmp_path.glob("a_iter_3.solverstate*")
-    lines = texts(log_of("train", "-solver", short, "-snapshot", state))
-    assert "The snapshot is at iteration 3, and max_iter is 3: nothing is left to train" in lines
-
-
 @pytest.mark.parametrize(
     ("number", "flags", "last"),
     [
@@ -198,12 +190,6 @@ def test_device_query_and_gpu():
 def test_without_a_command():
     out = run_tool("caffe").out
     assert "{train,test,time,device_query}" in out and "--sighup_effect {stop,snapshot,none}" in out
-
-
-def test_a_mistake():
-    """Errors for which Caffe prints a stack trace are one line with status 1."""
-    lines = log_of("test", "-model", "net.prototxt", "-weights", "no", status=1)
-    assert lines[-1] == "no: cannot read weights: No such file or directory"
 
 
 # ---------------------------------------------------------------------------------------------- BVLC's scripts

@@ -190,9 +190,3 @@ def test_what_is_refused(name: str, line: str) -> None:
     """In one line, before anything is trained."""
     assert re.fullmatch(whole_line(line), tuned(*bad(name), status=1).err.strip())
     assert not list(Path().glob("finetuned/net_iter*"))
-
-
-@pytest.mark.parametrize("options", [(), ("--mean", "104"), ("--scale", "1")])
-def test_mean_and_scale_are_not_guessed(options: tuple[str, ...]) -> None:
-    done = run_tool("finetune", "net.prototxt", "net.caffemodel", "pictures", *options, status=2)
-    assert "give --mean or --mean-file, and --scale, with which the net was trained" in done.err

@@ -120,7 +120,7 @@ def test_the_files_of_a_list(data, tmp_path):
     """Each file gets a file of angles that refers to its data, and a list of them; a second run keeps the files."""
     done = run_tool("fit_pose", "data/train.txt", "--out", "angles")
     assert done.out.startswith("5 frames in ")
-    assert done.err.splitlines()[1].startswith("2 of 2: angles/part_1.h5, 0.0")
+    assert done.err == ""
     assert (tmp_path / "angles" / "train.txt").read_text() == "angles/part_0.h5\nangles/part_1.h5\n"
     found = []
     for name in FILES:

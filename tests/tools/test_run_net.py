@@ -185,18 +185,12 @@ def test_detections() -> None:
     (["0.png", "1.png", "--draw", "a.png"], "a.png: one file for 2 images; expected a folder"),
     (["0.png", "--draw", "0.png"], "0.png: is read in this run"),
     (["0.png", "--labels", "twice.prototxt"], "twice.prototxt:1:25: the label 0; expected each from 0 to 65535 once"),
+    (["0.png", "--labels", "few.txt"], "few.txt: 2 labels, but blob 'found' has 3 classes, the background included"),
 ])
 def test_pictures_and_label_maps_that_are_refused(argv: list[str], message: str) -> None:
+    Path("few.txt").write_text("cat\ndog\n")
     Path("twice.prototxt").write_text('item { name: "a" } item { name: "b" }')
     assert message in run(*argv, status=1).err
-
-
-@pytest.mark.usefixtures("detector")
-def test_labels_of_detections() -> None:
-    """The labels include the background."""
-    Path("labels.txt").write_text("cat\ndog\n")
-    message = "labels.txt: 2 labels, but blob 'found' has 3 classes, the background included\n"
-    assert run("0.png", "--labels", "labels.txt", status=1).err == message
 
 
 SILENCE = 'layer { name: "s" type: "Silence" bottom: "a" }'
@@ -223,6 +217,9 @@ TRAIN = 'layer { name: "d" type: "DummyData" top: "data" dummy_data_param { shap
         (NET, ["labels.npy", "--out", "labels.npy"], "labels.npy: is read in this run"),
         (NET, ["0.png", "--out", "a.npy", "--blob", "pool", "--blob", "prob"], "a.npy: a .npy file holds one array, "
          "found pool, prob; expected .npz or --blob"),
+        (NET, ["0.png", "--resize", "3x4"], "images of 3 x 4 px are smaller than the net's input, 10 x 8"),
+        (NET, ["0.png", "--resize", "20x16", "--mean-file", "mean.npy"], "the mean image has 15 x 13 px, images are "
+         "resized to 20 x 16; expected the same size, or one number per channel"),
         (NET, ["0.png", "--draw", "a.png"], "a.png: blob 'prob' holds no detections; --draw needs a net that ends in"),
         (NET, ["0.png", "--labels", "labels.txt", "--confusion"], "--confusion needs lists of images with"),
         (NET, ["list.txt", "--confusion"], "--confusion needs one blob of classes, and --labels with their names"),
@@ -241,6 +238,7 @@ def test_mistakes(net: str, argv: list[str], message: str) -> None:
     Path("list.txt").write_text("0.png 9\n")
     Path("three.txt").write_text("a\nb\nc\n")
     np.save("bad.npy", np.zeros((2, 2)))
+    np.save("mean.npy", np.zeros((3, 13, 15)))
     np.save("nan.npy", np.full(3, np.nan))
     before = sorted(Path().iterdir())
     Path("net.prototxt").write_text(net)
@@ -266,13 +264,3 @@ def test_the_surest_detections_in_pictures() -> None:
     assert picture.shape == image.shape and (picture[15, 4:8] != image[15, 4:8]).any(axis=1).all()
     run("0.png", "2.png", "--draw", "pictures")
     assert [cv2.imread(f"pictures/{n}.jpg").shape for n in (0, 2)] == [(*SHAPES[0], 3), (*SHAPES[2], 3)]
-
-
-def test_confusion() -> None:
-    """Against the labels of a list, without a line for each image."""
-    prob = outputs_of(cv2.dnn.blobFromImages(images(), 1, (10, 8)))
-    Path("list.txt").write_text("".join(f"{n}.png {label}\n" for n, label in enumerate((*prob[:2].argmax(axis=1), 3))))
-    right = 2 + (prob[2].argmax() == 3)
-    done = run("list.txt", "--labels", "labels.txt", "--confusion")
-    assert done.out.splitlines()[-1].startswith(f"accuracy {right / 3:.4f} ({right} of 3)") or "all images" in done.out
-    assert len(done.out.splitlines()) in (6, 7)

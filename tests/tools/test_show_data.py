@@ -10,7 +10,6 @@ import pytest
 
 from tests.support.hdf5_files import write_hdf5
 from tests.support.running import run_tool
-from tools import show_data
 
 
 @pytest.fixture
@@ -79,10 +78,3 @@ def test_mistakes(frames: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     (line,) = run_tool("show_data", "--out", "out.png", *argv.split(), status=1).err.splitlines()
     assert message in line and {path: path.read_bytes() for path in tmp_path.rglob("*.*")} == before
     run_tool("show_data", "nan.h5", "--out", "out.png", "--plain")
-
-
-@pytest.mark.parametrize("limit", ["MAX_PX", "MAX_PIXELS"])
-def test_a_picture_that_is_too_large(frames: Path, monkeypatch: pytest.MonkeyPatch, limit: str) -> None:
-    monkeypatch.setattr(show_data, limit, 639)
-    done = run_tool("show_data", frames, "--out", frames.with_name("out.png"), status=1)
-    assert "640 x 128 pixels; expected at most" in done.err and "reduce --frames" in done.err

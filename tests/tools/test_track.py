@@ -243,19 +243,6 @@ def test_a_signal_leaves_whole_files(number: int, status: int, monkeypatch: pyte
     assert error == "stopped after 4 frames\n" and "4 frames of 0.2 s" in out and "wrote a.json" in out
 
 
-def test_a_second_signal_leaves_whole_files(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A second signal, in the middle of a frame, also leaves complete files."""
-
-    def stop() -> None:
-        raise KeyboardInterrupt
-
-    stopped_at(monkeypatch, 3, stop)
-    done = run_tool("track", "takes/take.npz", status=130)
-    assert done.err == "interrupted\n" and files() == ["take.json", "take.png"]
-    found = read_track("take.json")
-    assert found.cut and len(found.frames) == 3 and cv2.imread("take.png") is not None
-
-
 def test_a_source_that_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     """All complete frames of a truncated source are tracked with a warning, and the file is not marked as cut."""
     frames_of = StackRecording.__iter__
@@ -294,17 +281,6 @@ def test_nobody_there() -> None:
         "takes/empty.npy: no hand in the first 2 frames; look.png shows the first one"
     )
     assert cv2.imread("look.png") is not None
-
-
-def test_no_source() -> None:
-    """A missing source or an unknown camera gives one line and no files."""
-    np.save("takes/bare.npy", np.ones((2, 240, 320), np.uint16))
-    for source, line in (
-        ("takes/none", "takes/none: no such file"),
-        ("takes/bare.npy", "takes/bare.npy: the camera of these frames is unknown"),
-    ):
-        assert run_tool("track", source, status=1).err.startswith(line)
-    assert files() == []
 
 
 def test_a_seed_repeats_a_run(monkeypatch: pytest.MonkeyPatch) -> None:

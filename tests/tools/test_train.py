@@ -1,6 +1,7 @@
 """tools/train.py: Caffe's log, resume, signals, and one-line errors."""
 
 import contextlib
+import logging
 import os
 import re
 import shutil
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 import netlib
+from netlib.distributed.ranks import ALONE
 from netlib.files import locks
 from netlib.snapshots import snapshot
 from tests.support.running import run_tool
@@ -190,3 +192,23 @@ def test_a_training_that_does_not_begin_leaves_an_older_log_alone(work):
     for log in ("old.log", "new/new.log"):
         mistake("--log", log)
     assert Path("old.log").read_text() == "old" and not Path("new").exists()
+
+
+def test_a_line_that_was_not_written_whole(tmp_path, monkeypatch, capsys):
+    """On a full disk the log ends with its last whole line, and one message reports the error."""
+    path, log = tmp_path / "a.log", logging.getLogger("netlib")
+    with training.logged(ALONE, path) as console:
+        console.file.begin(())
+        log.info("whole")
+        whole, stream = path.read_bytes(), console.file.stream
+
+        def cut(text):
+            stream.buffer.write(text.encode()[:9])
+            stream.buffer.flush()
+            raise OSError(28, "No space left on device")
+
+        monkeypatch.setattr(stream, "write", cut)
+        log.info("cut")
+        log.info("on stderr only")
+    assert path.read_bytes() == whole and whole.endswith(b"whole\n")
+    assert capsys.readouterr().err.count("cannot continue the log: No space left on device") == 1

@@ -60,20 +60,8 @@ def reject_given(parser: argparse.ArgumentParser, args: argparse.Namespace, name
 
 def caffes_flags(argv: Sequence[str] | None) -> list[str]:
     """The arguments (None: of the process) with two dashes before flags that have one, as in Caffe's programs."""
-    return [f"-{word}" if re.fullmatch(r"-[A-Za-z]\w+(=.*)?", word, re.DOTALL) else word for word in _given(argv)]
-
-
-def with_dash(argv: Sequence[str] | None, option: str, suffix: str) -> list[str]:
-    """The arguments (None: of the process) with ``-`` as value of an option that no file name follows."""
-    given = _given(argv)
-    for i, (word, following) in enumerate(zip(given, [*given[1:], ""])):
-        if word == option and following != "-" and Path(following).suffix.lower() != suffix:
-            given[i] = f"{option}=-"
-    return given
-
-
-def _given(argv: Sequence[str] | None) -> list[str]:
-    return list(sys.argv[1:] if argv is None else argv)
+    words = sys.argv[1:] if argv is None else argv
+    return [f"-{word}" if re.fullmatch(r"-[A-Za-z]\w+(=.*)?", word, re.DOTALL) else word for word in words]
 
 
 # ---------------------------------------------------------------------------------------------- types of arguments
@@ -124,17 +112,13 @@ def numbers(
     return parse
 
 
-def address(least: int = 1) -> Callable[[str], tuple[str, int]]:
-    """Return a parser of HOST:PORT, with a port from ``least`` on; an IPv6 address is in brackets."""
-
-    def parse(text: str) -> tuple[str, int]:
-        host, _, port = text.rpartition(":")
-        host = host.removeprefix("[").removesuffix("]")
-        if not host or not re.fullmatch(DIGITS, port) or not least <= int(port) <= MAX_PORT:
-            raise expected(f"HOST:PORT, a port from {least} to {MAX_PORT}", text)
-        return host, int(port)
-
-    return parse
+def address(text: str) -> tuple[str, int]:
+    """Parse HOST:PORT, with port 0 for any free one; an IPv6 address is in brackets."""
+    host, _, port = text.rpartition(":")
+    host = host.removeprefix("[").removesuffix("]")
+    if not host or not re.fullmatch(DIGITS, port) or not 0 <= int(port) <= MAX_PORT:
+        raise expected(f"HOST:PORT, a port from 0 to {MAX_PORT}", text)
+    return host, int(port)
 
 
 def name_in(*endings: str) -> Callable[[str], str]:

@@ -57,25 +57,13 @@ def warn_of_another_net(weights: str, net: Net) -> None:
 
 
 def memory_of(net: Net) -> list[tuple[str, int]]:
-    """Bytes that are stored (parameters, whole blobs, blobs of shards), then bytes that are not."""
+    """Bytes of the parameters, and of each blob that the engine stores for the whole batch."""
     hidden = {blob for step in net.steps for blob in step.unstored}
     rows = [("parameters and their diffs", sum(2 * p.blob.data.nbytes for p in net.learnable))]
     for name, blob in net.blobs.items():
         if blob not in hidden:
             stored = sum(array.nbytes for array in (blob._data, blob._diff) if array is not None)
             rows.append((f"blob {name} {'x'.join(map(str, blob.shape))}", stored))
-    kept: dict[int, int] = {}
-    for step in net.steps:
-        for piece in step.pieces():
-            if len(piece) == 1:
-                continue
-            for at in piece:
-                for blob in [*at.bottom, *at.top]:
-                    if blob._data is not None:
-                        kept[blob] = blob._data.nbytes
-    rows.append(("hidden blobs kept for backward, all shards", sum(kept.values())))
-    whole = sum(2 * blob.count * blob.dtype.itemsize for blob in net.blobs.values() if blob in hidden)
-    rows.append(("not stored: the whole of the hidden blobs", whole))
     return rows
 
 

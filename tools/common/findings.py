@@ -38,7 +38,9 @@ def table(found: Hand, predictor: Predictor, joints: FormatName | None) -> tuple
     if not found.has_joints:
         return words, []
     if joints:
-        return words, _format_lines(found, joints, _in_format(found, predictor, joints))
+        camera, cube = (found.camera, None) if found.in_frame else (None, found.cube_mm)
+        values = joint_values.hand_values(joints, predictor.skeleton, found.hand, _positions(found), camera, cube)
+        return words, _format_lines(found, joints, values)
     own = zip(predictor.skeleton.joint_names, _positions(found))
     return words, [f"  {name:<14}{x:9.1f}{y:9.1f}{z:9.1f}" for name, (x, y, z) in own]
 
@@ -90,13 +92,6 @@ def in_words(found: Hand, predictor: Predictor) -> str:
     if not found.has_joints:
         return f"{words}; no joints below {predictor.min_confidence:.0%} (--min-confidence)"
     return words + (", joints in mm from the camera" if found.in_frame else "; joints in mm from the crop's centre")
-
-
-def _in_format(found: Hand, predictor: Predictor, name: FormatName) -> dict[str, Any]:
-    """JSON values in another format. Raises DataError for bodies other than hands."""
-    if found.in_frame:
-        return joint_values.hand_values(name, predictor.skeleton, found.hand, found.xyz, found.camera)
-    return joint_values.hand_values(name, predictor.skeleton, found.hand, found.joints_mm, None, found.cube_mm)
 
 
 def _format_lines(found: Hand, name: FormatName, values: dict[str, Any]) -> list[str]:

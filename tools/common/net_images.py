@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import io
 import re
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -160,9 +159,7 @@ def _read_mean(path: str) -> Array:
     if path.endswith(".npy"):
         content = files.read_bytes(path, "the mean")
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # headers written by Python 2
-                mean = np.load(io.BytesIO(content), allow_pickle=False)
+            mean = np.load(io.BytesIO(content), allow_pickle=False)
         except Exception as error:  # Python's parser may raise anything for a damaged header
             raise DataError(f"{path}: no array as NumPy writes it: {reason_of(error)[:200]}") from error
     else:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from netlib.errors import NetlibError, did_you_mean
 from netlib.net import Net
@@ -69,22 +68,19 @@ class NewClasses:
             f'layer {{ name: "accuracy" type: "Accuracy" bottom: "{self.logits}" bottom: "label" top: "accuracy" '
             "include { phase: TEST } }"
         )
-        body = [self._renewed(_with_statistics(self._frozen(spec) if spec.name in frozen else spec))
+        body = [self._renewed(_with_statistics(self._fixed(spec) if spec.name in frozen else spec))
                 for spec in self._body if image not in spec.top or spec.bottom]
         return schema.changed(self._net.param, layer=(*reader, *body, *schema.read(loss, NetParameter).layer))
 
-    def up_to(self, name: str) -> list[str]:
-        """The names of the layers with parameters up to one; without the new one. Raises NetlibError."""
+    def frozen(self, last: str | None) -> list[str]:
+        """The layers with parameters before the new one, up to the ``last`` if given. Raises NetlibError."""
         layers = self._net.layers[: self._at]
         names = [layer.name for layer in layers]
-        if name not in names:
-            raise NetlibError(f"{self._net.source}: there is no layer {name!r} before {self.head!r}"
-                              f"{did_you_mean(name, names)}")
-        return [layer.name for layer in layers[: names.index(name) + 1] if layer.blobs]
-
-    def frozen_by_default(self) -> list[str]:
-        """The names of all layers with parameters but the new one."""
-        return [layer.name for layer in self._net.layers[: self._at] if layer.blobs]
+        if last is not None and last not in names:
+            raise NetlibError(f"{self._net.source}: there is no layer {last!r} before {self.head!r}"
+                              f"{did_you_mean(last, names)}")
+        end = len(names) if last is None else names.index(last) + 1
+        return [layer.name for layer in layers[:end] if layer.blobs]
 
     def _renewed(self, spec: LayerParameter) -> LayerParameter:
         """The layer; in the place of the head the new one."""
@@ -97,7 +93,7 @@ class NewClasses:
         return schema.changed(spec, name=self.name, param=rates[: len(self._net.params[self.head])],
                               blocks={**spec.blocks, block: _with(options, "weight_filler", filler)})
 
-    def _frozen(self, spec: LayerParameter) -> LayerParameter:
+    def _fixed(self, spec: LayerParameter) -> LayerParameter:
         """The layer with parameters that are not trained."""
         count = len(self._net.params[spec.name])
         given = (*spec.param, *[ParamSpec()] * count)[:count]
@@ -118,8 +114,3 @@ def _with(options: Message, name: str, new: Message) -> Message:
     kept: list[Field] = [item for item in options.fields if item.name != name]
     return Message([*new.fields, *kept], options.position)
 
-
-def text_of(net: NetParameter) -> str:
-    """A net as the text of a prototxt."""
-    tree: Any = schema.to_tree(net)
-    return str(tree)

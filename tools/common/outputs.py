@@ -63,8 +63,14 @@ def write_image(path: str | Path, image: NDArray[np.uint8] | NDArray[np.uint16])
     """
     suffix = Path(path).suffix.lower()
     options = (cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY) if suffix == ".jpg" else ()
-    encoded = cv2.imencode(suffix, image, options)[1].tobytes()
-    _write(path, lambda file: file.write_bytes(encoded))
+
+    def encode(file: Path) -> None:
+        done, encoded = cv2.imencode(suffix, image, options)
+        if not done:
+            raise ValueError(f"{image.shape[1]} x {image.shape[0]} px are too many")
+        file.write_bytes(encoded.tobytes())
+
+    _write(path, encode)
 
 
 def make_folder(out: Path) -> None:
@@ -95,5 +101,5 @@ def places(images: Sequence[str], out: Path, ending: str) -> list[Path]:
 def _write(path: str | Path, fill: Callable[[Path], object]) -> None:
     try:
         atomic.replace(Path(path), fill)
-    except (OSError, ValueError) as error:  # matplotlib raises ValueError for unknown formats
+    except (OSError, ValueError, cv2.error) as error:  # matplotlib raises ValueError for unknown formats
         raise NetlibError(f"{path}: cannot write the image: {reason_of(error)}") from error

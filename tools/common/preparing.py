@@ -70,12 +70,9 @@ def run(args: argparse.Namespace, importer: Importer) -> int:
         return FAILED if problems else DONE
     if any(problem.fatal for problem in problems):
         return FAILED
-    frames = [importer.read(args.root, split, _center_file(args.center, split)) for split in args.splits]
+    frames = [importer.read(args.root, split, args.center and Path(args.center.replace("{split}", split)))
+              for split in args.splits]
     return _prepare([PreparedSplit(some, args.out, args.force) for some in frames], args, importer.own)
-
-
-def _center_file(center: str | None, split: str) -> Path | None:
-    return None if center is None else Path(center.replace("{split}", split))
 
 
 def _prepare(splits: Sequence[PreparedSplit], args: argparse.Namespace, own: Sequence[str]) -> int:
@@ -89,7 +86,7 @@ def _prepare(splits: Sequence[PreparedSplit], args: argparse.Namespace, own: Seq
         outcomes.extend(_write(split, args, advance) for split in splits)
 
     parts.check_space(args.out, [(len(split.frames), split.frames.columns()) for split in splits])
-    status = fill_folder(args.out, "whole files are", sum(part.rows for part in missing), fill)
+    status = fill_folder(args.out, sum(part.rows for part in missing), fill)
     if status != DONE:
         return status
     for split, outcome in zip(splits, outcomes):

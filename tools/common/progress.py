@@ -67,11 +67,8 @@ class ProgressBar:
             self._bar.set_postfix_str(text, refresh=False)
 
     def print(self, line: str, stream: TextIO) -> None:
-        """Print a line above the bar."""
-        if self._bar is not None:
-            self._bar.write(line, file=stream)
-        else:
-            print(line, file=stream, flush=True)
+        """Print a line above the bar, which is visible."""
+        self._bar.write(line, file=stream)
 
 
 class StoppedError(Exception):
@@ -107,10 +104,9 @@ class Stopper:
             raise StoppedError
 
 
-def fill_folder(folder: Path, kept: str, total: int, fill: Callable[[Callable[[int], None]], object]) -> int:
-    """Create and fill a folder, with a progress bar; returns the exit status: 0, 130 or 143. Raises NetlibError.
+def fill_folder(folder: Path, total: int, fill: Callable[[Callable[[int], None]], object]) -> int:
+    """Create a folder and fill it, with a progress bar; returns the exit status: 0, 130 or 143. Raises NetlibError.
 
-    kept   what a stopped run keeps, with its verb: "whole files are"
     total  number of missing frames
     fill   called with a function that it must call with the number of new frames wherever the run may stop
     """
@@ -125,7 +121,7 @@ def fill_folder(folder: Path, kept: str, total: int, fill: Callable[[Callable[[i
 
                 fill(advance)
     except StoppedError:
-        say(f"stopped; {kept} kept, and the next run continues after them", file=sys.stderr)
+        say("stopped; whole files are kept, and the next run continues after them", file=sys.stderr)
         return 128 + stopper.signum
     except OSError as error:
         raise NetlibError(f"{folder}: {reason_of(error)}") from None

@@ -1,4 +1,4 @@
-"""Sources of depth frames on the command line: options, opening, and the report on the first frames."""
+"""Arguments about hands, cameras and sources of depth frames; opening a source, and the report on its first frames."""
 
 from __future__ import annotations
 
@@ -12,9 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose import Camera, CameraInfo, Recording, open_recording
+from handpose.body.joint_formats.formats import FORMAT_NAMES
+from handpose.estimate.hand import MIN_CONFIDENCE
 from handpose.frames import camera_file
-from handpose.frames.camera_file import RANGES, TIME_UNITS
-from handpose.frames.cameras import CAMERAS, UNIT_MM, VIEWS, View
+from handpose.frames.camera_file import INTRINSICS, RANGES, TIME_UNITS
+from handpose.frames.cameras import CAMERAS, UNIT_MM, VIEWS, View, by_field_of_view
+from handpose.frames.crops import CUBES_MM
 from handpose.frames.formats import EXPECTED
 from handpose.frames.images import read_picture
 from handpose.frames.inspection import Inspection, warnings_of
@@ -22,14 +25,62 @@ from handpose.frames.lens import Lens
 from handpose.frames.raw import sized
 from netlib.errors import DataError
 from netlib.files.paths import exists
-from tools.common import arguments, hand_arguments
+from tools.common.arguments import expected, numbers, real
 from tools.common.console import say
 
 CONFIRMS_UNIT = 0.95  # confidence of a fit that confirms the depth unit: a wrong unit changes the size of the hand
 FILES = (".json", ".yaml", ".yml", ".xml", ".txt", ".npy", ".npz")  # with a camera
 ABOUT_FRAMES = ("unit", "distortion")  # options of add_camera_options that need a camera
 # argument types of values that a camera.json may also give
-unit_mm, rate = (arguments.real(*RANGES[key], above=True) for key in ("unit_mm", "rate"))
+unit_mm, rate = (real(*RANGES[key], above=True) for key in ("unit_mm", "rate"))
+center = numbers("U,V or U,V,D (px, px, mm)", [2, 3])  # of a hand
+cube = real(*CUBES_MM, unit="mm")  # edge of the cube around a body
+
+
+def camera(text: str) -> Camera | View:
+    """Parse a camera: its name, or the four numbers FX,FY,U0,V0; frames may then have any size."""
+    known: dict[str, Camera | View] = {**CAMERAS, **VIEWS}
+    if text.lower() in known:
+        return known[text.lower()]
+    form = f"a file, {', '.join(known)}, or FX,FY,U0,V0 in px, the intrinsics from its SDK"
+    fx, fy, u0, v0 = four = numbers(form, [4])(text)
+    if not all(RANGES[key][0] < value <= RANGES[key][1] for key, value in zip(INTRINSICS, four)):
+        raise expected(form, text)
+    return Camera("own", fx, fy, u0, v0, width=0, height=0)
+
+
+def _camera(text: str) -> Camera | View | Path:
+    is_file = Path(text).suffix.lower() in FILES or (exists(Path(text)) and text not in {*CAMERAS, *VIEWS})
+    return Path(text) if is_file else camera(text)
+
+
+def _field_of_view(text: str) -> View:
+    """Parse a field of view in degrees: DEGREES, horizontally, or DEGREES,DEGREES with the vertical one."""
+    form = "degrees between 1 and 179: horizontally, or horizontally,vertically"
+    degrees = numbers(form, [1, 2])(text)
+    if not all(1 <= one <= 179 for one in degrees):
+        raise expected(form, text)
+    return by_field_of_view(f"of {text} degrees", *degrees)
+
+
+def _lens(text: str) -> Lens:
+    form = "4, 5 or 8 numbers K1,K2,P1,P2[,K3 ...]"
+    try:
+        return Lens(numbers(form, [4, 5, 8])(text))
+    except DataError:
+        raise expected(form, text) from None
+
+
+def add_joints_option(parser: argparse.ArgumentParser, where: str) -> None:
+    """Add the option --joints, for tools that write hands; ``where`` says to which output it applies."""
+    parser.add_argument("--joints", choices=FORMAT_NAMES, help="joints of another format and anatomical angles, "
+                        f"{where} (docs/joint_formats.md)")
+
+
+def add_min_confidence(parser: argparse.ArgumentParser) -> None:
+    """Add the option --min-confidence, for tools that write hands."""
+    parser.add_argument("--min-confidence", type=real(0, 1), default=MIN_CONFIDENCE, metavar="P",
+                        help="give no joints of a hand with a lower confidence, from 0 to 1 (default: %(default)s)")
 
 
 def add_source_options(parser: argparse.ArgumentParser) -> None:
@@ -49,7 +100,7 @@ def add_camera_options(parser: argparse.ArgumentParser, of: str, default: str = 
     camera.add_argument("--camera", type=_camera, metavar="NAME|FX,FY,U0,V0|FILE",
                         help=f"{of}: {names}, four numbers in px, or a file with its intrinsics: camera.json, or as "
                              f"other programs write it{default and f' (default: {default})'}")
-    camera.add_argument("--fov", type=hand_arguments.field_of_view, metavar="DEGREES", dest="camera",
+    camera.add_argument("--fov", type=_field_of_view, metavar="DEGREES", dest="camera",
                         help="if the intrinsics are unknown: the horizontal field of view of the depth image, or "
                              "horizontal,vertical")
     parser.add_argument("--unit", type=unit_mm, metavar="MM", help="depth unit: mm per stored value of 1 (default: 1, "
@@ -119,21 +170,3 @@ def print_new_remarks(recording: Recording, seen: Inspection) -> None:
     for line in (*recording.remarks, recording.cut):
         if line and line not in seen.remarks:
             say(f"warning: {line}", file=sys.stderr)
-
-
-def total_of(recording: Recording, frames: int | None) -> int:
-    """Number of frames of a recording, at most ``frames``; 0 if unknown."""
-    return min((count for count in (recording.count, frames) if count), default=0)
-
-
-def _camera(text: str) -> Camera | View | Path:
-    is_file = Path(text).suffix.lower() in FILES or (exists(Path(text)) and text not in {*CAMERAS, *VIEWS})
-    return Path(text) if is_file else hand_arguments.camera(text)
-
-
-def _lens(text: str) -> Lens:
-    form = "4, 5 or 8 numbers K1,K2,P1,P2[,K3 ...]"
-    try:
-        return Lens(arguments.numbers(form, [4, 5, 8])(text))
-    except DataError:
-        raise arguments.expected(form, text) from None

@@ -33,7 +33,7 @@ from netlib.files import atomic
 from tools.common import arguments, outputs
 from tools.common.arguments import name_in
 from tools.common.console import say
-from tools.common.hand_arguments import add_joints_option
+from tools.common.sources import add_joints_option
 
 FILES = ("json", "csv")
 DRAWN = ("video", "sheet")
@@ -67,7 +67,7 @@ def add_output_options(parser: argparse.ArgumentParser) -> None:
 
 def _served(text: str) -> tuple[str, int]:
     """Parse HOST:PORT, or a port on the loopback interface."""
-    return arguments.address(0)(f"{LOCAL}:{text}" if text.isdigit() else text)
+    return arguments.address(f"{LOCAL}:{text}" if text.isdigit() else text)
 
 
 def settle_outputs(args: argparse.Namespace, parser: argparse.ArgumentParser) -> None:
@@ -123,15 +123,13 @@ def _given(args: argparse.Namespace, *names: str) -> list[Any]:
 class Outputs:
     """All outputs that the options select. However the block ends, what was written remains as complete files."""
 
-    def __init__(
-        self, args: argparse.Namespace, header: TrackHeader, rate: float | None, live: bool = False
-    ) -> None:
+    def __init__(self, args: argparse.Namespace, header: TrackHeader, rate: float | None) -> None:
         # Missing packages are reported here, before any file is started.
         self._args = args
         self._painter = Painter(header) if args.video or args.sheet else None
         self._sheet = ContactSheet() if args.sheet else None
         self._video = VideoFile(Path(args.video), rate or 30.0) if args.video else None
-        self._live = LiveOutput(args, header, live) if args.serve else None
+        self._live = LiveOutput(args, header) if args.serve else None
         self._writers: list[TrackWriter] = [
             open_writer(path, header, args.joints, args.gestures) for path in _given(args, *FILES)
         ]
@@ -157,11 +155,6 @@ class Outputs:
         """
         if self._live:
             self._live.begin(recording, check, sys.stderr if self._args.json == "-" else sys.stdout)
-
-    @property
-    def is_live(self) -> bool:
-        """True if frames are sent as they are tracked."""
-        return self._live is not None
 
     def write(self, depth: NDArray[np.float32], frame: TrackedFrame) -> None:
         """Write a frame. Raises NetlibError, OSError."""
@@ -206,11 +199,11 @@ class Outputs:
 class LiveOutput:
     """Sends the frames of a track to the clients of a server. Raises NetlibError."""
 
-    def __init__(self, args: argparse.Namespace, header: TrackHeader, live: bool = False) -> None:
+    def __init__(self, args: argparse.Namespace, header: TrackHeader) -> None:
         self._messages = Messages(header, args.joints, args.gestures)
         token = checked_token(os.environ[TOKEN], TOKEN) if TOKEN in os.environ else None
         host, port = args.serve
-        self._server = LiveServer(host, port, self._messages.header, page(header, live), token)
+        self._server = LiveServer(host, port, self._messages.header, page(header), token)
         self._addresses = Path(args.addresses) if args.addresses else None
         self._stack = contextlib.ExitStack()
         self._check: Callable[[], None] = lambda: None

@@ -1,4 +1,4 @@
-"""Training from a solver file like Caffe's command: its log, signals as requests, and a progress bar.
+"""Training from a solver file like Caffe's command: its log in glog's format, signals as requests, and a progress bar.
 
 tools/train.py is the command line for this; experiments use it to train many nets.
 """
@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import os
 import signal
-from collections.abc import Iterator, Sequence
+import sys
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from types import FrameType
 from typing import Any, Literal
@@ -17,17 +19,100 @@ import netlib
 from netlib import engine as engines
 from netlib import files
 from netlib.distributed.ranks import ALONE, Ranks
+from netlib.errors import NetlibError, reason_of
+from netlib.files import locks
 from netlib.proto import prototxt
 from netlib.solver import Solver
 from netlib.training import solver_parameter
-from tools.common.caffe_log import BarHandler, log_to
-from tools.common.console import DONE
+from netlib.training.report import CaffeFormatter
+from tools.common import outputs
+from tools.common.console import DONE, say
 from tools.common.progress import ProgressBar
 from tools.common.ranks import ended_together, threads_of
 
 log = logging.getLogger("netlib")
 
 Effect = Literal["stop", "snapshot", "none"]  # of a signal
+
+
+class BarHandler(logging.StreamHandler):  # type: ignore[type-arg]  # not a generic before Python 3.11
+    """Writes log lines to a stream, above the progress bar if there is one."""
+
+    bar: ProgressBar | None = None
+    file: LogFile | None = None  # receives the same lines
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write one record."""
+        if self.bar is None or not self.bar.is_shown:
+            super().emit(record)
+        else:
+            self.bar.print(self.format(record), self.stream)
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        """Ignore that standard error cannot be written: the error could only be reported there."""
+
+
+class LogFile(logging.FileHandler):
+    """A log file that buffers lines until ``begin``, so that an earlier failure does not replace an older log.
+
+    If writing fails later, one message reports it, and the training continues without the file.
+    """
+
+    def __init__(self, path: str | Path, append: bool) -> None:
+        super().__init__(path, encoding="utf-8", delay=True)
+        self._path, self._append = path, append
+        self._size: int | None = None  # of all whole lines; None for a terminal or device
+        self._early: list[logging.LogRecord] = []
+
+    def begin(self, inputs: Iterable[str | Path | None]) -> None:
+        """Open the file and write the buffered lines.
+
+        Raises NetlibError if it is one of the inputs, cannot be written, or another process is writing it.
+        """
+        outputs.refuse_inputs(self._path, inputs)
+        try:
+            Path(self._path).parent.mkdir(parents=True, exist_ok=True)
+            self.stream = self._open()
+            if Path(self._path).is_file():  # terminals and the null device are not locked
+                if locks.take(self.stream.fileno()) is False:
+                    self.close()
+                    raise NetlibError(f"{self._path}: another process is writing this log; wait for it, or choose "
+                                      "another name")
+                if not self._append:  # only after the lock is taken
+                    self.stream.truncate(0)
+                self._size = os.fstat(self.stream.fileno()).st_size
+        except OSError as error:
+            raise NetlibError(f"{self._path}: cannot write the log: {reason_of(error)}") from error
+        while self._early:
+            self.emit(self._early.pop(0))
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write or buffer one record."""
+        if self.stream is None:
+            self._early.append(record)
+        else:
+            super().emit(record)
+            if self.stream is not None and self._size is not None:
+                self._size = os.fstat(self.stream.fileno()).st_size
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        """Report the error and stop writing; the file keeps its whole lines."""
+        error = sys.exc_info()[1]
+        self._early.clear()
+        logging.getLogger(record.name).removeHandler(self)
+        if self.stream is not None and self._size is not None:
+            with contextlib.suppress(OSError):
+                descriptor = os.dup(self.stream.fileno())
+                self.close()
+                os.ftruncate(descriptor, self._size)
+                os.close(descriptor)
+            self._size = None
+        say(f"{self.baseFilename}: cannot continue the log: {reason_of(error)}", file=sys.stderr)
+
+    def close(self) -> None:
+        """Close the file; buffered data that cannot be written is lost."""
+        with contextlib.suppress(OSError):
+            super().close()
 
 
 def train(
@@ -64,10 +149,26 @@ def train(
 
 @contextlib.contextmanager
 def logged(ranks: Ranks, log_file: str | Path | None = None, append: bool = False) -> Iterator[BarHandler]:
-    """Context manager: rank 0 logs, and an error of one rank ends all. Raises NetlibError, on rank 0."""
-    with ended_together(ranks), log_to(None if ranks.rank else log_file, append) as console:
-        if ranks.rank:
-            log.setLevel(logging.CRITICAL)
+    """Context manager: rank 0 sends netlib's log to stderr and to a file once that has begun; an error of one rank ends
+    all. Raises NetlibError, on rank 0.
+
+    append  to an existing file instead of replacing it
+    """
+    console = BarHandler(sys.stderr)
+    handlers: list[logging.Handler] = [console]
+    with ended_together(ranks), contextlib.ExitStack() as after:
+        if log_file and not ranks.rank:
+            console.file = LogFile(log_file, append)
+            handlers.append(console.file)
+            after.callback(console.file.close)
+        after.callback(log.setLevel, log.level)
+        after.callback(setattr, log, "propagate", log.propagate)
+        log.setLevel(logging.CRITICAL if ranks.rank else logging.INFO)
+        log.propagate = False
+        for handler in handlers:
+            handler.setFormatter(CaffeFormatter())
+            log.addHandler(handler)
+            after.callback(log.removeHandler, handler)
         yield console
 
 
@@ -171,24 +272,18 @@ def requests_by_signal(
 @contextlib.contextmanager
 def _progress(solver: Solver, console: BarHandler) -> Iterator[None]:
     """Context manager: on a terminal, a progress bar below the log of rank 0."""
-    if solver.ranks.rank:
-        yield
-        return
+    total = 0 if solver.ranks.rank else solver.param.max_iter
     with contextlib.ExitStack() as bars:
 
-        begun: list[ProgressBar] = []
+        def begin() -> None:  # the first iteration is known only now
+            console.bar = bars.enter_context(ProgressBar(total, "iter", done=solver.iter))
+            bars.callback(setattr, console, "bar", None)
 
         def update() -> None:
-            if not begun:  # the first iteration is known only now
-                begun.append(bars.enter_context(ProgressBar(solver.param.max_iter, "iter", done=solver.iter - 1)))
-                console.bar = begun[0] if begun[0].is_shown else None
-            if console.bar:
+            if console.bar and console.bar.is_shown:
                 console.bar.note(f"loss {solver.loss:.4g}")
                 console.bar.reach(solver.iter)
 
+        solver.on_step.append(begin)
         solver.on_update.append(update)
-        try:
-            yield
-        finally:
-            solver.on_update.remove(update)
-            console.bar = None
+        yield

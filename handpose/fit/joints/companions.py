@@ -1,4 +1,4 @@
-"""Joint angles for the frames of a training set, by fitting the hand model to their joints.
+"""Files of joint angles: for the frames of a training set, by fitting the hand model to their joints, and for others.
 
 A net that learns the angles themselves (the paper's "direct parameter") needs them as labels, and a real data set has
 only joints. Each HDF5 file of the set gets a small companion file with
@@ -20,16 +20,32 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from handpose.datasets import labels, parts
-from handpose.fit.joints.fit_joints import fit_joints
+from handpose.fit.joints.fit_joints import AbsoluteFit, fit_joints
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError, reason_of
 from netlib.files import atomic, hdf5, make_folder, opened
 from netlib.files.paths import exists
 
+DESCRIPTION = "dof: inputs of the hand model, radians, and half-cubes from center (mm, camera axes, y up)"
+STARTS = 4  # of a fit
 VERSION = 3  # increase after a change of the code that changes the angles
+
+
+def write_fit(path: Path, found: AbsoluteFit, half_cube: Array, index: NDArray[np.int_]) -> None:
+    """Write angles and residuals to an HDF5 file atomically.
+
+    half_cube  (N,) mm
+    index      (N,) numbers of the frames
+    """
+    make_folder(path.parent)
+    with hdf5.created(path) as file:
+        file["dof"], file["residual_mm"] = found.inputs, found.residuals_mm
+        file["index"], file["center"], file["half_cube"] = index, found.center, half_cube
+        file.attrs["description"] = DESCRIPTION
 
 
 def companions_of(files: Sequence[Path], out: Path) -> list[Path]:
@@ -46,25 +62,20 @@ def companions_of(files: Sequence[Path], out: Path) -> list[Path]:
     return targets
 
 
-def fit_list(
-    files: Sequence[Path], out: Path, name: str, skeleton: Skeleton, *,
-    on_done: Callable[[int, Path, Array], object] = lambda number, target, residuals: None, **options: Any,
-) -> tuple[Array, Array]:
+def fit_list(files: Sequence[Path], out: Path, name: str, skeleton: Skeleton, **options: Any) -> tuple[Array, Array]:
     """Write the companions of all files to a folder, with a list of this name. Raises DataError.
 
-    Returns the inputs (N, D) of all frames and the residuals (N, K) in mm. ``on_done`` is called for each complete
-    companion with its number from 1 on, its file and its residuals; ``options`` are those of ``fit_file``. Only
+    Returns the inputs (N, D) of all frames and the residuals (N, K) in mm. ``options`` are those of ``fit_file``. Only
     companions of the same files are replaced.
     """
     targets = companions_of(files, out)
     _refuse_others(files, targets, out / name)
-    residuals, inputs = [], []
-    for number, (path, target) in enumerate(zip(files, targets), 1):
-        residuals.append(fit_file(path, target, skeleton, **options))
-        inputs.append(hdf5.File(target, ("dof",)).datasets[0].numbers())
-        on_done(number, target, residuals[-1])
+    for path, target in zip(files, targets):
+        fit_file(path, target, skeleton, **options)
     atomic.replace_text(out / name, parts.list_text(targets))
-    return np.concatenate(inputs), np.concatenate(residuals)
+    fits = [[dataset.numbers() for dataset in hdf5.File(path, ("dof", "residual_mm")).datasets] for path in targets]
+    inputs, residuals = map(np.concatenate, zip(*fits))
+    return inputs, residuals
 
 
 def _refuse_others(files: Sequence[Path], targets: Sequence[Path], names: Path) -> None:
@@ -82,41 +93,37 @@ def _refuse_others(files: Sequence[Path], targets: Sequence[Path], names: Path) 
 
 
 def fit_file(
-    path: Path, target: Path, skeleton: Skeleton, *, limits: bool = True, ridge: float = 0.0, starts: int = 4,
+    path: Path, target: Path, skeleton: Skeleton, *, limits: bool = True, ridge: float = 0.0,
     progress: Callable[[int], None] = lambda done: None,
-) -> Array:
-    """Fit the frames of one file and write its companion atomically; returns the residuals (n, K) in mm.
+) -> None:
+    """Fit the frames of one file and write its companion atomically. Raises DataError.
 
-    An existing companion of the same file and options is kept. Raises DataError.
+    An existing companion of the same file and options is kept.
     """
     hand = sha256(repr(skeleton.param).encode()).hexdigest()
     with opened(path, "the joints") as stream:
         stat = os.fstat(stream.fileno())
     recipe = json.dumps(
-        {"version": VERSION, "skeleton": hand, "limits": limits, "ridge": ridge, "starts": starts,
+        {"version": VERSION, "skeleton": hand, "limits": limits, "ridge": ridge, "starts": STARTS,
          "source": path.name, "size": stat.st_size, "changed": stat.st_mtime_ns},
         sort_keys=True,
     )
     kept = parts.attributes(target)
     if kept is not None and kept.get("recipe") == recipe:
-        residuals = hdf5.File(target, ("residual_mm",)).datasets[0].numbers()
-        progress(len(residuals))
-        return np.asarray(residuals)
+        progress(hdf5.File(target, ("dof",)).rows)
+        return
     found_labels = labels.read(path, [len(skeleton.parents)])
     joints = np.where(found_labels.seen[..., None], found_labels.joints, np.nan)
     try:
-        found = fit_joints(skeleton, joints, limits=limits, ridge=ridge, starts=starts, progress=progress)
+        found = fit_joints(skeleton, joints, limits=limits, ridge=ridge, starts=STARTS, progress=progress)
     except DataError as error:
         raise DataError(f"{path}: {error}") from None
-    residuals = found.residuals * found_labels.half_cube[:, None]
-
     rest = os.path.relpath(os.path.realpath(path), os.path.realpath(target.parent))
     try:
         make_folder(target.parent)
         with hdf5.created(target) as file:
             file["dof"] = found.inputs.astype(np.float32)
-            file["residual_mm"] = residuals.astype(np.float32)
+            file["residual_mm"] = (found.residuals * found_labels.half_cube[:, None]).astype(np.float32)
             file.attrs.update(recipe=recipe, made_from=found_labels.made_from, rest_in=rest)
     except OSError as error:
         raise DataError(f"{target}: {reason_of(error)}") from None
-    return np.asarray(residuals)

@@ -19,6 +19,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -54,6 +55,19 @@ class JointFit:
     residuals: Array
 
 
+class AbsoluteFit(NamedTuple):
+    """The best pose of every frame, to joints at absolute positions.
+
+    inputs        (N, D) of the model; lengths in half-cubes from the centre
+    residuals_mm  (N, K) distances between the joints of the model and the given ones
+    center        (N, 3) mm, camera axes: the mean of the joints, because there is no crop
+    """
+
+    inputs: Array
+    residuals_mm: Array
+    center: Array
+
+
 class PoseProblem:
     """The constants of the fit for all frames.
 
@@ -70,7 +84,6 @@ class PoseProblem:
         self.kinematics = kinematics_of(skeleton)
         self.free = np.unique(skeleton.driven)
         self.sums = (skeleton.driven[:, None] == self.free).astype(float)  # (Q, F): motions of one DoF are added
-        self.one_each = np.array_equal(skeleton.driven, self.free)
         self.lower = np.where(limits, skeleton.lower, -np.inf)[self.free]
         self.upper = np.where(limits, skeleton.upper, np.inf)[self.free]
         roots = np.flatnonzero(skeleton.parents < 0)
@@ -85,7 +98,7 @@ class PoseProblem:
         pose = self.kinematics.forward(inputs)
         r = (pose.joints[:, self.joints] - goal).reshape(len(goal), -1)
         J = self.kinematics.jacobian(pose, self.joints)
-        J = np.ascontiguousarray(J) if self.one_each else self.sums.T @ J
+        J = self.sums.T @ J
         unknown = np.isnan(r)
         if unknown.any():
             r[unknown] = 0
@@ -127,8 +140,6 @@ def fit_joints(
     progress  called by any thread with the number of further frames that are done
     """
     goal, chosen = checked(skeleton, targets, joints)
-    if starts < 1 or not ridge >= 0:
-        raise DataError(f"{starts} starts with ridge {ridge:g}, expected 1 or more, ridge 0 or more")
     problem = PoseProblem(skeleton, chosen, limits, ridge)
     grids = [RotationGrid(problem, limbs) for limbs in _limb_poses(problem, 1 + (starts - 1) // 2, seed)]
     inputs = np.zeros((len(goal), len(skeleton.initial)))
@@ -140,6 +151,20 @@ def fit_joints(
 
     for_each(blocks(len(goal), CHUNK), job)
     return problem.result(inputs, goal, limits)
+
+
+def fit_absolute(
+    skeleton: Skeleton, xyz: Array, half_cube: Array, joints: Sequence[int], *,
+    fit: Callable[..., JointFit] = fit_joints, **options: Any,
+) -> AbsoluteFit:
+    """Fit the hand to joints (N, K, 3) in mm, whose unit of the skeleton is ``half_cube`` (N,) mm. Raises DataError.
+
+    joints   indices of the K joints in the skeleton
+    fit      ``fit_joints`` or ``fit_joints_by_swarm``, with its options
+    """
+    center = xyz.mean(axis=1, keepdims=True)
+    found = fit(skeleton, (xyz - center) / half_cube[:, None, None], joints, **options)
+    return AbsoluteFit(found.inputs, found.residuals * half_cube[:, None], center[:, 0])
 
 
 def _best(
@@ -185,8 +210,6 @@ def checked(skeleton: Skeleton, targets: ArrayLike, joints: Sequence[int] | None
     empty = np.isnan(goal).all(axis=(1, 2))
     if empty.any():
         raise DataError(f"frame {int(empty.argmax())} has no known joint ({np.count_nonzero(empty)} such frames)")
-    if not all(0 <= j < len(skeleton.parents) for j in chosen) or len(set(chosen)) < len(chosen) or not chosen:
-        raise DataError(f"joints {chosen}, expected different numbers from 0 to {len(skeleton.parents) - 1}")
     return goal, chosen
 
 
@@ -196,9 +219,7 @@ class RotationGrid:
     def __init__(self, problem: PoseProblem, limbs: Array) -> None:
         self.problem, sk = problem, problem.skeleton
         grid = np.arange(-np.pi, np.pi - 1e-9, GRID_STEP)
-        tried = problem.root_turns[:3]  # the grid of more rotations would be too large; the descent finds them
-        angles = np.zeros((len(grid) ** len(tried), len(problem.root_turns)))
-        angles[:, : len(tried)] = list(itertools.product(grid, repeat=len(tried)))
+        angles = np.array(list(itertools.product(grid, repeat=len(problem.root_turns))))
         if len(problem.root_turns) == 3:  # the second angle needs half a turn only: see angles.py
             angles = angles[np.abs(angles[:, 1]) <= np.pi / 2 + 1e-9]
         self.inputs = np.tile(limbs, (len(angles), 1))

@@ -32,8 +32,6 @@ def fit_joints_by_swarm(
     Arguments as for ``fit_joints.fit_joints``.
     """
     goal, chosen = checked(skeleton, targets, joints)
-    if particles < 1 or generations < 1:
-        raise DataError(f"{particles} particles for {generations} generations, expected 1 or more")
     problem = PoseProblem(skeleton, chosen, limits=True, ridge=0.0)
     inputs = np.zeros((len(goal), len(skeleton.initial)))
 

@@ -78,10 +78,6 @@ class GrowingFile:
             sys.stdout.flush()
         self._pieces += 1
 
-    def discard(self) -> None:
-        """Drop the pieces: after an exception in the block the old file at ``path`` is unchanged."""
-        self._pieces = 0
-
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
     ) -> None:

@@ -29,7 +29,7 @@ import numpy as np
 from handpose.estimate.packaged import load_predictor
 from handpose.synthetic.scenes import draw_scenes
 count, seed, fits = json.loads(sys.argv[1])
-depth = np.rint(draw_scenes(np.random.default_rng(seed), count).depth).astype(np.uint16)
+depth = np.rint(draw_scenes(np.random.default_rng(seed), count)[0]).astype(np.uint16)
 for fit in fits:
     predictor = load_predictor(fit=fit)
     hands = [predictor.in_frame(frame) for frame in depth]

@@ -50,8 +50,6 @@ def poses(*shape: int, value: float = 0, joints: Any = None) -> Callable[[], obj
     "13 joints": (poses(2, 13, 3, joints=EVALUATION_JOINTS), "joints of shape (2, 13, 3), expected (N, 14, 3)"),
     "no joint": (poses(2, 31, 3, value=np.nan), "frame 0 has no known joint (2 such frames)"),
     "an infinite joint": (poses(2, 31, 3, value=np.inf), "frame 0 has an infinite joint"),
-    "the same joint": (poses(2, 2, 3, joints=[0, 0]), "joints [0, 0], expected different numbers from 0 to 30"),
-    "joint 31": (poses(2, 1, 3, joints=[31]), "joints [31], expected different numbers from 0 to 30"),
 })
 def test_what_cannot_be_fitted(given: Callable[[], object], rejected: Any) -> None:
     """Bodies with other roots, and joints that are too few, unknown or not finite, raise an error."""

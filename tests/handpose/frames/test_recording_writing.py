@@ -102,20 +102,6 @@ def test_an_old_folder_stays_until_the_new_one_has_a_frame(tmp_path: Path, count
     assert [path.name for path in tmp_path.iterdir()] == ["take"]
 
 
-@pytest.mark.parametrize("name", ["take", "take.npz"])
-def test_what_is_discarded(tmp_path: Path, name: str) -> None:
-    """No new file is left, and what was in the folder before stays."""
-    for place in (tmp_path / "new" / name, tmp_path / name):
-        if name == "take" and place.parent == tmp_path:
-            place.mkdir()
-            (place / ".mine").touch()
-        with RecordingWriter(place, SMALL, 1.0) as writer:
-            writer.write(frames(1)[0])
-            writer.discard()
-    assert {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*")} == {"new"} | (
-        {"take", "take/.mine"} if name == "take" else set())
-
-
 def test_a_folder_with_the_name_of_a_frame(tmp_path: Path) -> None:
     """A folder that is named as a frame is none: the recording is not replaced, and the folder's files stay."""
     write(tmp_path, frames(3))

@@ -6,6 +6,7 @@ import pytest
 
 from handpose.datasets.frames import Frames
 from handpose.synthetic.generator import Generator
+from handpose.synthetic.pose_prior import BodySampler
 
 
 @pytest.fixture(scope="module")
@@ -18,3 +19,9 @@ def generator() -> Generator:
 def frames(generator: Generator) -> Frames:
     """Its first block of frames."""
     return generator.block(0)
+
+
+@pytest.fixture(scope="module")
+def sampler() -> BodySampler:
+    """The default sampler."""
+    return BodySampler()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import select
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -15,10 +14,9 @@ import pytest
 
 from handpose.datasets import parts
 from handpose.datasets.frames import Frames
-from handpose.synthetic.files import DataSet, generate, no_interrupt, pieces_of, processes
+from handpose.synthetic.files import DataSet, generate
 from handpose.synthetic.generator import BLOCK, Generator
 from netlib.errors import DataError
-from tests.handpose.synthetic.same_frames import assert_equal
 
 SOURCES = [(Generator(split="train"), 5), (Generator(split="test"), 2)]
 
@@ -27,16 +25,6 @@ SOURCES = [(Generator(split="train"), 5), (Generator(split="test"), 2)]
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
     """Parts have 2 frames per file."""
     monkeypatch.setattr(parts, "FRAMES_PER_FILE", 2)
-
-
-def test_pieces(tmp_path: Path) -> None:
-    pieces = pieces_of(Generator(), 5, tmp_path)
-    assert [(piece.start, piece.part.rows, piece.part.path.name) for piece in pieces] == [
-        (0, 2, "train_000.h5"),
-        (2, 2, "train_001.h5"),
-        (4, 1, "train_002.h5"),
-    ]
-    assert len({piece.part.recipe for piece in pieces}) == 3
 
 
 def test_depth_can_be_mapped(tmp_path: Path) -> None:
@@ -81,16 +69,6 @@ def test_a_run_without_room_changes_nothing(tmp_path: Path) -> None:
         assert {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == before
 
 
-def test_lists_stand_until_there_is_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Disk space is checked again before writing, and if it is full, the lists are kept."""
-    DataSet(tmp_path, SOURCES).write(1, lambda count: None)
-    data = DataSet(tmp_path, [(Generator(split="train"), 50)])
-    monkeypatch.setattr(parts, "check_room", lambda out, need: (_ for _ in ()).throw(DataError("full")))
-    with pytest.raises(DataError, match="full"):
-        data.write(1, lambda count: None)
-    assert (tmp_path / "train.txt").exists()
-
-
 def test_a_missing_list_is_written_again(tmp_path: Path) -> None:
     DataSet(tmp_path, SOURCES).write(1, lambda count: None)
     (tmp_path / "train.txt").unlink()
@@ -110,26 +88,6 @@ def test_generate_cuts_anywhere(generator: Generator, frames: Frames) -> None:
     assert not list(generate(0, generator))
 
 
-def test_workers_change_nothing(generator: Generator) -> None:
-    count = 2 * BLOCK + 5
-    for one, two in zip(generate(count, generator), generate(count, generator, workers=2), strict=True):
-        assert_equal(one, two)
-
-
-ROOT = Path(__file__).resolve().parents[3]
-
-
-@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="signals cannot be blocked here")
-def test_what_starts_within_does_not_see_ctrl_c() -> None:
-    """Processes started within the block inherit the blocked SIGINT; this process is unchanged."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, ())
-    with processes(1) as pool:
-        with no_interrupt():
-            blocked = pool.submit(signal.pthread_sigmask, signal.SIG_BLOCK, ())
-        assert signal.SIGINT in blocked.result()
-    assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == before
-
-
 @pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="waiting for a process that is not a child needs pidfd_open")
 def test_workers_do_not_outlive_their_parent(tmp_path: Path) -> None:
     script = tmp_path / "parent.py"
@@ -141,13 +99,9 @@ def test_workers_do_not_outlive_their_parent(tmp_path: Path) -> None:
         "        print(pool.submit(os.getpid).result(), flush=True)\n"
         "        sys.stdin.read()\n"
     )
-    parent = subprocess.Popen(
-        [sys.executable, str(script)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
-    with parent:
+    own = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[3])}
+    command = [sys.executable, str(script)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=own) as parent:
         assert parent.stdout is not None
         worker = os.pidfd_open(int(parent.stdout.readline()))
         try:

@@ -14,12 +14,6 @@ from layers.hand.bodies import kinematics_of
 from netlib.proto import schema
 
 
-@pytest.fixture(scope="module")
-def sampler() -> BodySampler:
-    """The default sampler."""
-    return BodySampler()
-
-
 def test_bones_vary_within_reason(sampler: BodySampler) -> None:
     """Bone lengths are those of the frame, which vary by a factor per hand and one per bone."""
     hands = sampler.draw(np.random.default_rng(0), 500)

@@ -14,7 +14,6 @@ from handpose.synthetic import prior_file
 from handpose.synthetic.generator import BLOCK, Generator
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.recipes import check_in_view, recipe, recipe_of
-from layers.hand.skeleton import NYU_HAND
 from netlib.errors import NetlibError, PrototxtError
 from tests.support.bad_input import bad_inputs
 
@@ -129,15 +128,12 @@ FREE = "joint: expected one without a parent that translates along X, Y and Z"
     f"{old} -> {new}": ((old, new), f"...tail_prior.prototxt:{line}") for old, new, line in (
         ('dof: "turn"', 'dof: "trun"', "6:8: error: unknown dof 'trun' (did you mean 'turn'?)"),
         ("std: 5", "std: -5", f"6:29: error: std: {POSITIVE}, up to 100000"),
-        ("std: 5", "std: nan", f"6:29: error: std: {POSITIVE}, up to 100000"),
         ("std: 5", "any: 1.5", "6:29: error: any: expected a fraction, 0 to 1"),
         ("std: 5", "most: -1", f"6:29: error: most: {POSITIVE}"),
         ('"kinect2"', '"kinect3"', "2:1: error: unknown camera 'kinect3' (did you mean 'kinect2'?)"),
         (CUBE, "cube_mm: 0", "3:1: error: cube_mm: expected a length in mm > 0"),
         ("low: 2000", "low: 3000", "5:9: error: low: expected 0 < low <= high <= 100000, in mm"),
-        ("high: 2500", "high: 1e30", "5:9: error: low: expected 0 < low <= high <= 100000, in mm"),
         ("a: 2 b: 2", "a: 2 b: 0", "7:17: error: a: expected a and b > 0"),
-        ("a: 2 b: 2", "a: inf b: 2", "7:17: error: a: expected a and b > 0"),
         ('between { dof: "c" }', 'between { dof: "a" }', "8:11: error: dof: expected DoF 'a' once"),
         ('between { dof: "c" }', 'between { dof: "still" }',
          "8:11: error: dof: expected no fixed DoF such as 'still'"),
@@ -153,12 +149,8 @@ FREE = "joint: expected one without a parent that translates along X, Y and Z"
          "4:1: error: center_jitter: expected a center { ... } to be away from"),
         ("turn {", "trun {", "6:1: error: unknown field 'trun' (did you mean 'turn'?)"),
         (CUBE, f"{CUBE} blend: 0.5 redraws: 0", "3:26: error: redraws: expected 1 to 1000"),
-        (CUBE, f"{CUBE} redraws: 2000000000", "3:15: error: redraws: expected 1 to 1000"),
         ("mean: 30", "mean: nan", f"6:20: error: mean: {NUMBER}"),
-        ("y: 100", "y: 1e20", f"4:24: error: y: {NUMBER}"),
-        ("y: 100", "y: nan", f"4:24: error: y: {NUMBER}"),
         (CUBE, f"{CUBE} penetration: nan", "3:15: error: penetration: expected a depth in mm"),
-        (CUBE, f"{CUBE} blend_noise: -1", f"3:15: error: blend_noise: {POSITIVE}, up to 100000"),
         (CUBE, f"{CUBE} bone_std: 1e308", f"3:15: error: bone_std: {POSITIVE}, up to 100000"),
         (CUBE, f"{CUBE} scale_clip: nan", f"3:15: error: scale_clip: {POSITIVE}"),
         (CUBE, f"{CUBE} scale_std: 0.4", f"3:15: error: scale_std: {CLIP}"),
@@ -196,8 +188,3 @@ def test_a_body_beside_the_crops(tail: Path, old: str, new: str) -> None:
     tail.write_text(PRIOR.replace(old, new))
     with pytest.raises(NetlibError, match=r"of the joints lie outside the crops.*expected lengths in half-cubes"):
         check_in_view(recipe_of(tail), 0)
-
-
-def test_packaged_bodies_are_in_view() -> None:
-    for name in ("person", "arm"):
-        check_in_view(recipe_of(NYU_HAND.parents[1] / "body" / f"{name}_prior.prototxt"), 0)

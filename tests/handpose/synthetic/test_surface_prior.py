@@ -15,12 +15,6 @@ from tests.handpose.whole_images import capsules_of
 EXACT = replace(DEFAULT_SURFACE, thickness_std=0)
 
 
-@pytest.fixture(scope="module")
-def sampler() -> BodySampler:
-    """The default sampler."""
-    return BodySampler()
-
-
 def drawn(sampler: BodySampler, prior: SurfacePrior, count: int = 300, depth: float = 800) -> Capsules:
     """The capsules of hands in front of a camera."""
     rng = np.random.default_rng(0)

@@ -1,4 +1,4 @@
-"""handpose/synthetic/whole_scenes.py and frame_errors.py"""
+"""handpose/synthetic/whole_scenes.py"""
 
 from __future__ import annotations
 

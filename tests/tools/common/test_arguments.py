@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from handpose.frames.cameras import CAMERAS, KINECT2, VIEWS
-from tools.common import arguments, hand_arguments
+from tools.common import arguments, sources
 
 CAMERA_FORM = f"a file, {', '.join((*CAMERAS, *VIEWS))}, or FX,FY,U0,V0 in px, the intrinsics from its SDK"
 
@@ -19,16 +19,16 @@ CAMERA_FORM = f"a file, {', '.join((*CAMERAS, *VIEWS))}, or FX,FY,U0,V0 in px, t
         (arguments.positive, "12", 12),
         (arguments.natural, "0", 0),
         (arguments.whole(0, 100), "100", 100),
-        (hand_arguments.cube, "10000", 10000.0),
+        (sources.cube, "10000", 10000.0),
         (arguments.weight, "0", 0.0),
         (arguments.weight, "1e-3", 1e-3),
-        (arguments.address(), "localhost:1", ("localhost", 1)),
-        (arguments.address(0), "[::1]:0", ("::1", 0)),
-        (arguments.address(), "a:65535", ("a", 65535)),
+        (arguments.address, "localhost:1", ("localhost", 1)),
+        (arguments.address, "[::1]:0", ("::1", 0)),
+        (arguments.address, "a:65535", ("a", 65535)),
         (arguments.pixels, "224x112", (224, 112)),
-        (hand_arguments.camera, "kinect2", KINECT2),
-        (hand_arguments.center, "1,2.5", (1.0, 2.5)),
-        (hand_arguments.center, "1,2,-3", (1.0, 2.0, -3.0)),
+        (sources.camera, "kinect2", KINECT2),
+        (sources.center, "1,2.5", (1.0, 2.5)),
+        (sources.center, "1,2,-3", (1.0, 2.0, -3.0)),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
@@ -46,7 +46,7 @@ def test_the_largest_number(kind: Callable[[str], object]) -> None:
 
 def test_a_camera_by_its_numbers() -> None:
     """A camera given by numbers accepts images of any size."""
-    camera = hand_arguments.camera("500,510,320,240")
+    camera = sources.camera("500,510,320,240")
     assert (camera.fx, camera.fy, camera.u0, camera.v0, camera.width, camera.height) == (500, 510, 320, 240, 0, 0)
 
 
@@ -59,19 +59,19 @@ def test_a_camera_by_its_numbers() -> None:
         (arguments.natural, "1.0", "an integer of at least 0"),
         (arguments.natural, "9" * 5000, "an integer of at least 0"),
         (arguments.whole(0, 100), "101", "an integer of at most 100"),
-        (hand_arguments.cube, "0.3", "a number of at least 50 and at most 10000 mm"),
-        (hand_arguments.cube, "nan", "a number of at least 50 and at most 10000 mm"),
-        (hand_arguments.cube, "60,70", "a number of at least 50 and at most 10000 mm"),
+        (sources.cube, "0.3", "a number of at least 50 and at most 10000 mm"),
+        (sources.cube, "nan", "a number of at least 50 and at most 10000 mm"),
+        (sources.cube, "60,70", "a number of at least 50 and at most 10000 mm"),
         (arguments.weight, "-1", "a number of at least 0"),
         (arguments.weight, "inf", "a number of at least 0"),
         (arguments.weight, "x", "a number of at least 0"),
-        *((hand_arguments.camera, text, CAMERA_FORM) for text in ("1,2,3,nan", "0,2,3,4", "588,588,1e300,240")),
-        *((arguments.address(), text, "HOST:PORT, a port from 1 to 65535")
-          for text in ("a:0", "a:65536", ":1", "a", "a: 1", "a:" + "9" * 5000)),
+        *((sources.camera, text, CAMERA_FORM) for text in ("1,2,3,nan", "0,2,3,4", "588,588,1e300,240")),
+        *((arguments.address, text, "HOST:PORT, a port from 0 to 65535")
+          for text in ("a:-1", "a:65536", ":1", "a", "a: 1", "a:" + "9" * 5000)),
         (arguments.numbers(), "1,x", "numbers separated by commas"),
         (arguments.pixels, "224", "WIDTHxHEIGHT in px, such as 224x224"),
         (arguments.name_in(".png", ".jpg"), "folder/.png", "a file name with suffix .png, .jpg"),
-        (hand_arguments.center, "1,2,3,4", "U,V or U,V,D (px, px, mm)"),
+        (sources.center, "1,2,3,4", "U,V or U,V,D (px, px, mm)"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )

@@ -50,10 +50,6 @@ def test_each_mistake_is_one_line(
     assert capsys.readouterr() == ("", line)
 
 
-def test_a_tool_that_is_done() -> None:
-    assert guarded(lambda args: args.status, Namespace(status=3)) == 3
-
-
 @given(ANY_TEXT)
 def test_a_name_stays_in_its_line(name: str) -> None:
     with pytest.MonkeyPatch.context() as patch:

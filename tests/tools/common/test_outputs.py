@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from netlib.errors import NetlibError
@@ -39,3 +40,8 @@ def test_places_where_no_file_can_be(out: str, said: str) -> None:
         outputs.check_place(Path(out))
     outputs.check_place(Path("inner/b.txt"))
     assert sorted(path.name for path in Path().rglob("*")) == ["a.txt", "inner", "link.txt"]
+
+
+def test_an_image_of_too_many_pixels_for_its_format() -> None:
+    with pytest.raises(NetlibError, match=r"a\.jpg: cannot write the image: 1 x 66000 px are too many"):
+        outputs.write_image("a.jpg", np.zeros((66000, 1, 3), np.uint8))

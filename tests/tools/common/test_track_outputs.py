@@ -1,24 +1,34 @@
-"""tools/common/track_outputs.py: all output formats of a track, from synthetic hands."""
+"""tools/common/track_outputs.py: all output formats of a track, from synthetic hands, and messages during tracking."""
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
+import signal
+import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
+from handpose.frames.cameras import ICVL
+from handpose.frames.writing import RecordingWriter
 from handpose.output.tracks.json_file import read_track
 from handpose.output.tracks.writing import CsvWriter
+from handpose.sequences.recordings import SyntheticRecording
 from handpose.tracking.track import TrackedFrame
 from netlib.errors import NetlibError
 from tests.support.tracked_hands import HEADER, seen, tracked
-from tools.common.track_outputs import Outputs, add_output_options, is_drawn, settle_outputs
+from tests.tools.conftest import ROOT
+from tools.common import track_outputs
+from tools.common.progress import StoppedError
+from tools.common.track_outputs import LiveOutput, Outputs, add_output_options, is_drawn, settle_outputs
 
 ALL = ["--json", "a.json", "--csv", "a.csv", "--sheet", "a.png"]
 
@@ -156,3 +166,157 @@ def test_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(NetlibError, match="is missing: pip install"):
         written(*ALL, "--video", "a.mp4")
     assert list(Path().iterdir()) == []
+
+
+# ------------------------------------------------------------------------------------------------ live output
+
+COUNT = 3
+HAND = tracked()
+DEPTH = seen([HAND])
+
+
+def frame(number: int) -> TrackedFrame:
+    return TrackedFrame(number, number / 10, (HAND,))
+
+
+def source(live: bool) -> Any:
+    """Return a stand-in for a camera or a recording."""
+    return SimpleNamespace(live=live)
+
+
+def ends() -> None:
+    raise StoppedError
+
+
+@pytest.mark.parametrize(
+    ("text", "address"),
+    [("8000", ("127.0.0.1", 8000)), ("0.0.0.0:0", ("0.0.0.0", 0)), ("[::1]:80", ("::1", 80)),
+     ("a.b:65535", ("a.b", 65535))],
+)
+def test_addresses(text: str, address: tuple[str, int]) -> None:
+    """A port alone is on the local machine; without a value the port is chosen automatically."""
+    assert parsed("--serve", text).serve == address
+    assert parsed("--serve").serve == ("127.0.0.1", 0) and parsed().serve is None
+
+
+def test_a_recording_is_no_faster_than_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A recording's frames are sent at their times, a camera's immediately; a stop request ends the wait."""
+    pytest.importorskip("websockets")
+    monkeypatch.setattr(track_outputs.LiveServer, "wait_for_client", lambda self, seconds: True)
+    clock = [100.0]
+    monkeypatch.setattr(track_outputs.time, "perf_counter", lambda: clock[0])
+    monkeypatch.setattr(track_outputs.time, "sleep", lambda seconds: clock.append(clock.pop() + seconds))
+    with LiveOutput(parsed("--serve"), HEADER) as output:
+        output.write(DEPTH, frame(50))
+        output.begin(source(live=True), ends, sys.stdout)
+        output.write(DEPTH, frame(51))
+        assert clock == [100.0]
+        output.begin(source(live=False), lambda: None, sys.stdout)
+        output.write(DEPTH, frame(3))
+        assert clock == [pytest.approx(100.3)]
+        clock[0] = 105.0
+        output.write(DEPTH, frame(4))
+        assert clock == [105.0]
+        output.begin(source(live=False), ends, sys.stdout)
+        with pytest.raises(StoppedError):
+            output.write(DEPTH, frame(10_000))
+
+
+def test_what_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    """Both addresses are printed; a recording waits for the first client, a camera does not."""
+    pytest.importorskip("websockets")
+    with LiveOutput(parsed("--serve"), HEADER) as output:
+        output.begin(source(live=True), ends, sys.stdout)
+        first, second = capsys.readouterr().out.splitlines()
+        assert first.startswith("page: http://127.0.0.1:") and second.startswith("for programs: ws://127.0.0.1:")
+        with pytest.raises(StoppedError):
+            output.begin(source(live=False), ends, sys.stdout)
+        assert capsys.readouterr().out.splitlines()[2:] == ["waiting for the first connection; Ctrl-C stops"]
+        output.write(DEPTH, frame(0))
+    with LiveOutput(parsed("--serve", "0.0.0.0:0"), HEADER) as output:
+        output.begin(source(live=True), ends, sys.stdout)
+        assert capsys.readouterr().err == "warning: other machines can watch, if they have these addresses\n"
+
+
+def test_the_addresses_in_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Programs read the addresses from a file that only the user can read; it is removed at the end."""
+    pytest.importorskip("websockets")
+    monkeypatch.setenv(track_outputs.TOKEN, "0123456789abcdefABCDEF-_")
+    path = tmp_path / "live.json"
+    with LiveOutput(parsed("--serve", "--addresses", str(path)), HEADER):
+        found = json.loads(path.read_text(encoding="utf-8"))
+        assert path.stat().st_mode & 0o777 == 0o600
+    assert not path.exists() and found["token"] == "0123456789abcdefABCDEF-_"
+    assert found["frames"].startswith("ws://127.0.0.1:") and found["page"].endswith(f"/?token={found['token']}")
+
+
+# ------------------------------------------------------------------------------------------------ the whole command
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with two recordings of a hand at rest: quick.npz, and slow.npz with an hour between its frames."""
+    folder = tmp_path_factory.mktemp("recorded")
+    recording = SyntheticRecording("rest", ICVL, rate=15, seconds=COUNT / 15)
+    frames = list(recording)
+    for name, rate in (("quick.npz", recording.rate), ("slow.npz", 1 / 3600)):
+        with RecordingWriter(folder / name, recording.camera, recording.unit_mm, rate) as writer:
+            for number, frame in enumerate(frames):
+                writer.write(frame._replace(time=number / rate))
+    return folder
+
+
+@pytest.fixture
+def running(recorded: Path, tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """``running("quick.npz", "--serve", ...)`` starts the tracker as a process, which is killed after the test."""
+    begun: list[subprocess.Popen[str]] = []
+
+    def start(name: str, *options: str) -> subprocess.Popen[str]:
+        command = [sys.executable, str(ROOT / "tools" / "track.py"), str(recorded / name), *options]
+        begun.append(subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path))
+        return begun[-1]
+
+    yield start
+    for process in begun:
+        process.kill()
+        process.communicate()
+
+
+def address_of(process: subprocess.Popen[str]) -> str:
+    assert process.stdout is not None
+    for line in process.stdout:
+        if line.startswith("for programs: "):
+            return line.split()[-1]
+    raise AssertionError(process.communicate()[1])
+
+
+def client_of(process: subprocess.Popen[str]) -> contextlib.AbstractContextManager[Any]:
+    client = pytest.importorskip("websockets.sync.client")
+    return client.connect(address_of(process))
+
+
+def test_a_program_gets_all_frames_of_a_recording(running: Callable[..., subprocess.Popen[str]]) -> None:
+    """Tracking starts when a client connects; it receives the lines of --json up to the end of the recording."""
+    process = running("quick.npz", "--serve", "--json", "a.jsonl", "--joints", "mano")
+    with client_of(process) as client:
+        header, *frames = (json.loads(line) for line in client)
+    out, error = process.communicate(timeout=300)
+    assert process.returncode == 0 and error == "" and "wrote a.jsonl" in out
+    assert header["format"] == "handpose" and header["joint_format"]["name"] == "mano"
+    assert [frame["number"] for frame in frames] == list(range(COUNT))
+    assert all(len(hand["mano"]["positions_m"]) == 21 for frame in frames for hand in frame["hands"])
+
+
+def test_a_signal_ends_it(running: Callable[..., subprocess.Popen[str]]) -> None:
+    """A signal ends the tracker while it waits for a client and while it tracks, with a reason sent to clients."""
+    waiting = running("slow.npz", "--serve")
+    address_of(waiting)
+    waiting.send_signal(signal.SIGINT)
+    assert waiting.communicate(timeout=300)[1].splitlines()[-1] == "stopped" and waiting.returncode == 130
+    tracking = running("slow.npz", "--serve")
+    with client_of(tracking) as client:
+        json.loads(client.recv(timeout=300))
+        json.loads(client.recv(timeout=300))
+        tracking.send_signal(signal.SIGTERM)
+        list(client)
+    assert tracking.wait(300) == 143 and client.protocol.close_reason == "the tracker was stopped"

@@ -18,11 +18,8 @@ FOLDER = Path(__file__).parent
 COLOURS = 6  # number of colours of hands; then they repeat
 
 
-def page(header: TrackHeader, live: bool = False) -> str:
-    """The page as HTML; ``live`` is whether the frames are from a camera, not a recording.
-
-    Its title is the name of the camera, or that of the recording without its folder, because others may see the page.
-    """
+def page(header: TrackHeader) -> str:
+    """The page as HTML. Its title is the name of the source without its folder, because others may see the page."""
     surface, camera = Surface(header.skeleton), header.camera
     data = {
         "stream": VIEWS.removeprefix("/"), "camera": vars(camera),
@@ -30,8 +27,8 @@ def page(header: TrackHeader, live: bool = False) -> str:
         "whole": surface.whole.joint_names, "capsules": [[int(a), int(b)] for a, b in zip(surface.start, surface.end)],
         "colours": [colour_of(id)[::-1] for id in range(COLOURS)],
     }
-    title = f"{header.source}, live" if live else f"{Path(header.source).name}, recording"
     style, body = source("page.css") + source("live.css", FOLDER), source("live.html", FOLDER)
+    title = f"{Path(header.source).name}, tracked"
     return assembled(title, data, body, style, script_of("live", FOLDER), connects=True)
 
 

@@ -8,7 +8,7 @@ import pytest
 import netlib
 from handpose.body.nyu import EVALUATION_JOINTS, cube_of_test_frame
 from handpose.fit.joints import angles
-from handpose.fit.joints.fit_joints import fit_joints
+from handpose.fit.joints.fit_joints import fit_absolute, fit_joints
 from handpose.frames.cameras import NYU
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
@@ -71,6 +71,16 @@ def test_joints_that_are_not_known(inputs):
     assert np.isnan(found.residuals[::2, [0, 5, 28]]).all() and np.isnan(found.residuals[3, 7])
     assert np.nanmax(found.residuals) < 1e-5
     assert np.abs(joints_of(SKELETON, found.inputs)[:, [1, 6, 29]] - targets[:, [1, 6, 29]]).max() < 1e-4
+
+
+def test_joints_at_absolute_positions(inputs):
+    """Each hand is fitted in its own unit, about its own centre, to within 0.01 mm."""
+    half = np.array([150.0, 130.5, 150.0])
+    xyz = joints_of(SKELETON, inputs[:3]) * half[:, None, None] + (20, -30, 800)
+    found = fit_absolute(SKELETON, xyz, half, range(31), starts=4)
+    placed = joints_of(SKELETON, found.inputs) * half[:, None, None] + found.center[:, None]
+    assert np.abs(placed - xyz).max() < 0.01
+    assert found.residuals_mm == pytest.approx(np.linalg.norm(placed - xyz, axis=2), abs=1e-6)
 
 
 def test_limits_hold(inputs, rng):

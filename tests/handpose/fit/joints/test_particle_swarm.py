@@ -37,5 +37,3 @@ def test_a_swarm_on_a_body_without_limits():
     assert np.allclose(fit_joints_by_swarm(bound, kinematics_of(bound).joints(inputs)).inputs, inputs, atol=1e-3)
     with pytest.raises(DataError, match="'' has translations without limits"):
         fit_joints_by_swarm(free, kinematics_of(free).joints(inputs))
-    with pytest.raises(DataError, match="0 particles for 200 generations, expected 1 or more"):
-        fit_joints_by_swarm(bound, kinematics_of(bound).joints(inputs), particles=0)

@@ -1,0 +1,146 @@
+"""experiments/constants.py and experiments/finder.py: figures on labelled recordings."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from experiments import constants
+from experiments.constants import Seen, cells_of, followed, set_constant
+from experiments.finder import Answer, Labelled, judged, labels_of, recalls_of, recorded
+from handpose.estimate.finder import FoundHand
+from handpose.estimate.packaged import HAND_FINDER
+from handpose.frames import camera_file
+from handpose.frames.cameras import ICVL, NYU
+from handpose.frames.recording import CameraInfo
+from handpose.sequences.acts import Act
+from handpose.sequences.recordings import Script, SyntheticRecording
+from netlib.errors import DataError
+from tests.support.running import run_tool
+
+PLACE = np.array([10.0, 20.0, 700.0])
+
+
+def test_constants_with_numbers_are_counted(tmp_path: Path) -> None:
+    source = "A, B = 1, (2.0, 3)\nNAME = 'x'\nflag = 1\nIS = True\nC = A\nD = {'x': -4}\ndef f():\n    E = 5\n"
+    (tmp_path / "some.py").write_text(source)
+    assert constants.numbers_of(tmp_path / "some.py") == ["A", "B", "D"]
+    assert {"ENOUGH", "SURE"} <= set(constants.constants()["tracking.hand_track"])
+
+
+def test_few_numbers_are_tuned() -> None:
+    """A new one replaces another; what is listed as not tuned exists."""
+    assert all(set(names) <= set(constants.constants()[module]) for module, names in constants.NOT_TUNED.items())
+    assert sum(map(len, constants.tuned().values())) <= 105
+
+
+@pytest.mark.parametrize(("text", "line"), [
+    ("tracking.hand_track.NO=1", "no such constant"),
+    ("tracking.hand_track.SURE=x", "'x' is no number"),
+    ("tracking.hand_track.SURE=1", "already loaded"),
+])
+def test_constants_that_cannot_be_set(text: str, line: str) -> None:
+    import handpose.tracking.tracker  # noqa: F401
+
+    with pytest.raises(DataError, match=line):
+        set_constant(text)
+
+
+def test_a_constant_is_set_before_the_tracker_is_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
+    from handpose.tracking import hand_track, present_hands
+
+    monkeypatch.setattr(hand_track, "SURE", hand_track.SURE)
+    monkeypatch.delitem(sys.modules, "handpose.tracking.tracker", raising=False)
+    set_constant("tracking.hand_track.SURE=inf")
+    assert np.inf == hand_track.SURE
+    monkeypatch.setattr(present_hands, "LOOK", present_hands.LOOK)
+    monkeypatch.setattr(hand_track, "LOOK", present_hands.LOOK)
+    set_constant("tracking.present_hands.LOOK=1")
+    assert hand_track.LOOK == present_hands.LOOK == 1, "it is loaded already, and imports the constant"
+
+
+def test_the_columns() -> None:
+    """Means over seeds; shares over all frames."""
+    first, second = [Seen(10, 0.95, True), None], [Seen(40, 0.95, False), Seen(20, 0.5, True)]
+    assert cells_of([first, second]) == ["20.00", "10.00", "30.00", "25.0%", "66.7%", "66.7%", "50.0%"]
+    assert cells_of([[None]])[3:] == ["100.0%", "", "", ""]
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_recording_is_scored(tmp_path: Path, mirrored: bool) -> None:
+    """A frame without a label is left out; labels are those of the joints that the tracker reports."""
+    recording = SyntheticRecording(Script(0.8, {"right": (Act("rest", 1),)}), ICVL, rate=15, seed=2)
+    labels = np.full((4, 5, 4, 3), np.nan)
+    rows = constants._rows(recording.header.skeleton.joint_names)
+    for n in range(4):
+        cv2.imwrite(str(tmp_path / f"{n}.png"), recording.frame(n).depth.astype(np.uint16))
+        if n != 1:
+            labels[n] = 0
+            labels[n, :, 1:] = recording.truth(n).hands[0].xyz[rows].mean(axis=2) * (1, -1, 1)
+    camera_file.write(tmp_path / "camera.json", CameraInfo(ICVL))
+    np.save(tmp_path / "labels.npy", labels)
+    seen = list(followed(str(tmp_path), constants.labels_of(tmp_path / "labels.npy"), 0, mirrored))
+    assert len(seen) == 3 and all(one is not None and one.is_right_side and one.error_mm < 20 for one in seen[1:])
+
+
+# ---------------------------------------------------------------------------------------------- the finder
+
+
+def hand(presence: float, off: float, right: float = 0.9) -> FoundHand:
+    return FoundHand(presence, PLACE + (off, 0, 0), right, np.zeros((1, 1), bool))
+
+
+def test_a_labelled_hand_is_found_once() -> None:
+    """The next answer near it is false, and one near a doubtful hand is not counted."""
+    frame = Labelled(np.zeros((480, 640)), NYU, [(PLACE, "left")], [PLACE + (500, 0, 0)])
+    answers = judged([hand(0.9, 70), hand(0.8, 10), hand(0.7, 300), hand(0.6, 450), hand(0.5, 0, 0.5)], frame)
+    assert [(one.presence, one.true) for one in answers] == [(0.9, True), (0.8, False), (0.7, False), (0.5, False)]
+    assert answers[0] == Answer(0.9, True, "right", right_side=False, off_mm=70.0)
+
+
+def test_recalls_at_numbers_of_false_hands() -> None:
+    """Two frames, four hands: 1, 2 and 4 false ones are allowed."""
+    true = [True, False, True, False, True, False, False, False, True]
+    answers = [Answer(1 - n / 10, one) for n, one in enumerate(true)]
+    recalls, threshold = recalls_of(answers, total=4, frames=2)
+    assert recalls == [0.5, 0.75, 0.75] and threshold == pytest.approx(0.6)
+    assert recalls_of([], 4, 2) == ([0, 0, 0], 2.0)
+
+
+def test_the_labels_of_a_recording_and_its_half(tmp_path: Path) -> None:
+    joints = np.full((3, 2, 3), np.nan)
+    joints[1] = (10, -20, 700)
+    np.save(tmp_path / "left.npy", joints)
+    np.savez(tmp_path / "take.npz", depth=np.full((3, 480, 640), 700, np.uint16))
+    camera_file.write(tmp_path / "camera.json", CameraInfo(NYU))
+    labels = labels_of([f"left={tmp_path / 'left.npy'}"])
+    for part, counts in (("all", [0, 1, 0]), ("even", [0, 0]), ("odd", [1])):
+        frames = list(recorded(str(tmp_path / "take.npz"), labels, part))
+        assert [len(frame.hands) for frame in frames] == counts
+    place, side = frames[0].hands[0]
+    assert side == "left" and place == pytest.approx(PLACE)
+
+
+def test_the_packaged_finder_is_measured() -> None:
+    done = run_tool("experiments.__main__", "finder", HAND_FINDER / "hand_finder.caffemodel.h5", "--scenes", "16")
+    head, drawn, other = done.out.splitlines()[-3:]
+    assert head.startswith("frames of")
+    for line, name in ((drawn, "test"), (other, "other")):
+        found, count, _, _, recall, *_ = line.split()
+        assert (found, count) == (name, "16") and float(recall.rstrip("%")) > 50
+
+
+def test_labels_that_are_none(tmp_path: Path) -> None:
+    (tmp_path / "x.npy").write_bytes(b"no array")
+    np.save(tmp_path / "flat.npy", np.zeros(3))
+    for name, message in (("x", "not an array of numbers"), ("flat", r"\(3,\), expected joints \(frames, \.\.\., 3\)")):
+        with pytest.raises(DataError, match=rf"{name}\.npy: {message}"):
+            next(recorded("frames", {"left": tmp_path / f"{name}.npy"}, "all"))
+    with pytest.raises(DataError, match=r"flat.npy: expected an .npy of joints \(frames, 5, 4, 3\) in mm"):
+        constants.labels_of(tmp_path / "flat.npy")
+    with pytest.raises(DataError, match=r"'up=x\.npy', expected left=LABELS\.npy or right=LABELS\.npy"):
+        labels_of(["up=x.npy"])
