@@ -39,7 +39,7 @@ import tools
 
 tools.begin(__name__)
 
-from handpose import Recording, Tracker, load_predictor
+from handpose import Tracker, load_predictor
 from handpose.body.sides import SOUGHT_SIDES
 from handpose.frames.inspection import Inspection, inspect
 from handpose.tracking import sizing
@@ -98,11 +98,11 @@ def run(args: argparse.Namespace) -> int:
         reporting = Reporting(tracker.estimator.model, args.min_confidence, outputs.is_live or recording.live)
         try:
             with Stopper() as stopper:
-                _track(recording, seen, tracker, reporting, outputs, summary, stopper, args.frames)
+                _track(seen, tracker, reporting, outputs, summary, stopper, args.frames)
         except StoppedError:
             say(f"stopped after {summary.frames} frames" if summary.frames else "stopped", file=sys.stderr)
             status = 128 + stopper.signum
-        print_new_remarks(recording, seen)
+        print_new_remarks(seen)
         if summary.frames:
             seconds = time.perf_counter() - begun or 1e-3  # 0: a coarse clock
             _say_summary(summary, seconds, reporting.sure_hands.note, outputs, talk, seen.doubt)
@@ -114,10 +114,11 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _track(
-    recording: Recording, seen: Inspection, tracker: Tracker, reporting: Reporting, outputs: Outputs, summary: Summary,
-    stopper: Stopper, frames: int | None,
+    seen: Inspection, tracker: Tracker, reporting: Reporting, outputs: Outputs, summary: Summary, stopper: Stopper,
+    frames: int | None,
 ) -> None:
     """Track and write up to the end of the recording, or ``frames``. Raises StoppedError, NetlibError."""
+    recording = seen.recording
 
     def write(ready: Ready) -> None:
         for depth, found in ready:
@@ -127,7 +128,7 @@ def _track(
     with outputs, ProgressBar(total_of(recording, frames), what="tracking") as progress:
         outputs.begin(recording, stopper.check)
         try:
-            for frame in islice(seen.all_frames(recording), frames):
+            for frame in islice(seen.all_frames(), frames):
                 stopper.check()
                 try:
                     found = tracker.step(frame)

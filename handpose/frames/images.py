@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from handpose.frames.cameras import UNIT_MM
 from handpose.frames.crops import SIZE, numbers
-from handpose.frames.raw import calibration_of
+from handpose.frames.raw import decoder_of
 from handpose.frames.recording import UNKNOWN, CameraInfo
 from netlib import files
 from netlib.blob import Array
@@ -78,7 +78,7 @@ def read_frame(path: str | Path, given: CameraInfo) -> NDArray[np.float32]:
         raise DataError(f"{path}: found {image.dtype} {image.shape}; expected a 16-bit grey PNG of depth")
     if given.unit_mm is None and given.camera is not None:
         given = replace(given, unit_mm=UNIT_MM.get(given.camera.name, 1.0))
-    return calibration_of(given, UNKNOWN, UNKNOWN, image.shape, image.dtype, str(path)).decoder(str(path))(image)
+    return decoder_of(given, UNKNOWN, UNKNOWN, image.shape, image.dtype, str(path))(image)
 
 
 def read_crop(path: str | Path) -> NDArray[np.float32]:

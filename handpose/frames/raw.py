@@ -1,13 +1,12 @@
 """From stored values to depth, for all sources: unit, holes, size, lens.
 
-calibration = calibration_of(given, own, camera_json, raw.shape, raw.dtype, "take.bag")   # by order of precedence
-decode = calibration.decoder("take.bag")
-decode(raw)                                                                               # (height, width) mm
+decode = decoder_of(given, own, camera_json, raw.shape, raw.dtype, "take.bag")   # by order of precedence
+decode(raw)                                                                      # (height, width) mm
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,16 +27,22 @@ HEADERLESS = (  # about .raw files
 
 
 class DepthDecoder:
-    """Converts stored frames to depth.
+    """The parameters of a recording, which convert its stored frames to depth. Raises DataError for an invalid lens.
 
     camera   of the frames, with their size
     lens     None without distortion
     unit_mm  depth of a stored value of 1
     where    name of the recording, for messages
+    rate     frames per second, or None
+    remarks  assumed values, and the origin of the others, one line each
     """
 
-    def __init__(self, camera: Camera, lens: Lens | None, unit_mm: float, where: str) -> None:
-        self.camera, self.unit_mm, self.where = camera, unit_mm, where
+    def __init__(
+        self, camera: Camera, lens: Lens | None, unit_mm: float, where: str, rate: float | None = None,
+        remarks: tuple[str, ...] = (),
+    ) -> None:
+        self.camera, self.lens, self.unit_mm, self.where = camera, lens, unit_mm, where
+        self.rate, self.remarks = rate, remarks
         self._unit = np.float32(unit_mm)
         try:
             self._undistort = None if lens is None or lens.is_straight else Undistorter(camera, lens)
@@ -62,6 +67,12 @@ class DepthDecoder:
             raise DataError(f"{where}: a depth of {depth.min():g} mm; expected 0 where nothing was read, else more")
         return depth if self._undistort is None else self._undistort(depth)
 
+    def paced(self) -> tuple[float, tuple[str, ...]]:
+        """Frames per second for frames without times, and a remark about it."""
+        if self.rate is not None:
+            return self.rate, ()
+        return RATE, (f"rate unknown: {RATE:g} frames per second assumed; --rate if that is wrong",)
+
 
 def stored(depth: NDArray[np.float32], unit_mm: float, where: str) -> NDArray[np.uint16]:
     """16-bit values for depth in mm: the inverse of a DepthDecoder without a lens.
@@ -75,43 +86,11 @@ def stored(depth: NDArray[np.float32], unit_mm: float, where: str) -> NDArray[np
     return values.astype(np.uint16)
 
 
-@dataclass(frozen=True)
-class Calibration:
-    """The parameters of a recording.
-
-    camera   with the frames' size
-    lens     of the camera, or None
-    unit_mm  depth of a stored value of 1
-    rate     frames per second, or None
-    remarks  assumed values, and the origin of the others, one line each
-    """
-
-    camera: Camera
-    lens: Lens | None
-    unit_mm: float
-    rate: float | None
-    remarks: tuple[str, ...]
-
-    def decoder(self, where: str) -> DepthDecoder:
-        """The decoder for frames of the source ``where`` (for messages). Raises DataError for an invalid lens."""
-        return DepthDecoder(self.camera, self.lens, self.unit_mm, where)
-
-    def paced(self) -> tuple[float, tuple[str, ...]]:
-        """Frames per second for frames without times, and a remark about it."""
-        if self.rate is not None:
-            return self.rate, ()
-        return RATE, (f"rate unknown: {RATE:g} frames per second assumed; --rate if that is wrong",)
-
-
-def calibration_of(
-    given: CameraInfo,
-    own: CameraInfo,
-    camera_json: CameraInfo,
-    shape: tuple[int, ...],
-    dtype: np.dtype[Any],
+def decoder_of(
+    given: CameraInfo, own: CameraInfo, camera_json: CameraInfo, shape: tuple[int, ...], dtype: np.dtype[Any],
     where: str,
-) -> Calibration:
-    """The parameters of frames of a shape and type: from the user, else the file itself, else a camera.json.
+) -> DepthDecoder:
+    """The decoder of frames of a shape and type: parameters from the user, else the file itself, else a camera.json.
 
     Raises DataError if the camera is unknown, or the unit of numbers that may be metres.
     """
@@ -142,7 +121,7 @@ def calibration_of(
     elif own.lens is not None and not own.lens.is_straight:  # the user gave a camera without a lens
         remarks.append(f"the distortion in {where} is of another camera and is not removed; --distortion "
                        "if it holds for this one")
-    return Calibration(camera, known.lens, unit, known.rate, tuple(remarks))
+    return DepthDecoder(camera, known.lens, unit, where, known.rate, tuple(remarks))
 
 
 def sized(camera: Camera | View, shape: tuple[int, ...], where: str) -> Camera:

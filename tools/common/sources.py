@@ -17,7 +17,7 @@ from handpose.frames.camera_file import RANGES, TIME_UNITS
 from handpose.frames.cameras import CAMERAS, UNIT_MM, VIEWS, View
 from handpose.frames.formats import EXPECTED
 from handpose.frames.images import read_picture
-from handpose.frames.inspection import Inspection, warnings_of
+from handpose.frames.inspection import Inspection, view_of, warnings_of
 from handpose.frames.lens import Lens
 from handpose.frames.raw import sized
 from netlib.errors import DataError
@@ -86,21 +86,22 @@ def opened(args: argparse.Namespace) -> Recording:
 
 def print_inspection(found: Inspection, file: TextIO | None = None) -> None:
     """Print a report on a recording and its first frames; warnings go to stderr."""
-    camera = found.camera
-    length = "live" if found.live else "unknown number of frames" if found.count is None else f"{found.count} frames"
-    rate = f", {found.rate:g} frames/s" if found.rate else ""
-    say(f"{found.name}: {length}, {camera.width} x {camera.height} pixels{rate}", file=file)
+    recording, camera = found.recording, found.recording.camera
+    view, rate = view_of(camera), f", {recording.rate:g} frames/s" if recording.rate else ""
+    count = "unknown number of" if recording.count is None else recording.count
+    length = "live" if recording.live else f"{count} frames"
+    say(f"{recording.name}: {length}, {camera.width} x {camera.height} pixels{rate}", file=file)
     say(f"  camera {camera.name}: fx {camera.fx:g}, fy {camera.fy:g}, u0 {camera.u0:g}, v0 {camera.v0:g}; "
-        f"field of view {found.view[0]:.0f} x {found.view[1]:.0f} degrees", file=file)
+        f"field of view {view[0]:.0f} x {view[1]:.0f} degrees", file=file)
     if found.depth_mm is not None and found.nearest is not None:
         low, middle, high = found.depth_mm
         say(f"  depth {low:.0f} to {high:.0f} mm, median {middle:.0f}; {found.zeros:.0%} of the pixels empty; "
-            f"unit {found.unit_mm:g} mm", file=file)
+            f"unit {recording.unit_mm:g} mm", file=file)
         say(f"  nearest object: {found.nearest[0]:.0f} mm away, {found.nearest[1]:.0f} mm wide", file=file)
     for remark in found.remarks:
         say(f"  {remark}", file=file)
     for warning in found.warnings:
-        say(f"warning: {found.name}: {warning}", file=sys.stderr)
+        say(f"warning: {recording.name}: {warning}", file=sys.stderr)
 
 
 def print_warnings(
@@ -114,9 +115,9 @@ def print_warnings(
         say(f"warning: {name}: {warning}", file=sys.stderr)
 
 
-def print_new_remarks(recording: Recording, seen: Inspection) -> None:
+def print_new_remarks(seen: Inspection) -> None:
     """Print remarks about a recording that came up after the report on its first frames."""
-    for line in (*recording.remarks, recording.cut):
+    for line in (*seen.recording.remarks, seen.recording.cut):
         if line and line not in seen.remarks:
             say(f"warning: {line}", file=sys.stderr)
 

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from handpose.frames import camera_file
 from handpose.frames.cameras import NYU
 from handpose.frames.images import read_picture, unpack_depth
-from handpose.frames.raw import HEADERLESS, calibration_of
+from handpose.frames.raw import HEADERLESS, decoder_of
 from handpose.frames.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
 from netlib.errors import DataError, did_you_mean, reason_of, system_error_of
 from netlib.files.paths import exists, list_folder, names_in
@@ -59,15 +59,14 @@ class FolderRecording(Recording):
         raw = _grey(image, self._packed, path)
         if path.suffix.lower() in (".tif", ".tiff") and (pictures := cv2.imcount(str(path))) > 1:
             raise DataError(f"{path}: a TIFF of {pictures} pictures; expected one for each frame, or all in an .npy")
-        calibration = calibration_of(given, UNKNOWN, camera_json, raw.shape, raw.dtype, str(path))
-        self.name, self.count, self.rate = str(source), len(names), calibration.rate
-        self.camera, self.unit_mm = calibration.camera, calibration.unit_mm
-        remarks = [self._frames.interpretation, *calibration.remarks]
+        self._decode = decode = decoder_of(given, UNKNOWN, camera_json, raw.shape, raw.dtype, str(path))
+        self.name, self.count, self.rate = str(source), len(names), decode.rate
+        self.camera, self.unit_mm = decode.camera, decode.unit_mm
+        remarks = [self._frames.interpretation, *decode.remarks]
         if not self._frames.ticks and len(names) > 1:
-            self.rate, assumed = calibration.paced()
+            self.rate, assumed = decode.paced()
             remarks += assumed
         self.remarks = self._remarks = tuple(remarks)
-        self._decode = calibration.decoder(self.name)
 
     def __iter__(self) -> Iterator[DepthFrame]:
         """The frames that can be read. Raises DataError for one of another size or kind, and for a system error."""

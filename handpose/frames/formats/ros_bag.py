@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from handpose.frames import camera_file
 from handpose.frames.cameras import Camera
 from handpose.frames.lens import Lens, lens_of
-from handpose.frames.raw import calibration_of
+from handpose.frames.raw import decoder_of
 from handpose.frames.recording import CameraInfo, DepthFrame, Recording
 from netlib.errors import DataError, NetlibError, did_you_mean, reason_of, system_error_of
 from netlib.files import pictures
@@ -131,14 +131,14 @@ class BagRecording(Recording):
             image = bag.first(self._topic, *IMAGES)
             values = values_of(image, where)
             own = _own(bag, self._topic, encoding_of(image), values.shape, given.camera is not None)
-            calibration = calibration_of(given, own, camera_file.next_to(self._path), values.shape, values.dtype, where)
+            camera_json = camera_file.next_to(self._path)
+            self._decode = decoder_of(given, own, camera_json, values.shape, values.dtype, where)
             self.name, self.count = str(self._path), bag.topics(*IMAGES)[self._topic]
-        self.camera, self.unit_mm, self.rate = calibration.camera, calibration.unit_mm, calibration.rate
-        self.remarks = self._assumed = calibration.remarks
-        self._decode = calibration.decoder(self.name)
+        self.camera, self.unit_mm, self.rate = self._decode.camera, self._decode.unit_mm, self._decode.rate
+        self.remarks = self._decode.remarks
 
     def __iter__(self) -> Iterator[DepthFrame]:
-        self.cut, self.remarks = "", self._assumed
+        self.cut, self.remarks = "", self._decode.remarks
         number, last, late = -1, -math.inf, 0
         try:
             for number, (time, raw) in enumerate(self._stored()):

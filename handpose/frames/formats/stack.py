@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from handpose.frames import camera_file
 from handpose.frames.formats.folder import FRAMES, TICKS, since_1970
-from handpose.frames.raw import RATE, calibration_of, check_values
+from handpose.frames.raw import RATE, check_values, decoder_of
 from handpose.frames.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
 from netlib import files
 from netlib.errors import DataError, NetlibError, reason_of, system_error_of
@@ -46,15 +46,15 @@ class StackRecording(Recording):
         frames = (_Npy if path.suffix.lower() == ".npy" else _Npz)(path)
         camera_json = camera_file.next_to(path)
         self._times, own, remarks, self.warnings = recognise(frames, str(path), given, camera_json)
-        calibration = calibration_of(given, own, camera_json, frames.shape[1:], frames.dtype, str(path))
-        self.name, self.camera, self.unit_mm = str(path), calibration.camera, calibration.unit_mm
-        self.count, self.rate, self.remarks = frames.shape[0], calibration.rate, (*remarks, *calibration.remarks)
+        self._decode = decode = decoder_of(given, own, camera_json, frames.shape[1:], frames.dtype, str(path))
+        self.name, self.camera, self.unit_mm = str(path), decode.camera, decode.unit_mm
+        self.count, self.rate, self.remarks = frames.shape[0], decode.rate, (*remarks, *decode.remarks)
         if self._times is None and given.time_unit is not None:
             raise DataError(f"{path}: has no times, so --time-unit has no meaning; expected an array time")
         if self._times is None and self.count > 1:
-            self.rate, remarks = calibration.paced()
+            self.rate, remarks = decode.paced()
             self.remarks += remarks
-        self._frames, self._decode = frames, calibration.decoder(self.name)
+        self._frames = frames
 
     def __iter__(self) -> Iterator[DepthFrame]:
         times = self._times

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from handpose.frames.cameras import SR305
 from handpose.frames.lens import Lens, Undistorter
-from handpose.frames.raw import DepthDecoder, calibration_of, sized, stored
+from handpose.frames.raw import DepthDecoder, decoder_of, sized, stored
 from handpose.frames.recording import UNKNOWN, CameraInfo
 from tests.handpose.frames.conftest import CAMERA, hand_sized
 
@@ -50,18 +50,18 @@ def test_stored_is_the_inverse(values: list[int], unit_mm: float) -> None:
 def test_the_user_is_believed_first() -> None:
     own, beside = CameraInfo(SR305, unit_mm=0.25), CameraInfo(CAMERA, unit_mm=2.0, rate=5.0, origin="camera.json")
     shape = (SR305.height, SR305.width)
-    found = calibration_of(CameraInfo(unit_mm=3.0), own, beside, shape, U16, "take")
+    found = decoder_of(CameraInfo(unit_mm=3.0), own, beside, shape, U16, "take")
     assert (found.camera, found.unit_mm, found.rate, found.remarks) == (SR305, 3.0, 5.0, ())
-    assert calibration_of(UNKNOWN, own, beside, shape, U16, "take").unit_mm == 0.25
+    assert decoder_of(UNKNOWN, own, beside, shape, U16, "take").unit_mm == 0.25
 
 
 def test_the_unit_of_a_known_camera() -> None:
     """The unit is that of the camera's images unless another is given; a camera's name alone is not enough."""
     given = CameraInfo(SR305, origin="--camera")
-    found = calibration_of(given, UNKNOWN, UNKNOWN, (480, 640), U16, "take")
+    found = decoder_of(given, UNKNOWN, UNKNOWN, (480, 640), U16, "take")
     assert found.unit_mm == 0.125 and found.remarks == ("camera sr305, by --camera",)
     stranger = CameraInfo(replace(SR305, fx=500.0), origin="--camera")
-    found = calibration_of(stranger, UNKNOWN, UNKNOWN, (480, 640), U16, "take")
+    found = decoder_of(stranger, UNKNOWN, UNKNOWN, (480, 640), U16, "take")
     assert found.unit_mm == 1 and "unit unknown: a value of 1 is taken for 1 mm" in found.remarks[1]
 
 
@@ -72,15 +72,15 @@ def test_a_camera_without_a_size() -> None:
 def test_a_lens_that_is_left_in_is_told() -> None:
     """The user's camera replaces the file's camera and its lens, which a remark reports."""
     own = CameraInfo(CAMERA, Lens((0.3, 0, 0, 0)), 1.0)
-    found = calibration_of(CameraInfo(CAMERA), own, UNKNOWN, (48, 64), U16, "take")
+    found = decoder_of(CameraInfo(CAMERA), own, UNKNOWN, (48, 64), U16, "take")
     assert found.lens is None and "the distortion in take is of another camera" in found.remarks[0]
-    found = calibration_of(UNKNOWN, own, UNKNOWN, (48, 64), U16, "take")
+    found = decoder_of(UNKNOWN, own, UNKNOWN, (48, 64), U16, "take")
     assert found.lens == own.lens and found.remarks == ("the distortion of the lens is taken out",)
 
 
 def test_frames_without_times() -> None:
     """30 frames per second are assumed, with a warning, unless a rate is given."""
     given = CameraInfo(CAMERA, unit_mm=1.0)
-    assert calibration_of(replace(given, rate=60.0), UNKNOWN, UNKNOWN, (48, 64), U16, "take").paced() == (60.0, ())
-    rate, remarks = calibration_of(given, UNKNOWN, UNKNOWN, (48, 64), U16, "take").paced()
+    assert decoder_of(replace(given, rate=60.0), UNKNOWN, UNKNOWN, (48, 64), U16, "take").paced() == (60.0, ())
+    rate, remarks = decoder_of(given, UNKNOWN, UNKNOWN, (48, 64), U16, "take").paced()
     assert rate == 30 and "30 frames per second assumed" in remarks[0]
