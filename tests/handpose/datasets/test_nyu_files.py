@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import cv2
-import h5py
 import numpy as np
 import pytest
 import scipy.io
@@ -99,7 +98,7 @@ def damage_labels(path: Path, how: str) -> None:
         ("absent", "no such file; it holds the joints"),
         ("truncated", "not a readable MATLAB file, perhaps truncated"),
         ("text", "not a readable MATLAB file"),
-        ("version 4", "version 4, or none; expected version 5 or 7.3"),
+        ("version 4", "version 4, or none; expected version 5"),
         ("predictions", "no variable 'joint_uvd'; it has pred_joint_uvconf"),
         ("14 joints", "(1, 20, 14, 3), expected numbers (cameras, frames, 36, 3)"),
         ("y down", "its y axis points down, expected up"),
@@ -111,17 +110,3 @@ def test_damaged_labels(tmp_path: Path, how: str, reported: str) -> None:
     damage_labels(tmp_path / "test" / nyu_files.ANNOTATION, how)
     ((line, fatal),) = flaws(tmp_path)
     assert reported in line and line.startswith(f"{tmp_path / 'test' / nyu_files.ANNOTATION}: ") and fatal
-
-
-def test_labels_of_version_73(tmp_path: Path) -> None:
-    write_labels(tmp_path, hand(20))
-    path = tmp_path / nyu_files.ANNOTATION
-    labels = nyu_files.read_annotation(path)
-    with h5py.File(path, "w", userblock_size=512) as file:
-        for name, array in (("joint_uvd", labels.uvd), ("joint_xyz", labels.xyz)):
-            file[name] = np.stack([array, array + 1, array + 2]).T
-        file["made_from"] = np.array([[ord(c)] for c in "synthetic"], np.uint16)
-    again = nyu_files.read_annotation(path)
-    np.testing.assert_array_equal(again.uvd, labels.uvd)
-    np.testing.assert_array_equal(again.xyz, labels.xyz)
-    assert again.made_from == "synthetic"
