@@ -12,38 +12,35 @@ distortion      of the lens: as above, or the coefficients alone; model, coeffs,
 name            of the camera
 time_unit       of the times in the names of the frames or in their file: s, ms, us, ns, or frames for numbers
 
-Files of other programs are read, too: JSON, YAML (the part in which programs write parameters), OpenCV's XML, NumPy's
-arrays, and tables of numbers. In them these keys have the names of RealSense, Open3D, ROS, OpenCV and Kalibr, and
+Files of other programs are read, too: JSON, YAML (the part in which programs write parameters), and tables of numbers.
+In them these keys have the names of RealSense, Open3D, ROS, OpenCV and Kalibr, and
 
     fx, fy, cx, cy  are also a matrix: 3 x 3 by rows or by columns, within 3 x 4 or 4 x 4, or fx, fy, cx, cy in a row
     width, height   both in a row, as in resolution: [640, 480]
     depth_scale     of a stored value of 1: m, if it is less than 0.01; otherwise mm; from 100 on stored values per m
 
 They may lie within other objects and lists, and have names such as Camera.fx. Of several cameras that of the depth is
-taken, by the names around it; of those for frames of several sizes the one that fits.
+taken, by the names around it.
 """
 
 from __future__ import annotations
 
-import io
 import json
 import math
 import re
-import zipfile
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
-from xml.etree import ElementTree
 
 import numpy as np
 
-from handpose.frames.cameras import MIN_FOCAL_PX, MIN_RANGE_MM, Camera, View
-from handpose.frames.json_fields import unique_keys
+from handpose.frames.cameras import MIN_FOCAL_PX, MIN_RANGE_MM, Camera
+from handpose.frames.json_fields import parsed
 from handpose.frames.lens import Lens, lens_of
 from handpose.frames.recording import CameraInfo
 from netlib import files
-from netlib.errors import DataError, did_you_mean, reason_of
+from netlib.errors import DataError, did_you_mean
 from netlib.files import atomic
 from netlib.files.paths import exists
 
@@ -69,7 +66,7 @@ def places_next_to(source: Path) -> list[Path]:
 
 def read(path: Path) -> CameraInfo:
     """Read a camera.json, or a file of another program. Raises DataError."""
-    return _of(load(path), str(path))
+    return parse(files.read_text(path, "the camera", limit=MAX_BYTES), str(path))
 
 
 def write(path: Path, given: CameraInfo) -> None:
@@ -96,12 +93,8 @@ def to_text(given: CameraInfo) -> str:
 
 def parse(text: str, where: str) -> CameraInfo:
     """Parse the text of a camera.json or of another file; ``where`` begins every error. Raises DataError."""
-    return _of(parse_document(text, where), where)
-
-
-def _of(document: Any, where: str) -> CameraInfo:
     try:
-        found = find(document, where)
+        found = find(parse_document(text, where), where)
     except RecursionError:  # thousands of brackets
         raise DataError(f"{where}: not the parameters of a camera") from None
     if found.unused and (found.is_own or found.info.camera is None):
@@ -122,68 +115,18 @@ WORD = re.compile(r"""\s*("[^"]*"|'[^']*'|[^\s\[\]{},:](?:[^\[\]{},:]|:(?=\S))*)
 WORDS: dict[str, Any] = {"true": True, "false": False, "null": None, "~": None, "": None}
 
 
-def load(path: Path) -> Any:
-    """The content of a file, by its first bytes. Raises DataError."""
-    content = files.read_bytes(path, "the camera", limit=MAX_BYTES)
-    if content.startswith((b"\x93NUMPY", b"PK")):
-        return _arrays(content, str(path))
-    try:
-        return parse_document(content.decode("utf-8-sig"), str(path))
-    except UnicodeDecodeError:
-        raise DataError(f"{path}: neither text nor NumPy's; expected the parameters of a camera") from None
-
-
 def parse_document(text: str, where: str) -> Any:
     """The value of a text: of a table the list of its numbers. ``where`` begins errors. Raises DataError."""
-    start = text.lstrip()[:1]
     try:
         if not NOT_OF_A_TABLE.search(text) and (numbers := NUMBER.findall(text)):
             return [float(number) for number in numbers]
-        if start == "<":
-            return _of_xml(text, where)
-        if start in ("", "{", "["):
-            return _of_json(text, where)
+        if text.lstrip()[:1] in ("", "{", "["):
+            return parsed(text, where)
+        if text.lstrip().startswith("<"):
+            raise DataError(f"{where}: XML; expected JSON or YAML, which OpenCV's FileStorage writes, too")
         return _of_lines(text, where)
-    except (ValueError, RecursionError):  # numbers of thousands of digits, thousands of brackets
+    except (ValueError, RecursionError):  # numbers of thousands of digits, brackets that do not match
         raise DataError(f"{where}: not the parameters of a camera") from None
-
-
-def _arrays(content: bytes, where: str) -> Any:
-    """The array of an .npy file, or a dictionary of those of an .npz file, as lists."""
-    try:
-        if content.startswith(b"PK"):
-            with zipfile.ZipFile(io.BytesIO(content)) as archive:
-                if sum(entry.file_size for entry in archive.infolist()) > MAX_BYTES:
-                    raise ValueError("its arrays are too large")
-        found = np.load(io.BytesIO(content), allow_pickle=False)
-        return found.tolist() if isinstance(found, np.ndarray) else {name: found[name].tolist() for name in found.files}
-    except Exception as error:  # NumPy and the decoders may raise anything for a damaged file
-        raise DataError(f"{where}: not the arrays of a camera: {reason_of(error)[:200]}") from None
-
-
-def _of_json(text: str, where: str) -> Any:
-    def no_number(word: str) -> NoReturn:
-        raise DataError(f"{where}: found {word}; expected finite numbers")
-
-    try:
-        return json.loads(text, object_pairs_hook=unique_keys(where), parse_constant=no_number)
-    except json.JSONDecodeError as error:
-        raise DataError(f"{where}:{error.lineno}:{error.colno}: not JSON: {error.msg}") from None
-
-
-def _of_xml(text: str, where: str) -> Any:
-    if "<!" in re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL):
-        raise DataError(f"{where}: XML with declarations; expected that of OpenCV's FileStorage")
-
-    def value(element: ElementTree.Element) -> Any:
-        if len(element):
-            return unique_keys(where)([(child.tag, value(child)) for child in element])
-        return _scalar(element.text or "")
-
-    try:
-        return value(ElementTree.fromstring(text))
-    except ElementTree.ParseError as error:
-        raise DataError(f"{where}: not XML: {error}") from None
 
 
 def _of_lines(text: str, where: str) -> dict[str, Any]:
@@ -305,7 +248,6 @@ ALIASES = {key.replace("_", ""): key for key in KNOWN} | {alias: key for key, al
 IN_METRES, PER_METRE = 0.01, 100.0  # a depth scale below, and from here on
 OF_DEPTH, OF_COLOUR = re.compile(r"depth|infra|(?<![a-z])ir(?![a-z])", re.I), re.compile(r"colou?r|rgb", re.I)
 MAX_NAMES = 8  # of unused keys that are named
-MAX_DEPTH = 30  # of objects within each other
 
 
 class Found(NamedTuple):
@@ -343,23 +285,10 @@ def find(document: Any, where: str, replaced: Collection[str] = ()) -> Found:
     found = [_of_chain(chain, where, replaced) for chain in chosen]
     if not found:
         return _of_chain((("", document),), where, replaced)
-    different = dict.fromkeys(one.info for one in found)
-    if len(different) == 1:
+    if len({one.info for one in found}) == 1:
         return found[0]
-    cameras = [info.camera for info in different if isinstance(info.camera, Camera)]
-    sizes = {(camera.width, camera.height): camera for camera in cameras if camera.width}
-    if len(sizes) < len(different) or len({info.lens for info in different}) > 1:
-        names = ", ".join(dict.fromkeys(map(_name_of, chosen)))
-        raise DataError(f"{where}: has several cameras: {names}; expected one, or one of depth")
-
-    def at(width: int, height: int) -> Camera:
-        if (width, height) not in sizes:
-            raise DataError(f"{where}: has cameras of {', '.join(f'{w} x {h}' for w, h in sizes)} px, found {width} x "
-                            f"{height}")
-        return sizes[width, height]
-
-    first = found[0].info  # with a lens the camera is no guess
-    return found[0]._replace(info=replace(first, camera=View(cameras[0].name, at), lens=first.lens or Lens()))
+    names = ", ".join(dict.fromkeys(map(_name_of, chosen)))
+    raise DataError(f"{where}: has several cameras: {names}; expected one, or one of depth")
 
 
 _Chain = tuple[tuple[str, dict[str, Any]], ...]  # names and objects, from the document to one within it
@@ -367,8 +296,6 @@ _Chain = tuple[tuple[str, dict[str, Any]], ...]  # names and objects, from the d
 
 def _objects(value: Any, outer: _Chain, name: str = "") -> Iterator[_Chain]:
     """All objects in a value, each with those around it."""
-    if len(outer) > MAX_DEPTH:
-        return
     if isinstance(value, dict):
         inner = (*outer, (name, value))
         yield inner
@@ -451,7 +378,6 @@ class _Values:
             is_other = key == "unit" and bool(keys & {"unit_mm", "scale"})
             if is_second or is_other or value is None or not self._is_taken(name, key, value):
                 self._leave(name, value)
-        self._check_region(values)
 
     def _leave(self, name: str, value: Any) -> None:
         """Name a value that is not used. Raises DataError for a distortion."""
@@ -513,16 +439,6 @@ class _Values:
             self.refuse(f"says {key} twice" + (f", once as {name}" if key != name else ""))
         self.values[key] = value
         self.fields[name] = "lens" if key in LENS else key if key in FIELDS else "camera"
-
-    def _check_region(self, values: Mapping[str, Any]) -> None:
-        """Refuse ROS's binning and region of interest, because the matrix holds for the whole sensor."""
-        roi = values.get("roi")
-        parts = {**(roi if isinstance(roi, dict) else {}), **values}
-        wrong = [name for name, least in (("binning_x", 1), ("binning_y", 1), ("x_offset", 0), ("y_offset", 0))
-                 if _is_number(number := parts.get(name, 0)) and number > least]
-        if wrong:
-            self.refuse(f"{wrong[0]} is {parts[wrong[0]]}, so the frames are a part of what the matrix describes; give "
-                        "the numbers of the frames, --camera FX,FY,U0,V0")
 
     def info(self) -> CameraInfo:
         """The parameters. Raises DataError."""

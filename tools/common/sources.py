@@ -26,7 +26,7 @@ from tools.common import arguments, hand_arguments
 from tools.common.console import say
 
 CONFIRMS_UNIT = 0.95  # confidence of a fit that confirms the depth unit: a wrong unit changes the size of the hand
-FILES = (".json", ".yaml", ".yml", ".xml", ".txt", ".npy", ".npz")  # with a camera
+FILES = (".json", ".yaml", ".yml", ".txt")  # with a camera
 ABOUT_FRAMES = ("unit", "distortion")  # options of add_camera_options that need a camera
 # argument types of values that a camera.json may also give
 unit_mm, rate = (arguments.real(*RANGES[key], above=True) for key in ("unit_mm", "rate"))
