@@ -6,8 +6,7 @@ Messages are read as the ROS types of their topics. A bag also contains definiti
 AnyReader generates code and runs it; the readers of ROS 1 and 2 that are used here ignore them.
 
 A CompressedImage on a topic IMAGE/compressed has the bytes of a PNG or TIFF of 16 bits. On IMAGE/compressedDepth, 12
-bytes precede a PNG: an unused number, then A and B, both float32. For 32FC1 a stored value v > 0 is A / (v - B) metres
-(compressed_depth_image_transport, codec.cpp).
+bytes precede a PNG (compressed_depth_image_transport, codec.cpp).
 """
 
 from __future__ import annotations
@@ -16,7 +15,6 @@ import contextlib
 import functools
 import math
 import re
-import struct
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -35,7 +33,6 @@ from netlib.files import pictures
 from netlib.files.paths import exists
 
 OPTIONS = ("Depth_Units", "Depth Units")  # RealSense's names for one option, new and old
-MAX_DISTANCE_BACK = 1.0  # s; a larger step back means that the clock was set
 REINDEX = "; a recorder that was killed leaves such a bag, and `rosbag reindex` repairs it"
 
 
@@ -142,9 +139,6 @@ class BagRecording(Recording):
         number, last, late = -1, -math.inf, 0
         try:
             for number, (time, raw) in enumerate(self._stored()):
-                if time < last - MAX_DISTANCE_BACK:
-                    raise DataError(f"{self.name}: the clock goes back from {last:.3f} s to {time:.3f} s; expected one "
-                                    "recording")
                 if time <= last:
                     late += 1
                     continue
@@ -232,7 +226,7 @@ PACKED = ("/compressedDepth", "/compressed")  # endings of the topics of Compres
 ENCODINGS = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
 # Millimetres and metres: REP 118, "Depth Images". RealSense's files have mono16, and their unit elsewhere.
 UNITS_MM = {"16UC1": 1.0, "32FC1": 1000.0}
-HEADER = struct.Struct("<iff")  # of a compressedDepth
+HEADER_BYTES = 12  # of a compressedDepth
 PICTURES = (pictures.PNG, b"II*\0", b"MM\0*")  # beginnings of a PNG and of TIFFs
 GREY_16 = b"\x10\x00"  # bits and type of colours in the header of a PNG
 
@@ -276,27 +270,14 @@ def values_of(message: Any, where: str) -> NDArray[Any]:
 def _unpacked(message: Any, encoding: str, where: str) -> NDArray[Any]:
     """The values of a compressed image. Raises DataError for compressions that do not preserve depth, and others."""
     content = bytes(message.data)
-    has_header = not content.startswith(PICTURES)
-    picture = content[HEADER.size :] if has_header else content
-    if not picture.startswith(PICTURES):
+    picture = content if content.startswith(PICTURES) else content[HEADER_BYTES:]
+    if encoding == "32FC1" or not picture.startswith(PICTURES):
         raise DataError(f"{where}: compressed depth of the format {message.format!r}; expected a PNG or TIFF of 16 "
-                        "bits (of RVL, `ros2 run image_transport republish` makes raw images)")
+                        "bits (of others, `ros2 run image_transport republish` makes raw images)")
     values = pictures.decode(picture, cv2.IMREAD_UNCHANGED, where)
-    if encoding == "32FC1" and values.dtype == np.float32 and values.ndim == 2:
-        return values
     if values.dtype != np.uint16 or values.ndim != 2:
         raise DataError(f"{where}: a picture of {values.dtype} {values.shape}, expected 16-bit grey values")
-    if encoding != "32FC1":
-        return values
-    if not has_header:
-        raise DataError(f"{where}: 32FC1 as 16-bit values without their scale; expected the format of compressedDepth")
-    _, a, b = HEADER.unpack_from(content)
-    if not (math.isfinite(a + b) and a > 0):
-        raise DataError(f"{where}: compressed depth with the parameters {a:g} and {b:g}; expected a positive and a "
-                        "finite number")
-    with np.errstate(all="ignore"):  # a value next to B is infinitely far away, which counts as no reading
-        metres = np.float32(a) / (values.astype(np.float32) - np.float32(b))
-    return np.where(values > 0, metres, np.float32(0))
+    return values
 
 
 def nanoseconds_of(message: Any) -> int:

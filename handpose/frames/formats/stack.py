@@ -36,7 +36,7 @@ from netlib.files.pictures import MAX_PIXELS
 WHAT = "the depth frames"
 READERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 SMALL = 1 << 24  # bytes; maximum size of the other arrays
-PARAMETERS = "biufSUM"  # their kinds: numbers, texts and dates
+PARAMETERS = "biufSU"  # their kinds: numbers and texts
 
 
 class StackRecording(Recording):
@@ -92,7 +92,7 @@ class _Npz:
 
     shape   (frames, height, width)
     dtype   of a stored value
-    others  the other arrays of the file, by name: small ones of numbers, texts and dates
+    others  the other arrays of the file, by name: small ones of numbers and texts
     names   of all other arrays
     """
 
@@ -202,7 +202,7 @@ def recognise(frames: _Npy | _Npz, where: str, given: CameraInfo, camera_json: C
     name, times = _name_of_times(frames.others, frames.shape[0]), None
     if name is not None:
         numbers = _checked(frames.others[name], frames.shape[0], f"{where}: {name}")
-        unit, how = _unit_of_times(name, frames.others[name].dtype, numbers, where, given.time_unit, own, camera_json)
+        unit, how = _unit_of_times(name, numbers, where, given.time_unit, own, camera_json)
         rate = given.or_else(own).or_else(camera_json).rate or RATE
         times = numbers / (rate if unit == FRAMES else TICKS[unit])
         words.append(f"times from {name!r}, {how}")
@@ -268,10 +268,8 @@ def _ending(name: str) -> str | None:
 
 def _checked(times: NDArray[Any], count: int, where: str) -> NDArray[np.float64]:
     """Times of the frames. Raises DataError for others than one ascending number for each."""
-    if times.size != count or times.squeeze().ndim > 1 or times.dtype.kind not in "iufM":
+    if times.size != count or times.squeeze().ndim > 1 or times.dtype.kind not in "iuf":
         raise DataError(f"{where} is {times.dtype} {times.shape}, expected ({count},): a time for each frame")
-    if times.dtype.kind == "M":
-        times = times.astype("datetime64[ns]").astype(np.int64)
     numbers = times.astype(np.float64).ravel()
     bad = ~(np.diff(numbers, prepend=-np.inf) > 0) | ~np.isfinite(numbers)
     if bad.any():
@@ -281,12 +279,10 @@ def _checked(times: NDArray[Any], count: int, where: str) -> NDArray[np.float64]
 
 
 def _unit_of_times(
-    name: str, dtype: np.dtype[Any], times: NDArray[np.float64], where: str, given: str | None, own: CameraInfo,
-    camera_json: CameraInfo,
+    name: str, times: NDArray[np.float64], where: str, given: str | None, own: CameraInfo, camera_json: CameraInfo
 ) -> tuple[str, str]:
     """The unit of times, and how it is known. Raises DataError if it is unknown."""
-    stored = "ns" if dtype.kind == "M" else None  # a type of dates
-    for unit, how in ((stored, "as stored"), (given, "as given"), (_ending(name), "by its name"),
+    for unit, how in ((given, "as given"), (_ending(name), "by its name"),
                       (own.time_unit, "as the file says"), (camera_json.time_unit, "by camera.json")):
         if unit is not None:
             return unit, f"in {unit} {how}"

@@ -116,16 +116,6 @@ def test_what_is_discarded(tmp_path: Path, name: str) -> None:
         {"take", "take/.mine"} if name == "take" else set())
 
 
-def test_a_folder_with_the_name_of_a_frame(tmp_path: Path) -> None:
-    """A folder that is named as a frame is none: the recording is not replaced, and the folder's files stay."""
-    write(tmp_path, frames(3))
-    (tmp_path / "000009000000us.png").mkdir()
-    (tmp_path / "000009000000us.png" / "mine").touch()
-    with pytest.raises(NetlibError, match="holds 000009000000us"):
-        write(tmp_path, frames(3), replace=True)
-    assert (tmp_path / "000009000000us.png" / "mine").exists()
-
-
 ENDINGS = "expected a folder or FILE.npz"
 
 

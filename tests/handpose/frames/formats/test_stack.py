@@ -167,9 +167,6 @@ def times_of(recording: Recording) -> list[float]:
     return [frame.time for frame in recording]
 
 
-DATES = np.datetime64("2026-11-28T04:00:00", "us") + (10**6 * SECONDS).astype("timedelta64[us]")
-
-
 @pytest.mark.parametrize(("name", "times", "how"), [
     *((name, 1_700_000_000 + SECONDS, "in s since 1970") for name in (
         "time", "times", "t", "ts", "timestamp", "Timestamps", "time_stamps", "stamps", "frame_times",
@@ -179,7 +176,6 @@ DATES = np.datetime64("2026-11-28T04:00:00", "us") + (10**6 * SECONDS).astype("t
     *((f"{name}_{ending}", 5 + ticks * SECONDS, f"in {unit} by its name")
       for name in ("time", "t", "timestamps") for ending, unit, ticks in (
         ("s", "s", 1), ("seconds", "s", 1), ("ms", "ms", 10**3), ("usec", "us", 10**6), ("ns", "ns", 10**9))),
-    ("stamps", DATES, "in ns as stored"),
 ])
 def test_names_and_units_of_times(tmp_path: Path, name: str, times: Any, how: str) -> None:
     recording = opened(tmp_path, **{name: times})
@@ -277,7 +273,6 @@ def test_what_is_not_used_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         ("pairs of times", {"stamps": np.zeros((4, 2))}, "stamps is float64 (4, 2), expected (4,): a time ..."),
         ("words as times", {"times": list("abcd")}, "times is <U1 (4,), expected (4,): a time for each frame"),
         ("times back", {"t": SECONDS[::-1]}, "t[1] is 0.2; expected finite times, each after the one before"),
-        ("no date", {"ts": np.array(["NaT"] * 4, "datetime64[s]")}, "ts[1] is ...; expected finite times, ..."),
         ("fx alone", {"fx": 60.0}, "has fx, but not fy and u0 and v0"),
         ("matrices", {"K": np.zeros((4, 3, 3))}, "K is [[[0.0, 0.0, 0.0], ...; expected [[fx, 0, cx], ..."),
         ("two units", {"unit_mm": [1.0, 2.0]}, "unit_mm is [1.0, 2.0]; expected a number more than 1e-06 and ..."),
