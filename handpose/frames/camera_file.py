@@ -377,14 +377,7 @@ class _Values:
             is_second = key == "matrix" and ("fx" in keys or "fx" in self.values)
             is_other = key == "unit" and bool(keys & {"unit_mm", "scale"})
             if is_second or is_other or value is None or not self._is_taken(name, key, value):
-                self._leave(name, value)
-
-    def _leave(self, name: str, value: Any) -> None:
-        """Name a value that is not used. Raises DataError for a distortion."""
-        if re.search("distort", name, re.IGNORECASE) and any(_numbers(value) or ()):
-            self.refuse(f"{name} is {_shown(value)}, which is not understood; expected distortion_coefficients, k1 k2 "
-                        "p1 p2 [k3 [k4 k5 k6]], or k1, k2 ... by their names")
-        self.unused.append(name)
+                self.unused.append(name)
 
     def take_around(self, values: Mapping[str, Any]) -> None:
         """Take what an object around it says of the size, the lens and the frames. Raises DataError."""

@@ -54,16 +54,16 @@ class FolderRecording(Recording):
         camera_json = camera_file.next_to(self.folder)
         known = given.or_else(camera_json)
         self._packed = known.camera == NYU
-        self._frames = in_order(names, str(self.folder), known.time_unit)
-        path, image = _first_whole(self.folder, self._frames)
+        self._names, self._reading = in_order(names, str(self.folder), known.time_unit)
+        path, image = _first_whole(self.folder, self._names)
         raw = _grey(image, self._packed, path)
         if path.suffix.lower() in (".tif", ".tiff") and (pictures := cv2.imcount(str(path))) > 1:
             raise DataError(f"{path}: a TIFF of {pictures} pictures; expected one for each frame, or all in an .npy")
         self._decode = decode = decoder_of(given, UNKNOWN, camera_json, raw.shape, raw.dtype, str(path))
         self.name, self.count, self.rate = str(source), len(names), decode.rate
         self.camera, self.unit_mm = decode.camera, decode.unit_mm
-        remarks = [self._frames.interpretation, *decode.remarks]
-        if not self._frames.ticks and len(names) > 1:
+        remarks = [self._reading.how, *decode.remarks]
+        if not self._reading.ticks and len(names) > 1:
             self.rate, assumed = decode.paced()
             remarks += assumed
         self.remarks = self._remarks = tuple(remarks)
@@ -71,8 +71,8 @@ class FolderRecording(Recording):
     def __iter__(self) -> Iterator[DepthFrame]:
         """The frames that can be read. Raises DataError for one of another size or kind, and for a system error."""
         damaged, first = 0, ""
-        ticks = self._frames.ticks or self.rate or 1.0
-        for number, (name, time) in enumerate(zip(self._frames.names, self._frames.times)):
+        ticks = self._reading.ticks or self.rate or 1.0
+        for number, (name, time) in enumerate(zip(self._names, self._reading.times)):
             path = self.folder / name
             try:
                 image = read_picture(path)
@@ -121,10 +121,10 @@ def _no_frames(folder: Path) -> str:
     return f"{folder}: holds no depth frames (16-bit grey PNG or TIFF); found {shown}{advice}"
 
 
-def _first_whole(folder: Path, frames: NamedFrames) -> tuple[Path, NDArray[Any]]:
+def _first_whole(folder: Path, names: Sequence[str]) -> tuple[Path, NDArray[Any]]:
     """The first frame that can be read. Raises DataError if none can."""
     first = None
-    for name in frames.names:
+    for name in names:
         try:
             return folder / name, read_picture(folder / name)
         except DataError as error:
@@ -159,38 +159,25 @@ SPARSE = 10  # times as many numbers as frames are no count if the names have a 
 MAX_SHOWN = 6  # maximum number of names or sequences in a message
 
 
-class NamedFrames(NamedTuple):
-    """The frames of one sequence, in order.
-
-    names   of the files
-    times   of each, in ticks from the first frame on; ascend
-    ticks   per second; 0 if they count frames
-    interpretation  of the names
-    """
-
-    names: tuple[str, ...]
-    times: tuple[int, ...]
-    ticks: int
-    interpretation: str
-
-
 class Reading(NamedTuple):
     """One way to read the times in names.
 
     times  one for each name, in ns; numbers of frames if ``ticks`` is 0
-    ticks  per second
+    ticks  per second; 0 if they count frames
     how    interpretation of the names
     rests  the names without their times
     """
 
-    times: list[int]
+    times: Sequence[int]
     ticks: int
     how: str
-    rests: list[str]
+    rests: Sequence[str]
 
 
-def in_order(names: Iterable[str], where: str, unit: str | None = None) -> NamedFrames:
-    """The frames with these names. Raises DataError for several sequences, and for two frames of the same moment.
+def in_order(names: Iterable[str], where: str, unit: str | None = None) -> tuple[list[str], Reading]:
+    """The names in the order of time, and their times from the first one on, which ascend.
+
+    Raises DataError for several sequences, and for two frames of the same moment.
 
     unit  of the times in the names, "frames" if they are numbers; inferred by default
     """
@@ -217,8 +204,8 @@ def since_1970(numbers: Sequence[float]) -> str | None:
     return None
 
 
-def _sorted(names: Sequence[str], found: Reading, where: str) -> NamedFrames:
-    times, ticks, how = found.times, found.ticks, found.how
+def _sorted(names: Sequence[str], found: Reading, where: str) -> tuple[list[str], Reading]:
+    times, ticks, how, rests = found
     order = sorted(range(len(names)), key=lambda i: times[i])
     for a, b in itertools.pairwise(order):
         if times[a] == times[b]:
@@ -230,7 +217,8 @@ def _sorted(names: Sequence[str], found: Reading, where: str) -> NamedFrames:
     if ticks and len(names) > 1:
         step = median(times[b] - times[a] for a, b in itertools.pairwise(order))
         how += f": a frame every {1000 * step / ticks:.3g} ms"
-    return NamedFrames(tuple(names[i] for i in order), tuple(times[i] - first for i in order), ticks, how)
+    reading = Reading([times[i] - first for i in order], ticks, how, [rests[i] for i in order])
+    return [names[i] for i in order], reading
 
 
 def _reading(names: Sequence[str], unit: str | None) -> Reading | None:

@@ -99,8 +99,6 @@ NUMBER, WHAT = "expected a number more than 1e-06 and at most", "known: fx, fy, 
     "K: [60, 61, 31, 23]\nK: 1": "x: has 'K' twice",
     "K: [60, 61, 31, 23]\nresolution: [64.5, 48]": "x: width is 64.5; expected a whole number",
     "a:\n  K: [60, 61, 31, 23]\nb:\n  K: [60, 61, 31, 24]": "x: has several cameras: a, b; expected one, or ...",
-    "K: [60, 61, 31, 23]\nlens_distortion: [0.1, 0]":
-        "x: lens_distortion is [0.1, 0], which is not understood; expected distortion_coefficients, ...",
     "unit: furlong": "x: unit is 'furlong'; expected mm, cm, m, um or a number of mm",
     "a: 1\n- b": "x: unknown key 'a'; known: fx, ...",
     "no camera here": "x: unknown key 'no camera here'; known: fx, ...",
