@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from handpose.frames.cameras import UNIT_MM
 from handpose.frames.crops import SIZE, numbers
-from handpose.frames.raw import decoder_of
-from handpose.frames.recording import UNKNOWN, CameraInfo
+from handpose.frames.recording import UNKNOWN, CameraInfo, decoder_of
 from netlib import files
 from netlib.blob import Array
 from netlib.errors import DataError, system_error_of
@@ -46,18 +45,11 @@ def read_png(path: str | Path) -> Array:
     if not exists(Path(path)):
         raise BadFrameError(path, MISSING)
     try:
-        raw = files.read_bytes(path, "the frame")
+        return read_picture(path)
     except DataError as error:
         if system_error_of(error):
             raise
-        raise BadFrameError(path, DAMAGED, str(error).removeprefix(f"{path}: ")) from None
-    try:
-        if raw.startswith(pictures.PNG):
-            return pictures.decode(raw, cv2.IMREAD_UNCHANGED, str(path))
-    except DataError as error:
-        if system_error_of(error):
-            raise
-    raise BadFrameError(path, DAMAGED)
+        raise BadFrameError(path, DAMAGED) from None
 
 
 def read_picture(path: str | Path) -> Array:

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.frames.cameras import Camera
-from handpose.frames.raw import RATE, decoder_of
-from handpose.frames.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
+from handpose.frames.recording import RATE, UNKNOWN, CameraInfo, DepthFrame, Recording, decoder_of
 from netlib.errors import DataError, NetlibError, reason_of
 
 WAIT_S, WAITS = 1.0, 5  # Ctrl-C is handled after each; a starting camera may need a few seconds

@@ -26,8 +26,7 @@ from numpy.typing import NDArray
 from handpose.frames import camera_file
 from handpose.frames.cameras import Camera
 from handpose.frames.formats import BAGS, CONVERTED, PICTURES, STACKS
-from handpose.frames.raw import stored
-from handpose.frames.recording import CameraInfo, DepthFrame
+from handpose.frames.recording import CameraInfo, DepthFrame, stored
 from netlib import files
 from netlib.errors import DataError, NetlibError
 from netlib.files import atomic

@@ -19,7 +19,7 @@ from handpose.frames.formats import EXPECTED
 from handpose.frames.images import read_picture
 from handpose.frames.inspection import Inspection, view_of, warnings_of
 from handpose.frames.lens import Lens
-from handpose.frames.raw import sized
+from handpose.frames.recording import sized
 from netlib.errors import DataError
 from netlib.files.paths import exists
 from tools.common import arguments, hand_arguments

@@ -33,8 +33,7 @@ from numpy.typing import NDArray
 from handpose.frames import camera_file
 from handpose.frames.cameras import NYU
 from handpose.frames.images import read_picture, unpack_depth
-from handpose.frames.raw import HEADERLESS, decoder_of
-from handpose.frames.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
+from handpose.frames.recording import HEADERLESS, UNKNOWN, CameraInfo, DepthFrame, Recording, decoder_of
 from netlib.errors import DataError, did_you_mean, reason_of, system_error_of
 from netlib.files.paths import exists, list_folder, names_in
 

@@ -26,8 +26,7 @@ from numpy.typing import NDArray
 from handpose.frames import camera_file
 from handpose.frames.cameras import Camera
 from handpose.frames.lens import Lens, lens_of
-from handpose.frames.raw import decoder_of
-from handpose.frames.recording import CameraInfo, DepthFrame, Recording
+from handpose.frames.recording import CameraInfo, DepthFrame, Recording, decoder_of
 from netlib.errors import DataError, NetlibError, did_you_mean, reason_of, system_error_of
 from netlib.files import pictures
 from netlib.files.paths import exists

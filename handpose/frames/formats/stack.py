@@ -27,8 +27,7 @@ from numpy.typing import NDArray
 
 from handpose.frames import camera_file
 from handpose.frames.formats.folder import FRAMES, TICKS, since_1970
-from handpose.frames.raw import RATE, check_values, decoder_of
-from handpose.frames.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
+from handpose.frames.recording import RATE, UNKNOWN, CameraInfo, DepthFrame, Recording, check_values, decoder_of
 from netlib import files
 from netlib.errors import DataError, NetlibError, reason_of, system_error_of
 from netlib.files.pictures import MAX_PIXELS
