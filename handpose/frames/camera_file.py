@@ -95,7 +95,7 @@ def parse(text: str, where: str) -> CameraInfo:
     """Parse the text of a camera.json or of another file; ``where`` begins every error. Raises DataError."""
     try:
         found = find(parse_document(text, where), where)
-    except RecursionError:  # thousands of brackets
+    except (ValueError, RecursionError):  # thousands of digits or brackets, brackets that do not match
         raise DataError(f"{where}: not the parameters of a camera") from None
     if found.unused and (found.is_own or found.info.camera is None):
         raise DataError(f"{where}: {unknown_key(found.unused[0])}")
@@ -116,17 +116,17 @@ WORDS: dict[str, Any] = {"true": True, "false": False, "null": None, "~": None, 
 
 
 def parse_document(text: str, where: str) -> Any:
-    """The value of a text: of a table the list of its numbers. ``where`` begins errors. Raises DataError."""
-    try:
-        if not NOT_OF_A_TABLE.search(text) and (numbers := NUMBER.findall(text)):
-            return [float(number) for number in numbers]
-        if text.lstrip()[:1] in ("", "{", "["):
-            return parsed(text, where)
-        if text.lstrip().startswith("<"):
-            raise DataError(f"{where}: XML; expected JSON or YAML, which OpenCV's FileStorage writes, too")
-        return _of_lines(text, where)
-    except (ValueError, RecursionError):  # numbers of thousands of digits, brackets that do not match
-        raise DataError(f"{where}: not the parameters of a camera") from None
+    """The value of a text: of a table the list of its numbers. ``where`` begins errors.
+
+    Raises DataError, ValueError, RecursionError.
+    """
+    if not NOT_OF_A_TABLE.search(text) and (numbers := NUMBER.findall(text)):
+        return [float(number) for number in numbers]
+    if text.lstrip()[:1] in ("", "{", "["):
+        return parsed(text, where)
+    if text.lstrip().startswith("<"):
+        raise DataError(f"{where}: XML; expected JSON or YAML, which OpenCV's FileStorage writes, too")
+    return _of_lines(text, where)
 
 
 def _of_lines(text: str, where: str) -> dict[str, Any]:
@@ -223,8 +223,6 @@ BROWN = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")  # in OpenCV's order
 LENS = ("distortion", "model", "coefficients", *BROWN)
 FIELDS = ("unit_mm", "rate", "time_unit")  # those that are fields of CameraInfo
 KNOWN = (*RANGES, "name", *LENS, "time_unit")  # the keys of a camera.json
-MM = {word: mm for mm, words in {1.0: "mm millimeters millimetres", 10.0: "cm", 1000.0: "m meters metres",
-                                 0.001: "um"}.items() for word in words.split()}
 # Other names, without capitals and without what is no letter or digit.
 ALIASES = {key.replace("_", ""): key for key in KNOWN} | {alias: key for key, aliases in {
     "fx": "flx focalx focallengthx fxdepth depthfx",
@@ -239,7 +237,6 @@ ALIASES = {key.replace("_", ""): key for key in KNOWN} | {alias: key for key, al
               "depthintrinsicmatrix depthcameramatrix",
     "rate": "fps framerate",
     "scale": "depthscale depthunits pngdepthscale depthmapfactor",
-    "unit": "units depthunit",
     "coefficients": "coeffs d dist distcoeff distcoeffs distcoefs distcoef distortioncoefficients distortioncoeffs "
                     "distortioncoeff distortionparameters distortionparams depthdistortion",
     "model": "distortionmodel",
@@ -267,10 +264,10 @@ class Found(NamedTuple):
     is_own: bool
 
 
-def find(document: Any, where: str, replaced: Collection[str] = ()) -> Found:
+def find(document: Any, where: str, is_replaced: bool = False) -> Found:
     """The camera in a document of plain values; ``where`` begins errors.
 
-    replaced  fields of CameraInfo that the user gives, so that the document's matrix or unit need not be valid
+    is_replaced  whether the user gives the camera, so that the document's matrix need not be valid
 
     Raises DataError.
     """
@@ -282,9 +279,9 @@ def find(document: Any, where: str, replaced: Collection[str] = ()) -> Found:
         is_sized = len(numbers) == 6  # fx, fy, cx, cy, width, height
         document = {"matrix": numbers[:4], "size": numbers[4:]} if is_sized else {"matrix": document}
     chosen = _chosen(document)
-    found = [_of_chain(chain, where, replaced) for chain in chosen]
+    found = [_of_chain(chain, where, is_replaced) for chain in chosen]
     if not found:
-        return _of_chain((("", document),), where, replaced)
+        return _of_chain((("", document),), where, is_replaced)
     if len({one.info for one in found}) == 1:
         return found[0]
     names = ", ".join(dict.fromkeys(map(_name_of, chosen)))
@@ -330,9 +327,9 @@ def _name_of(chain: _Chain) -> str:
     return ".".join(name for name, _ in chain if name)
 
 
-def _of_chain(chain: _Chain, where: str, replaced: Collection[str]) -> Found:
+def _of_chain(chain: _Chain, where: str, is_replaced: bool) -> Found:
     """The camera in the last object, with what those around it say. Raises DataError."""
-    said = _Values(where, replaced)
+    said = _Values(where, is_replaced)
     said.take(chain[-1][1])
     for _, outer in chain[-2::-1]:
         said.take_around(outer)
@@ -344,7 +341,7 @@ def _of_chain(chain: _Chain, where: str, replaced: Collection[str]) -> Found:
 
 
 def _key(name: str) -> str:
-    """The key of a camera.json, or "matrix", "size", "scale", "unit", for a name; itself if it is unknown."""
+    """The key of a camera.json, or "matrix", "size", "scale", for a name; itself if it is unknown."""
     if name in KNOWN:
         return name
     return ALIASES.get(re.sub(r"[\W_]", "", name.rpartition(".")[2]).lower(), name)
@@ -361,10 +358,10 @@ class _Values:
     fields, unused  as in Found
     """
 
-    def __init__(self, where: str, replaced: Collection[str] = ()) -> None:
+    def __init__(self, where: str, is_replaced: bool) -> None:
         self.where, self.values = where, dict[str, Any]()
         self.fields, self.unused = dict[str, str](), list[str]()
-        self._replaced = replaced
+        self._is_replaced = is_replaced
 
     def refuse(self, what: str) -> NoReturn:
         raise DataError(f"{self.where}: {what}")
@@ -375,8 +372,7 @@ class _Values:
         for name, value in values.items():
             key = _key(name)
             is_second = key == "matrix" and ("fx" in keys or "fx" in self.values)
-            is_other = key == "unit" and bool(keys & {"unit_mm", "scale"})
-            if is_second or is_other or value is None or not self._is_taken(name, key, value):
+            if is_second or value is None or not self._is_taken(name, key, value):
                 self.unused.append(name)
 
     def take_around(self, values: Mapping[str, Any]) -> None:
@@ -395,7 +391,7 @@ class _Values:
             try:
                 numbers = _of_matrix(value, f"{self.where}: {name}")
             except DataError:
-                if "camera" not in self._replaced:
+                if not self._is_replaced:
                     raise
                 return True
             for own, number in zip(INTRINSICS, numbers):
@@ -410,10 +406,6 @@ class _Values:
             if _is_number(value):
                 value = 1000 / value if value >= PER_METRE else 1000 * value if value < IN_METRES else value
             self._set("unit_mm", value, name)
-        elif key == "unit":
-            if isinstance(value, str) and value.lower() not in MM and "unit_mm" not in self._replaced:
-                self.refuse(f"{name} is {value!r}; expected mm, cm, m, um or a number of mm")
-            self._set("unit_mm", MM.get(value.lower(), 1.0) if isinstance(value, str) else value, name)
         elif key == "distortion" and isinstance(value, dict) and not _numbers(value):
             for inner, number in value.items():
                 if (own := _key(inner)) not in LENS[1:]:

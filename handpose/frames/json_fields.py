@@ -18,6 +18,7 @@ MAX_NUMBER = 1e12  # maximum of a number; sums and products of larger ones may o
 
 def parsed(text: str, where: str) -> Any:
     """The value of a JSON text without repeated keys. Raises DataError."""
+
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         found: dict[str, Any] = {}
         for key, value in pairs:

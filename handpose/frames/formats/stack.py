@@ -34,7 +34,6 @@ from netlib.files.pictures import MAX_PIXELS
 
 WHAT = "the depth frames"
 READERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
-SMALL = 1 << 24  # bytes; maximum size of the other arrays
 PARAMETERS = "biufSU"  # their kinds: numbers and texts
 
 
@@ -70,9 +69,9 @@ class _Npy:
 
     def __init__(self, path: Path) -> None:
         with _errors_of(path, "cut, or not an array as NumPy writes it"), files.opened(path, WHAT):
-            array = npy.open_memmap(path, mode="r")
-        self._array = array[None] if array.ndim == 2 else array
-        self.shape, self.dtype = _stack_shape(array.shape, array.dtype, str(path)), array.dtype
+            self._array = npy.open_memmap(path, mode="r")
+        self.shape, self.dtype = self._array.shape, self._array.dtype
+        _check_stack(self.shape, self.dtype, str(path))
 
     def __iter__(self) -> Iterator[NDArray[Any]]:
         yield from self._array
@@ -91,7 +90,7 @@ class _Npz:
 
     shape   (frames, height, width)
     dtype   of a stored value
-    others  the other arrays of the file, by name: small ones of numbers and texts
+    others  the other arrays of the file whose names are known, by name
     names   of all other arrays
     """
 
@@ -108,14 +107,14 @@ class _Npz:
             if not self._name:
                 content = ", ".join(f"{name} {header.shape}" for name, header in headers.items()) or "nothing"
                 raise DataError(f"{path}: holds {content}; expected an array depth (frames, height, width)")
-            shape, by_columns, self.dtype = headers.pop(self._name)
-            self.shape = _stack_shape(shape, self.dtype, str(path))
-            if by_columns and len([size for size in shape if size > 1]) > 1:
+            self.shape, by_columns, self.dtype = headers.pop(self._name)
+            _check_stack(self.shape, self.dtype, str(path))
+            if by_columns and len([size for size in self.shape if size > 1]) > 1:
                 raise DataError(f"{path}: an array in Fortran's order; write it with numpy.ascontiguousarray")
             self.names, self.others = list(headers), {}
             for name, header in headers.items():
-                size = max(archive.getinfo(f"{name}.npy").file_size, math.prod(header.shape) * header.dtype.itemsize)
-                if size <= SMALL and header.dtype.kind in PARAMETERS:
+                is_known = camera_file.is_known(name) or TIMES.fullmatch(name) or name == TEXT
+                if is_known and header.dtype.kind in PARAMETERS:
                     with archive.open(f"{name}.npy") as stream:
                         self.others[name] = npy.read_array(stream, allow_pickle=False)
 
@@ -160,13 +159,11 @@ def _header(stream: IO[bytes]) -> _Header:
         return _Header(*READERS[version](stream))
 
 
-def _stack_shape(shape: tuple[int, ...], dtype: np.dtype[Any], where: str) -> tuple[int, int, int]:
-    """Number of frames, height and width; one image is a stack, too. Raises DataError for other shapes and types."""
-    if len(shape) not in (2, 3) or min(shape) < 1 or math.prod(shape[-2:]) > MAX_PIXELS:
+def _check_stack(shape: tuple[int, ...], dtype: np.dtype[Any], where: str) -> None:
+    """Raise DataError unless an array of this shape and type may be frames."""
+    if len(shape) != 3 or min(shape) < 1 or math.prod(shape[-2:]) > MAX_PIXELS:
         raise DataError(f"{where}: an array of shape {shape}; expected (frames, height, width)")
     check_values(dtype, where)
-    frames, height, width = (1,) * (3 - len(shape)) + tuple(shape)
-    return frames, height, width
 
 
 # ---------------------------------------------------------------------------------------------- other arrays
@@ -214,7 +211,7 @@ def _not_used(names: list[str]) -> str:
     shown = ", ".join(map(repr, names[:MAX_NAMES]))
     more = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
     what = f"array {shown} is" if len(names) == 1 else f"arrays {shown}{more} are"
-    return (f"{what} not used; known names are time, timestamps and the like, K, fx, fy, cx, cy, depth_scale, unit, "
+    return (f"{what} not used; known names are time, timestamps and the like, K, fx, fy, cx, cy, depth_scale, "
             "fps and all keys of a camera.json (docs/camera.md)")
 
 
@@ -223,8 +220,7 @@ def _parameters(found: Mapping[str, NDArray[Any]], where: str, given: CameraInfo
     has_camera = camera_file.has_camera({name: value.tolist() for name, value in found.items() if value.size <= 16})
     values = {name: _plain(value, f"{where}: {name}") for name, value in found.items() if camera_file.is_known(name)
               and (has_camera or name not in OF_ANYTHING)}
-    replaced = [field for field, value in vars(given).items() if value is not None]
-    own, fields, *_ = camera_file.find(values, where, replaced) if values else (UNKNOWN, {})
+    own, fields, *_ = camera_file.find(values, where, given.camera is not None) if values else (UNKNOWN, {})
     if TEXT not in found:
         return own, {**fields}
     if found[TEXT].size != 1:

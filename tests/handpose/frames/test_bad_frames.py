@@ -48,7 +48,8 @@ def undistort(model: str, *coefficients: float) -> Callable[[], object]:
     **{f"{field} of {value}": (lambda field=field, value=value: replace(NYU, **{field: value}), ValueError,
                                f"camera 'nyu': {field} is {value}, expected {expected} px")
        for field, value, expected in (
-           *(("fx", value, "more than 1e-06") for value in (0, -587.0, np.nan)), ("fy", np.inf, "more than 1e-06"),
+           *(("fx", value, "more than 1e-06") for value in (0, -587.0, 1e-320, np.nan)),
+           ("fy", np.inf, "more than 1e-06"),
            ("u0", np.nan, "a finite number of"), ("v0", np.inf, "a finite number of"))},
     "crop at no depth": (cut(320, 240, 0), CROP.format(320, 0, 300)),
     "crop at no column": (cut(np.nan, 240, 800), CROP.format("nan", 800, 300)),

@@ -13,7 +13,6 @@ import pytest
 
 from handpose.frames import camera_file
 from handpose.frames.cameras import Camera
-from handpose.frames.formats import stack
 from handpose.frames.formats.stack import StackRecording
 from handpose.frames.inspection import inspect
 from handpose.frames.recording import UNKNOWN, CameraInfo, Recording
@@ -70,15 +69,6 @@ def test_times_of_a_given_unit(tmp_path: Path) -> None:
     assert [frame.time for frame in StackRecording(tmp_path / "b.npz", CameraInfo())] == pytest.approx([0, 0.05, 0.15])
 
 
-@pytest.mark.parametrize("suffix", [".npy", ".npz"])
-def test_one_image(tmp_path: Path, suffix: str) -> None:
-    for time in ({}, {} if suffix == ".npy" else {"time": TIMES[:1]}):
-        recording = StackRecording(save(tmp_path / f"one{suffix}", DEPTH[0], **time), GIVEN)
-        (frame,) = recording
-        assert (recording.count, frame.number, frame.time) == (1, 0, 0)
-        np.testing.assert_array_equal(frame.depth, DEPTH[0] / np.float32(2))
-
-
 def test_a_stack_by_another_name(tmp_path: Path) -> None:
     np.savez(tmp_path / "other.npz", frames=DEPTH, joints=np.zeros((3, 2)))
     assert StackRecording(tmp_path / "other.npz", GIVEN).count == 3
@@ -110,6 +100,7 @@ def cut(path: Path, size: int | None = None, flip: int = 0) -> Path:
     **{f"{name} in {suffix}": (lambda tmp, suffix=suffix, depth=depth: save(tmp / f"take{suffix}", depth),
                                f"...take{suffix}: {line}")
        for suffix in (".npy", ".npz") for name, depth, line in (
+        ("one image", np.zeros((48, 64), np.uint16), "an array of shape (48, 64); expected (frames, height, width)"),
         ("four axes", np.zeros((3, 4, 5, 1), np.uint16),
          "an array of shape (3, 4, 5, 1); expected (frames, height, width)"),
         ("8 bits", np.zeros((3, 4, 5), np.uint8), "values of type uint8; expected depths, of 16 bits or more"),
@@ -140,15 +131,6 @@ def test_what_is_no_stack(tmp_path: Path, given: Callable[[Path], Path], rejecte
     path = given(tmp_path)
     with rejected:
         list(StackRecording(path, GIVEN))
-
-
-def test_only_small_arrays_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The others are named; the frames are read one by one."""
-    monkeypatch.setattr(stack, "SMALL", 200)
-    np.savez(tmp_path / "a.npz", depth=DEPTH, fx=60.0, large=np.zeros(1000), objects=np.array([None]), K=np.eye(3).T)
-    frames = stack._Npz(tmp_path / "a.npz")
-    assert sorted(frames.others) == ["K", "fx"] and frames.names == ["fx", "large", "objects", "K"]
-    np.testing.assert_array_equal(next(iter(frames)), DEPTH[0])
 
 
 FOUR = np.stack([hand_sized(distance=1000 + i) for i in range(4)])
@@ -222,14 +204,6 @@ def test_what_is_named_like_times(tmp_path: Path) -> None:
     recording = opened(tmp_path, timestamp=1_700_000_000, t=np.zeros(3))
     assert times_of(recording) == pytest.approx([0, 0.1, 0.2, 0.3])  # by the rate
     assert "arrays 'timestamp', 't' are not used" in recording.warnings[0]
-
-
-def test_a_unit_of_something_else(tmp_path: Path) -> None:
-    """Where the unit of the depth has its own name, ``unit`` may be of anything."""
-    for name in ("unit_mm", "depth_scale", "depth_units"):
-        recording = opened(tmp_path, CameraInfo(CAMERA), **{name: 0.001}, unit="radians")
-        assert "array 'unit' is not used" in recording.warnings[0]
-    assert opened(tmp_path, GIVEN, unit="radians").unit_mm == 0.5  # as the user says
 
 
 @pytest.mark.parametrize("name", ["distortion", "coeffs", "dist", "dist_coeffs", "distortion_coefficients", "D"])
