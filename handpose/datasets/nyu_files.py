@@ -13,7 +13,6 @@ from handpose.body.nyu import (
     ANNOTATION_OF_JOINT,
     CENTER_JOINT,
     CUBE_MM,
-    SECOND_SUBJECT,
     TEST_FRAMES,
     TRAIN_FRAMES,
     cube_of_test_frame,
@@ -99,11 +98,9 @@ def _check_axes(path: Path, uvd: Array, xyz: Array) -> None:
         raise DataError(f"{path}: joint_uvd and joint_xyz have no joint that is finite in both")
     with np.errstate(all="ignore"):
         difference = np.nanmedian(np.abs(NYU.unproject(uvd[some]) - xyz[some]), axis=(0, 1))
-        upside_down = np.nanmedian(np.abs(NYU.unproject(uvd[some]) - xyz[some] * (1, -1, 1)), axis=(0, 1))
     if not (difference < 5).all():
-        hint = "; its y axis points down, expected up" if (upside_down < 5).all() else ""
         raise DataError(f"{path}: joint_xyz is not where joint_uvd is, off by x {difference[0]:.0f}, "
-                        f"y {difference[1]:.0f}, z {difference[2]:.0f} mm with NYU's camera{hint}")
+                        f"y {difference[1]:.0f}, z {difference[2]:.0f} mm with NYU's camera; expected y up, z away")
 
 
 # ---------------------------------------------------------------------------------------------- the frames
@@ -174,8 +171,4 @@ def _count_flaws(folder: Path, split: str, labelled: int) -> list[Flaw]:
     if labelled == expected:
         return []
     text = f"{folder / ANNOTATION}: {labelled} labelled frames, the whole {split} set has {expected}"
-    if split == "test" and labelled == SECOND_SUBJECT:
-        return [Flaw(f"{text}; these are the first of the two test subjects only", fatal=False)]
-    if split == "test" and labelled == TEST_FRAMES - SECOND_SUBJECT:
-        return [Flaw(f"{text}; these may be the second test subject only, whose cube goes by the frame's number")]
     return [Flaw(text, fatal=labelled > expected)]

@@ -309,9 +309,8 @@ def _sequences(names: list[str], unit: str | None) -> list[list[str]]:
     if _reading(names, unit) is not None:
         return [names]
     columns = [column for column in zip(*(NUMBER.findall(name) for name in names)) if len(set(column)) > 1]
-    ways = [[[name for name, own in zip(names, column) if own == value] for value in sorted(set(column))]
-            for column in sorted(columns, key=lambda column: len(set(column)))]
-    return next((parts for parts in ways if all(_reading(part, unit) is not None for part in parts)), ways[0])
+    column = min(columns, key=lambda column: len(set(column)))
+    return [[name for name, own in zip(names, column) if own == value] for value in sorted(set(column))]
 
 
 def _pattern(names: list[str]) -> str:
