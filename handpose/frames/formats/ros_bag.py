@@ -159,7 +159,8 @@ class BagRecording(Recording):
         with _opened(self._path) as bag:
             first = None
             for received, image in bag.messages(self._topic, *IMAGES):
-                taken = nanoseconds_of(image)
+                stamp = image.header.stamp
+                taken = int(stamp.sec) * 10**9 + int(stamp.nanosec)  # 0 without a time
                 if first is None:
                     stamped = taken > 0
                     first = taken if stamped else received
@@ -240,14 +241,10 @@ def encoding_of(message: Any) -> str:
     if hasattr(message, "encoding"):
         return str(message.encoding)
     encoding = str(message.format).partition(";")[0].strip()
-    if encoding.lower() in ("png", "") and _begins_with_grey(bytes(message.data[:26])):
+    start = bytes(message.data[:26])
+    if encoding.lower() in ("png", "") and start.startswith(pictures.PNG) and start[24:] == GREY_16:
         return "16UC1"
     return encoding
-
-
-def _begins_with_grey(content: bytes) -> bool:
-    """True for the beginning of a PNG of 16-bit grey values."""
-    return content.startswith(pictures.PNG) and content[24:26] == GREY_16
 
 
 def values_of(message: Any, where: str) -> NDArray[Any]:
@@ -277,12 +274,6 @@ def _unpacked(message: Any, encoding: str, where: str) -> NDArray[Any]:
     if values.dtype != np.uint16 or values.ndim != 2:
         raise DataError(f"{where}: a picture of {values.dtype} {values.shape}, expected 16-bit grey values")
     return values
-
-
-def nanoseconds_of(message: Any) -> int:
-    """The time stamp of an image; 0 without one."""
-    stamp = message.header.stamp
-    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
 
 def given_by(info: Any, topic: str, shape: tuple[int, ...], where: str) -> CameraInfo:
