@@ -118,7 +118,6 @@ class Undistorter:
     """
 
     def __init__(self, camera: Camera, lens: Lens) -> None:
-        self.shape = (camera.height, camera.width)
         with np.errstate(all="ignore"):  # the numbers may be arbitrary
             x = (np.arange(camera.width) - camera.u0) / camera.fx
             y = (np.arange(camera.height)[:, None] - camera.v0) / camera.fy

@@ -102,7 +102,7 @@ def fit_file(
         residuals = hdf5.File(target, ("residual_mm",)).datasets[0].numbers()
         progress(len(residuals))
         return np.asarray(residuals)
-    found_labels = labels.read(path, [len(skeleton.parents)])
+    found_labels = labels.read(path, len(skeleton.parents))
     joints = np.where(found_labels.seen[..., None], found_labels.joints, np.nan)
     try:
         found = fit_joints(skeleton, joints, limits=limits, ridge=ridge, starts=starts, progress=progress)

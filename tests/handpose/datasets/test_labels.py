@@ -29,10 +29,10 @@ def test_joints_in_any_storage(tmp_path, shape, dtype, options):
     stored = (100 * ROWS).astype(dtype)
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file.create_dataset("joint", data=stored.reshape(shape), **options)
-    joints = labels.read(tmp_path / "a.h5", [2]).joints
+    joints = labels.read(tmp_path / "a.h5", 2).joints
     assert joints.dtype == np.float64 and np.array_equal(joints, stored.reshape(4, 2, 3))
     joints[...] = 9
-    assert np.array_equal(labels.read(tmp_path / "a.h5", [2]).joints, stored.reshape(4, 2, 3))
+    assert np.array_equal(labels.read(tmp_path / "a.h5", 2).joints, stored.reshape(4, 2, 3))
 
 
 @pytest.mark.parametrize("shape", [(4,), (4, 1)])
@@ -40,31 +40,26 @@ def test_joints_in_any_storage(tmp_path, shape, dtype, options):
 def test_half_cubes(tmp_path, shape, dtype):
     """There is one half-cube per frame, from the labels and from an open file alike."""
     path = write_hdf5(tmp_path / "a.h5", joint=ROWS, half_cube=np.arange(100, 104, dtype=dtype).reshape(shape))
-    for found in (labels.read(path, [2]).half_cube, labels.read_half_cubes(File(path, ("joint",)))):
+    for found in (labels.read(path, 2).half_cube, labels.read_half_cubes(File(path, ("joint",)))):
         assert found.dtype == np.float64 and found.tolist() == [100, 101, 102, 103]
 
 
 def test_a_file_without_half_cubes(tmp_path):
-    """A file without half-cubes gets NYU's, or those that the caller passes."""
+    """A file without half-cubes gets NYU's."""
+    assert labels.read(write_hdf5(tmp_path / "a.h5", joint=ROWS), 2).half_cube.tolist() == [150] * 4
+
+
+def test_the_origin_of_labels(tmp_path):
     path = write_hdf5(tmp_path / "a.h5", joint=ROWS)
-    assert labels.read(path, [2]).half_cube.tolist() == [150] * 4
-    assert labels.read(path, [2], usual=125).half_cube.tolist() == [125] * 4
-    assert labels.read_half_cubes(File(path, ("joint",)), usual=125).tolist() == [125] * 4
-
-
-def test_what_else_a_file_holds(tmp_path):
-    """The names of the other data sets are returned in the order of the file, with the attribute ``made_from``."""
-    path = write_hdf5(tmp_path / "a.h5", joint=ROWS, depth=np.zeros(4))
-    assert labels.read(path, [2]).made_from == "an unknown source"
+    assert labels.read(path, 2).made_from == "an unknown source"
     with h5py.File(path, "a") as file:
         file.attrs["made_from"] = "a test"
-    found = labels.read(path, [2])
-    assert (found.names, found.made_from) == (("depth", "joint"), "a test")
+    assert labels.read(path, 2).made_from == "a test"
 
 
 def test_joints_that_are_not_seen(tmp_path):
     joints = np.array([[0.5, -0.5, 0, 0.9, -0.9, 0], [0, 0, 1, 0, -1, 0], [0, 0, 0, np.nan, 0, 0], [0, 2, 0, 0, 0, 0]])
-    found = labels.read(write_hdf5(tmp_path / "a.h5", joint=joints), [2])
+    found = labels.read(write_hdf5(tmp_path / "a.h5", joint=joints), 2)
     assert np.array_equal(found.joints.reshape(4, 6), joints, equal_nan=True)
     assert found.seen.tolist() == [[True, True], [False, False], [True, False], [False, True]]
 
@@ -72,7 +67,7 @@ def test_joints_that_are_not_seen(tmp_path):
 # -------------------------------------------------------------------------------------------- mistakes
 
 
-JOINTS = "(N, 6) for 2 joints or (N, 9) for 3 joints"
+JOINTS = "(N, 6) for 2 joints"
 
 
 @bad_inputs(DataError, {
@@ -98,7 +93,7 @@ def test_labels_with_something_wrong_in_them(tmp_path, given, rejected):
     """The error names the file, the data set, what was found and what was expected, on one line."""
     path = write_hdf5(tmp_path / "a.h5", **({"joint": ROWS} if "half_cube" in given else {}), **given)
     with rejected:
-        labels.read(path, [2, 3])
+        labels.read(path, 2)
 
 
 def test_centers_that_tell_no_camera(tmp_path):
