@@ -142,19 +142,14 @@ class PublishedFrames:
 
 
 def statistics(frames: PublishedFrames, index: Sequence[int]) -> str:
-    """A line of statistics in mm of the frames ``index``, with their centre and cube."""
+    """The centre and cube of the frames ``index``, and the share of frames with a joint outside, in a line."""
     few = np.asarray(index)
     offset = frames.joints[few] - frames.camera.unproject(frames.center_uvd[few])[:, None]
     cubes, counts = np.unique(frames.cube_mm[few].round(3), return_counts=True)
-    ranges = ", ".join(
-        f"{axis} {offset[..., i].min():.0f} to {offset[..., i].max():.0f}" for i, axis in enumerate("xyz")
-    )
     clipped = (np.abs(offset) > frames.cube_mm[few, None, None] / 2).any(axis=(1, 2)).mean()
     cube = " and ".join(f"{c:g} mm ({n} frames)" if len(cubes) > 1 else f"{c:g} mm" for c, n in zip(cubes, counts))
-    return (
-        f"joints {ranges} mm from the centre ({frames.centre}), cube {cube}; "
-        f"{clipped:.1%} of the frames have a joint outside the cube, which is clipped"
-    )
+    return (f"crops about the {frames.centre}, cube {cube}; {clipped:.1%} of the frames have a joint outside the cube, "
+            "which is clipped")
 
 
 def read_centers(path: Path, frames: int) -> Array:

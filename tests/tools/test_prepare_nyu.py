@@ -66,7 +66,7 @@ def test_raw_equals_direct(root, tmp_path):
             inside = ((picked.rows >= 0)[:, :, None] & (picked.columns >= 0)[:, None])[:, None]
             assert (np.abs(a["depth"][:] - b["depth"][:])[inside] * 150).max() <= 0.5 + 1e-4  # mm, of whole mm
     assert "train: 30 frames (synthetic), none bad" in out
-    assert "mm from the centre (annotated joint 34), cube 300 mm" in out
+    assert "crops about the annotated joint 34, cube 300 mm" in out
     before = (tmp_path / "out" / "train_000.h5").read_bytes()
     prepare(root, "--workers", "1", "--force")
     assert (tmp_path / "out" / "train_000.h5").read_bytes() == before

@@ -31,7 +31,7 @@ def frames(**changes: object) -> PublishedFrames:
         "camera": NYU,
         "read": lambda path: np.full((480, 640), 780.0),
         "made_from": "plates",
-        "centre": "the middle",
+        "centre": "middle",
     }
     return PublishedFrames(**{**facts, **changes})  # type: ignore[arg-type]
 
@@ -95,7 +95,7 @@ def test_wrong_centres(tmp_path: Path, given: str, rejected: Any) -> None:
 
 def test_statistics() -> None:
     report = statistics(frames(), [0, 1])
-    assert "z 0 to 100 mm from the centre (the middle), cube 261 mm (1 frames) and 300 mm (1 frames)" in report
+    assert "crops about the middle, cube 261 mm (1 frames) and 300 mm (1 frames)" in report
     assert "0.0% of the frames have a joint outside the cube" in report
 
 
@@ -143,5 +143,5 @@ def test_bad_frames_are_named_and_left_out(tmp_path: Path) -> None:
         reports.append(split.report(outcome))
     assert reports[0] == reports[1]
     assert reports[0].startswith(
-        "test: 3 frames (a test), 4 bad frames left out: 4 no such file\ntest: joints x 0 to 0"
+        "test: 3 frames (a test), 4 bad frames left out: 4 no such file\ntest: crops about the "
     )
