@@ -31,7 +31,7 @@ import re
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -247,23 +247,6 @@ OF_DEPTH, OF_COLOUR = re.compile(r"depth|infra|(?<![a-z])ir(?![a-z])", re.I), re
 MAX_NAMES = 8  # of unused keys that are named
 
 
-class Found(NamedTuple):
-    """What was found.
-
-    info    the parameters
-    fields  for each used key the field of CameraInfo that it gives
-    unused  the other keys of the same object
-    words   both, for people
-    is_own  whether all used keys are those of a camera.json
-    """
-
-    info: CameraInfo
-    fields: Mapping[str, str]
-    unused: tuple[str, ...]
-    words: str
-    is_own: bool
-
-
 def find(document: Any, where: str, is_replaced: bool = False) -> Found:
     """The camera in a document of plain values; ``where`` begins errors.
 
@@ -279,9 +262,9 @@ def find(document: Any, where: str, is_replaced: bool = False) -> Found:
         is_sized = len(numbers) == 6  # fx, fy, cx, cy, width, height
         document = {"matrix": numbers[:4], "size": numbers[4:]} if is_sized else {"matrix": document}
     chosen = _chosen(document)
-    found = [_of_chain(chain, where, is_replaced) for chain in chosen]
+    found = [Found(chain, where, is_replaced) for chain in chosen]
     if not found:
-        return _of_chain((("", document),), where, is_replaced)
+        return Found((("", document),), where, is_replaced)
     if len({one.info for one in found}) == 1:
         return found[0]
     names = ", ".join(dict.fromkeys(map(_name_of, chosen)))
@@ -327,19 +310,6 @@ def _name_of(chain: _Chain) -> str:
     return ".".join(name for name, _ in chain if name)
 
 
-def _of_chain(chain: _Chain, where: str, is_replaced: bool) -> Found:
-    """The camera in the last object, with what those around it say. Raises DataError."""
-    said = _Values(where, is_replaced)
-    said.take(chain[-1][1])
-    for _, outer in chain[-2::-1]:
-        said.take_around(outer)
-    words = ", ".join(said.fields)
-    if said.unused:
-        words += f"; not used: {', '.join(said.unused[:MAX_NAMES])}{' ...' * (len(said.unused) > MAX_NAMES)}"
-    is_own = len(chain) < 2 and all(name in KNOWN for name in said.fields)
-    return Found(said.info(), said.fields, tuple(said.unused), words, is_own)
-
-
 def _key(name: str) -> str:
     """The key of a camera.json, or "matrix", "size", "scale", for a name; itself if it is unknown."""
     if name in KNOWN:
@@ -352,34 +322,45 @@ def unknown_key(key: str, known: Collection[str] = KNOWN) -> str:
     return f"unknown key {key!r}{did_you_mean(key, known)}; known: {', '.join(known)}"
 
 
-class _Values:
-    """Values by the keys of a camera.json.
+class Found:
+    """The camera in the last object of a chain, with what those around it say. Raises DataError.
 
-    fields, unused  as in Found
+    info    the parameters
+    fields  for each used key the field of CameraInfo that it gives
+    unused  the other keys of the same object
+    words   both, for people
+    is_own  whether all used keys are those of a camera.json
     """
 
-    def __init__(self, where: str, is_replaced: bool) -> None:
-        self.where, self.values = where, dict[str, Any]()
+    def __init__(self, chain: _Chain, where: str, is_replaced: bool) -> None:
+        self._where, self._values = where, dict[str, Any]()
         self.fields, self.unused = dict[str, str](), list[str]()
         self._is_replaced = is_replaced
+        self._take(chain[-1][1])
+        for _, outer in chain[-2::-1]:
+            self._take_around(outer)
+        more = f"{', '.join(self.unused[:MAX_NAMES])}{' ...' * (len(self.unused) > MAX_NAMES)}"
+        self.words = ", ".join(self.fields) + (f"; not used: {more}" if more else "")
+        self.is_own = len(chain) < 2 and all(name in KNOWN for name in self.fields)
+        self.info = self._info()
 
-    def refuse(self, what: str) -> NoReturn:
-        raise DataError(f"{self.where}: {what}")
+    def _refuse(self, what: str) -> NoReturn:
+        raise DataError(f"{self._where}: {what}")
 
-    def take(self, values: Mapping[str, Any]) -> None:
+    def _take(self, values: Mapping[str, Any]) -> None:
         """Take the values of the object with the camera. Raises DataError."""
         keys = {_key(name) for name in values}
         for name, value in values.items():
             key = _key(name)
-            is_second = key == "matrix" and ("fx" in keys or "fx" in self.values)
+            is_second = key == "matrix" and ("fx" in keys or "fx" in self._values)
             if is_second or value is None or not self._is_taken(name, key, value):
                 self.unused.append(name)
 
-    def take_around(self, values: Mapping[str, Any]) -> None:
+    def _take_around(self, values: Mapping[str, Any]) -> None:
         """Take what an object around it says of the size, the lens and the frames. Raises DataError."""
-        size = {"size", *SIZE} if "width" not in self.values else set()
-        lens = set(LENS) if self.values.keys().isdisjoint(LENS) else set()
-        wanted = (size | lens | {"scale", "unit_mm", "rate", "time_unit"}) - self.values.keys()
+        size = {"size", *SIZE} if "width" not in self._values else set()
+        lens = set(LENS) if self._values.keys().isdisjoint(LENS) else set()
+        wanted = (size | lens | {"scale", "unit_mm", "rate", "time_unit"}) - self._values.keys()
         for name, value in values.items():
             if _key(name) in wanted and value is not None:
                 self._is_taken(name, _key(name), value)
@@ -389,7 +370,7 @@ class _Values:
         if key == "matrix":
             self.fields[name] = "camera"
             try:
-                numbers = _of_matrix(value, f"{self.where}: {name}")
+                numbers = _of_matrix(value, f"{self._where}: {name}")
             except DataError:
                 if not self._is_replaced:
                     raise
@@ -409,7 +390,7 @@ class _Values:
         elif key == "distortion" and isinstance(value, dict) and not _numbers(value):
             for inner, number in value.items():
                 if (own := _key(inner)) not in LENS[1:]:
-                    self.refuse(f"{name}: {unknown_key(inner, LENS[1:])}")
+                    self._refuse(f"{name}: {unknown_key(inner, LENS[1:])}")
                 self._set(own, number, name)
         elif key == "distortion":
             self._set("model" if isinstance(value, str) else "coefficients", value, name)
@@ -420,71 +401,68 @@ class _Values:
         return True
 
     def _set(self, key: str, value: Any, name: str) -> None:
-        if key in self.values:
-            self.refuse(f"says {key} twice" + (f", once as {name}" if key != name else ""))
-        self.values[key] = value
+        if key in self._values:
+            self._refuse(f"says {key} twice" + (f", once as {name}" if key != name else ""))
+        self._values[key] = value
         self.fields[name] = "lens" if key in LENS else key if key in FIELDS else "camera"
 
-    def info(self) -> CameraInfo:
+    def _info(self) -> CameraInfo:
         """The parameters. Raises DataError."""
         camera = None
         if self._all_or_none(INTRINSICS):
             fx, fy, u0, v0 = (self._number(key) for key in INTRINSICS)
             sized = self._all_or_none(SIZE)
             width, height = (self._whole(key) if sized else 0 for key in SIZE)
-            min_range = self._number(MIN_RANGE) if MIN_RANGE in self.values else MIN_RANGE_MM
+            min_range = self._number(MIN_RANGE) if MIN_RANGE in self._values else MIN_RANGE_MM
             camera = Camera(self._text("name", "own"), fx, fy, u0, v0, width, height, min_range)
-        elif stray := [key for key in (*SIZE, "name", MIN_RANGE) if key in self.values]:
-            self.refuse(f"has {stray[0]}, but not fx, fy, u0, v0")
-        unit, rate = (self._number(key) if key in self.values else None for key in ("unit_mm", "rate"))
-        return CameraInfo(camera, self._lens(), unit, rate, self.where, self._time_unit())
+        elif stray := [key for key in (*SIZE, "name", MIN_RANGE) if key in self._values]:
+            self._refuse(f"has {stray[0]}, but not fx, fy, u0, v0")
+        unit, rate = (self._number(key) if key in self._values else None for key in ("unit_mm", "rate"))
+        time_unit = self._values.get("time_unit")
+        if time_unit not in (None, *TIME_UNITS):
+            self._refuse(f"time_unit is {_shown(time_unit)}; expected {', '.join(TIME_UNITS)}")
+        return CameraInfo(camera, self._lens(), unit, rate, self._where, time_unit)
 
     def _lens(self) -> Lens | None:
         model = self._text("model", "brown_conrady")
-        named = any(key in self.values for key in BROWN)
-        values = [self._number(key) if key in self.values else 0.0 for key in BROWN] if named else []
-        if "coefficients" in self.values:
+        named = any(key in self._values for key in BROWN)
+        values = [self._number(key) if key in self._values else 0.0 for key in BROWN] if named else []
+        if "coefficients" in self._values:
             if named:
-                self.refuse("says the distortion twice, once as k1 ... or p1 ...")
-            found = _numbers(given := self.values["coefficients"])
+                self._refuse("says the distortion twice, once as k1 ... or p1 ...")
+            found = _numbers(given := self._values["coefficients"])
             if found is None:
-                self.refuse(f"distortion is {_shown(given)}; expected a list of numbers: k1, k2, p1, p2, k3 ...")
+                self._refuse(f"distortion is {_shown(given)}; expected a list of numbers: k1, k2, p1, p2, k3 ...")
             values = found
-        elif not named and "model" not in self.values:
+        elif not named and "model" not in self._values:
             return None
-        return lens_of(model, values, self.where)
+        return lens_of(model, values, self._where)
 
     def _all_or_none(self, keys: tuple[str, ...]) -> bool:
         """True if all of the keys are present, False if none is; raises DataError otherwise."""
-        missing = [key for key in keys if key not in self.values]
+        missing = [key for key in keys if key not in self._values]
         if missing and len(missing) < len(keys):
-            there = next(key for key in keys if key in self.values)
-            self.refuse(f"has {there}, but not {' and '.join(missing)}")
+            there = next(key for key in keys if key in self._values)
+            self._refuse(f"has {there}, but not {' and '.join(missing)}")
         return not missing
 
     def _number(self, key: str) -> float:
-        value = self.values[key]
+        value = self._values[key]
         low, high = RANGES.get(key, (-math.inf, math.inf))
         if not _is_number(value) or not low < value <= high:
             expected = f"more than {low:g} and at most {high:g}" if key in RANGES else "that is finite"
-            self.refuse(f"{key} is {_shown(value)}; expected a number {expected}")
+            self._refuse(f"{key} is {_shown(value)}; expected a number {expected}")
         return float(value)
 
     def _whole(self, key: str) -> int:
         if self._number(key) % 1:
-            self.refuse(f"{key} is {self.values[key]}; expected a whole number")
-        return int(self.values[key])
+            self._refuse(f"{key} is {self._values[key]}; expected a whole number")
+        return int(self._values[key])
 
     def _text(self, key: str, default: str) -> str:
-        value = self.values.get(key, default)
+        value = self._values.get(key, default)
         if not isinstance(value, str):
-            self.refuse(f"{key} is {_shown(value)}; expected a text")
-        return value
-
-    def _time_unit(self) -> str | None:
-        value = self.values.get("time_unit")
-        if value not in (None, *TIME_UNITS):
-            self.refuse(f"time_unit is {_shown(value)}; expected {', '.join(TIME_UNITS)}")
+            self._refuse(f"{key} is {_shown(value)}; expected a text")
         return value
 
 

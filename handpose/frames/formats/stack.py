@@ -220,13 +220,13 @@ def _parameters(found: Mapping[str, NDArray[Any]], where: str, given: CameraInfo
     has_camera = camera_file.has_camera({name: value.tolist() for name, value in found.items() if value.size <= 16})
     values = {name: _plain(value, f"{where}: {name}") for name, value in found.items() if camera_file.is_known(name)
               and (has_camera or name not in OF_ANYTHING)}
-    own, fields, *_ = camera_file.find(values, where, given.camera is not None) if values else (UNKNOWN, {})
+    said = camera_file.find(values, where, given.camera is not None)
     if TEXT not in found:
-        return own, {**fields}
+        return said.info, said.fields
     if found[TEXT].size != 1:
         raise DataError(f"{where}: camera has the shape {found[TEXT].shape}, expected one text: a camera.json")
     text = camera_file.parse(_text(found[TEXT]), f"{where}: camera")
-    return own.or_else(text), {**fields, TEXT: "parameters"}
+    return said.info.or_else(text), {**said.fields, TEXT: "parameters"}
 
 
 def _plain(value: NDArray[Any], where: str) -> Any:
