@@ -118,22 +118,21 @@ def _track(
     frames: int | None,
 ) -> None:
     """Track and write up to the end of the recording, or ``frames``. Raises StoppedError, NetlibError."""
-    recording = seen.recording
 
     def write(ready: Ready) -> None:
         for depth, found in ready:
             outputs.write(depth, found)
             summary.add(found)
 
-    with outputs, ProgressBar(total_of(recording, frames), what="tracking") as progress:
-        outputs.begin(recording, stopper.check)
+    with outputs, ProgressBar(total_of(seen.recording, frames), what="tracking") as progress:
+        outputs.begin(seen.recording, stopper.check)
         try:
             for frame in islice(seen.all_frames(), frames):
                 stopper.check()
                 try:
                     found = tracker.step(frame)
                 except DataError as error:
-                    raise DataError(f"{recording.name}: frame {frame.number}: {error}") from error
+                    raise DataError(f"{seen.recording.name}: frame {frame.number}: {error}") from error
                 write(reporting.add(frame.depth, found))
                 progress(1)
         finally:

@@ -88,8 +88,8 @@ def print_inspection(found: Inspection, file: TextIO | None = None) -> None:
     """Print a report on a recording and its first frames; warnings go to stderr."""
     recording, camera = found.recording, found.recording.camera
     view, rate = view_of(camera), f", {recording.rate:g} frames/s" if recording.rate else ""
-    count = "unknown number of" if recording.count is None else recording.count
-    length = "live" if recording.live else f"{count} frames"
+    length = ("live" if recording.live else "unknown number of frames" if recording.count is None
+              else f"{recording.count} frames")
     say(f"{recording.name}: {length}, {camera.width} x {camera.height} pixels{rate}", file=file)
     say(f"  camera {camera.name}: fx {camera.fx:g}, fy {camera.fy:g}, u0 {camera.u0:g}, v0 {camera.v0:g}; "
         f"field of view {view[0]:.0f} x {view[1]:.0f} degrees", file=file)
