@@ -15,7 +15,6 @@ it.
 
 from __future__ import annotations
 
-import contextlib
 import fnmatch
 import itertools
 import re
@@ -34,7 +33,7 @@ from handpose.frames import camera_file
 from handpose.frames.cameras import NYU
 from handpose.frames.images import read_picture, unpack_depth
 from handpose.frames.recording import HEADERLESS, UNKNOWN, CameraInfo, DepthFrame, Recording, decoder_of
-from netlib.errors import DataError, did_you_mean, reason_of, system_error_of
+from netlib.errors import DataError, did_you_mean, system_error_of
 from netlib.files.paths import exists, list_folder, names_in
 
 PICTURES = (".png", ".tif", ".tiff")
@@ -93,12 +92,6 @@ def _frames_in(source: Path) -> tuple[Path, list[str]]:
         return source, names
     if exists(source):
         return source.parent, [source.name]
-    with contextlib.suppress(ValueError):  # a name that no file can have
-        try:
-            source.stat()
-        except OSError as error:
-            if system_error_of(error):
-                raise DataError(f"{source}: cannot be read: {reason_of(error)}") from error
     there = list_folder(source.parent) if exists(source.parent) else set()
     names = [name for name in fnmatch.filter(there, source.name) if _is_frame(name)]
     if not names:
