@@ -85,9 +85,6 @@ def read_crop_centers(files: Sequence[File]) -> tuple[Array, Camera]:
     """
     found = []
     for file in files:
-        for name in ("center_uvd", "center"):
-            if name not in file.names:
-                raise DataError(f"{file.path}: no data set {name!r}; expected where the crops were cut")
         stored = [dataset.numbers() for dataset in File(file.path, ("center_uvd", "center")).datasets]
         if any(array.shape != (file.rows, 3) for array in stored):
             raise DataError(f"{file.path}: centres of shape {stored[0].shape}, expected ({file.rows}, 3)")
