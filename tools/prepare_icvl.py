@@ -12,8 +12,8 @@ Crops are 128 x 128 around the annotated palm (or the --center given), cube 250 
 the lists train.txt and test.txt. Existing files are kept, so an interrupted run continues. Bad frames are reported,
 counted and skipped.
 
-A --center FILE has one line "u v d" (px, px, mm) per frame of the split, or is an .npy or .npz file with such an array;
-"{split}" in its name is replaced by train and test.
+A --center FILE has one line "u v d" (px, px, mm) per frame of the split; "{split}" in its name is replaced by train and
+test.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ import tools
 
 tools.begin(__name__)
 
-from handpose import Recording, RecordingWriter
+from handpose import RecordingWriter
 from handpose.frames.inspection import Inspection, inspect
 from netlib.errors import NetlibError
 from tools.common import outputs
@@ -57,27 +57,25 @@ def run(args: argparse.Namespace) -> int:
         print_inspection(seen)
         try:
             with Stopper() as stopper:
-                seconds = _write(recording, seen, writer, stopper, args.seconds)
+                seconds = _write(seen, writer, stopper, args.seconds)
         except StoppedError:
             say(f"stopped; {args.out} has {writer.count} frames", file=sys.stderr)
             return 128 + stopper.signum
         except NetlibError as error:
             kept = f"; {args.out} has the {writer.count} frames before it" if writer.count else ""
             raise NetlibError(f"{error}{kept}") from None
-        print_new_remarks(recording, seen)
+        print_new_remarks(seen)
     if not writer.count:
         raise NetlibError(f"{args.source}: no frames")
     say(f"wrote {args.out}: {writer.count} frames of {seconds:.1f} s, unit {unit:g} mm")
     return DONE
 
 
-def _write(
-    recording: Recording, seen: Inspection, writer: RecordingWriter, stopper: Stopper, seconds: float | None
-) -> float:
+def _write(seen: Inspection, writer: RecordingWriter, stopper: Stopper, seconds: float | None) -> float:
     """Write frames up to the limit; returns the time in s from the first to the last. Raises StoppedError."""
     first = last = None
-    with writer, ProgressBar(recording.count or 0, what="recording") as progress:
-        for frame in seen.all_frames(recording):
+    with writer, ProgressBar(seen.recording.count or 0, what="recording") as progress:
+        for frame in seen.all_frames():
             stopper.check()
             first = frame.time if first is None else first
             if seconds is not None and frame.time - first >= seconds:

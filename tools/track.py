@@ -39,7 +39,7 @@ import tools
 
 tools.begin(__name__)
 
-from handpose import Recording, Tracker, load_predictor
+from handpose import Tracker, load_predictor
 from handpose.body.sides import SOUGHT_SIDES
 from handpose.estimate.hand import MIN_PRESENCE
 from handpose.fit.body import MAX_SIZE, MIN_SIZE
@@ -100,11 +100,11 @@ def run(args: argparse.Namespace) -> int:
         reporting = Reporting(tracker.estimator.model, args.min_confidence, recording.live or args.serve is not None)
         try:
             with Stopper() as stopper:
-                _track(recording, seen, tracker, reporting, outputs, summary, stopper, args.frames)
+                _track(seen, tracker, reporting, outputs, summary, stopper, args.frames)
         except StoppedError:
             say(f"stopped after {summary.frames} frames" if summary.frames else "stopped", file=sys.stderr)
             status = 128 + stopper.signum
-        sources.print_new_remarks(recording, seen)
+        sources.print_new_remarks(seen)
         if summary.frames:
             seconds = time.perf_counter() - begun or 1e-3  # 0: a coarse clock
             _say_summary(summary, seconds, reporting.sure_hands.note, outputs, talk, seen.doubt)
@@ -116,8 +116,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _track(
-    recording: Recording, seen: Inspection, tracker: Tracker, reporting: Reporting, outputs: Outputs, summary: Summary,
-    stopper: Stopper, frames: int | None,
+    seen: Inspection, tracker: Tracker, reporting: Reporting, outputs: Outputs, summary: Summary, stopper: Stopper,
+    frames: int | None,
 ) -> None:
     """Track and write up to the end of the recording, or ``frames``. Raises StoppedError, NetlibError."""
 
@@ -126,16 +126,16 @@ def _track(
             outputs.write(depth, found)
             summary.add(found)
 
-    total = min((count for count in (recording.count, frames) if count), default=0)
+    total = min((count for count in (seen.recording.count, frames) if count), default=0)
     with outputs, ProgressBar(total, what="tracking") as progress:
-        outputs.begin(recording, stopper.check)
+        outputs.begin(seen.recording, stopper.check)
         try:
-            for frame in islice(seen.all_frames(recording), frames):
+            for frame in islice(seen.all_frames(), frames):
                 stopper.check()
                 try:
                     found = tracker.step(frame)
                 except DataError as error:
-                    raise DataError(f"{recording.name}: frame {frame.number}: {error}") from error
+                    raise DataError(f"{seen.recording.name}: frame {frame.number}: {error}") from error
                 write(reporting.add(frame.depth, found))
                 progress(1)
         finally:

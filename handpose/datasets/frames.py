@@ -45,15 +45,8 @@ class Frames:
 
     @classmethod
     def of(
-        cls,
-        crops: ArrayLike,
-        joints: Array,
-        center_uvd: Array,
-        camera: Camera,
-        half_cube: ArrayLike,
-        index: NDArray[np.int64],
-        dof: Array | None = None,
-        bones: Array | None = None,
+        cls, crops: ArrayLike, joints: Array, center_uvd: Array, camera: Camera, half_cube: ArrayLike,
+        index: NDArray[np.int64], dof: Array | None = None, bones: Array | None = None,
     ) -> Frames:
         """From crops (n, 128, 128), joints (n, K, 3) in half-cubes, centres (n, 3) px, px, mm, and half-cubes in mm.
 

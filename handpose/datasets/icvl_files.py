@@ -72,8 +72,6 @@ def read_annotation(paths: Sequence[Path]) -> IcvlAnnotation:
     uvd = np.frombuffer(values, dtype=np.float64).reshape(-1, len(JOINTS), 3)
     if not files:
         raise DataError(f"{paths[0]}: no labels in it")
-    if np.isnan(uvd[:, CENTER_JOINT]).all(axis=0).any():
-        raise DataError(f"{paths[0]}: no line has the palm's position")
     u, v, d = np.nanmedian(uvd[:, CENTER_JOINT], axis=0)
     if not (0 <= u < ICVL.width and 0 <= v < ICVL.height and 50 < d < 5000):
         raise DataError(f"{paths[0]}: the palm is mostly at {u:g} {v:g} {d:g}, expected u v d: pixels of an image "

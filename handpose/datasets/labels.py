@@ -8,7 +8,7 @@ docs/data.md lists everything that such a file holds. For computations with labe
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,13 +32,11 @@ class Labels:
 
     joints     (n, K, 3) half-cubes from the crop centre
     half_cube  (n,) mm
-    names      of the data sets in the file
     made_from  description of the data
     """
 
     joints: Array
     half_cube: Array
-    names: tuple[str, ...]
     made_from: str
 
     @property
@@ -47,30 +45,25 @@ class Labels:
         return np.asarray((np.abs(self.joints) < 1).all(axis=2))
 
 
-def read(path: Path, joint_counts: Collection[int], usual: float = CUBE_MM / 2) -> Labels:
-    """Read the labels of a file. Raises DataError.
-
-    joint_counts  allowed numbers of joints
-    usual         half-cube in mm if the file has none
-    """
+def read(path: Path, count: int) -> Labels:
+    """Read the labels of a file with ``count`` joints. Raises DataError."""
     file = File(path, ("joint",))
     stored = file.datasets[0].numbers()
-    count = stored.size // file.rows // 3
-    if count not in joint_counts or stored.shape[1:] not in ((3 * count,), (count, 3)):
-        expected = " or ".join(f"(N, {3 * known}) for {known} joints" for known in joint_counts)
-        raise DataError(f"{path}: data set 'joint' has shape {stored.shape}, expected {expected}")
+    if stored.shape[1:] not in ((3 * count,), (count, 3)):
+        raise DataError(f"{path}: data set 'joint' has shape {stored.shape}, expected (N, {3 * count}) for {count} "
+                        "joints")
     joints = stored.reshape(file.rows, count, 3)
     wrong = np.isinf(joints).any(axis=(1, 2))
     if wrong.any():
         raise DataError(f"{path}: data set 'joint' is infinite in frame {wrong.argmax()} ({wrong.sum()} such frames), "
                         "expected half-cubes from the crop centre, or NaN if unknown")
-    return Labels(joints, read_half_cubes(file, usual), file.names, file.made_from)
+    return Labels(joints, read_half_cubes(file), file.made_from)
 
 
-def read_half_cubes(file: File, usual: float = CUBE_MM / 2) -> Array:
-    """Half-cubes (n,) in mm of the frames of an open file, ``usual`` if it has none. Raises DataError."""
+def read_half_cubes(file: File) -> Array:
+    """Half-cubes (n,) in mm of the frames of an open file, NYU's if it has none. Raises DataError."""
     if "half_cube" not in file.names:
-        return np.full(file.rows, usual)
+        return np.full(file.rows, CUBE_MM / 2)
     stored = File(file.path, ("half_cube",)).datasets[0].numbers()
     if stored.shape not in ((file.rows,), (file.rows, 1)):
         raise DataError(f"{file.path}: data set 'half_cube' has shape {stored.shape}, expected ({file.rows},): "
@@ -92,9 +85,6 @@ def read_crop_centers(files: Sequence[File]) -> tuple[Array, Camera]:
     """
     found = []
     for file in files:
-        for name in ("center_uvd", "center"):
-            if name not in file.names:
-                raise DataError(f"{file.path}: no data set {name!r}; expected where the crops were cut")
         stored = [dataset.numbers() for dataset in File(file.path, ("center_uvd", "center")).datasets]
         if any(array.shape != (file.rows, 3) for array in stored):
             raise DataError(f"{file.path}: centres of shape {stored[0].shape}, expected ({file.rows}, 3)")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,7 +13,6 @@ from handpose.body.nyu import (
     ANNOTATION_OF_JOINT,
     CENTER_JOINT,
     CUBE_MM,
-    SECOND_SUBJECT,
     TEST_FRAMES,
     TRAIN_FRAMES,
     cube_of_test_frame,
@@ -25,7 +23,6 @@ from handpose.frames.cameras import NYU
 from handpose.frames.images import WRONG_SIZE, BadFrameError, read_png, unpack_depth
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
-from netlib.files import hdf5
 from netlib.files.paths import names_in
 
 ANNOTATION = "joint_data.mat"  # in the folder of the depth frames of each split
@@ -56,11 +53,11 @@ class NyuAnnotation(NamedTuple):
 
 
 def read_annotation(path: Path) -> NyuAnnotation:
-    """The joints in a ``joint_data.mat``, of MATLAB's version 5 or 7.3. Raises DataError."""
+    """The joints in a ``joint_data.mat``, of MATLAB's version 5. Raises DataError."""
     if not path.is_file():
         raise DataError(f"{path}: no such file; it holds the joints, and comes in the same archive as the depth frames")
     try:
-        found = _read_hdf5(path) if h5py.is_hdf5(path) else _read_matlab(path)
+        found = _read_matlab(path)
     except NetlibError:
         raise
     except Exception as error:  # for a damaged file a reader may raise any exception
@@ -83,31 +80,15 @@ def _read_matlab(path: Path) -> dict[str, Any]:
     import scipy.io  # imported here: it takes a tenth of a second
 
     if scipy.io.matlab.matfile_version(str(path))[0] == 0:
-        raise DataError(f"{path}: a MATLAB file of version 4, or none; expected version 5 or 7.3")
-    _check_names(path, [name for name, _, _ in scipy.io.whosmat(str(path))])
+        raise DataError(f"{path}: a MATLAB file of version 4, or none; expected version 5")
+    names = [name for name, _, _ in scipy.io.whosmat(str(path))]
+    for name in ("joint_uvd", "joint_xyz"):
+        if name not in names:
+            raise DataError(f"{path}: no variable {name!r}; it has {', '.join(sorted(names)) or 'none'}")
     found = scipy.io.loadmat(str(path), variable_names=["joint_uvd", "joint_xyz", "made_from"])
     if "made_from" in found:
         found["made_from"] = np.ravel(found["made_from"])[0]
     return dict(found)
-
-
-def _read_hdf5(path: Path) -> dict[str, Any]:
-    """The variables of a file of version 7.3, which is HDF5 with the axes in reverse order."""
-    with hdf5.opened(path, "the annotation") as file:
-        _check_names(path, list(file))
-        datasets = {name: file[name] for name in ("joint_uvd", "joint_xyz")}
-        found: dict[str, Any] = {
-            name: d[..., :1].T if getattr(d, "ndim", 0) == 4 else np.asarray(d) for name, d in datasets.items()
-        }
-        if "made_from" in file:
-            found["made_from"] = "".join(map(chr, np.ravel(file["made_from"][...])))
-        return found
-
-
-def _check_names(path: Path, names: list[str]) -> None:
-    for name in ("joint_uvd", "joint_xyz"):
-        if name not in names:
-            raise DataError(f"{path}: no variable {name!r}; it has {', '.join(sorted(names)) or 'none'}")
 
 
 def _check_axes(path: Path, uvd: Array, xyz: Array) -> None:
@@ -117,11 +98,9 @@ def _check_axes(path: Path, uvd: Array, xyz: Array) -> None:
         raise DataError(f"{path}: joint_uvd and joint_xyz have no joint that is finite in both")
     with np.errstate(all="ignore"):
         difference = np.nanmedian(np.abs(NYU.unproject(uvd[some]) - xyz[some]), axis=(0, 1))
-        upside_down = np.nanmedian(np.abs(NYU.unproject(uvd[some]) - xyz[some] * (1, -1, 1)), axis=(0, 1))
     if not (difference < 5).all():
-        hint = "; its y axis points down, expected up" if (upside_down < 5).all() else ""
         raise DataError(f"{path}: joint_xyz is not where joint_uvd is, off by x {difference[0]:.0f}, "
-                        f"y {difference[1]:.0f}, z {difference[2]:.0f} mm with NYU's camera{hint}")
+                        f"y {difference[1]:.0f}, z {difference[2]:.0f} mm with NYU's camera; expected y up, z away")
 
 
 # ---------------------------------------------------------------------------------------------- the frames
@@ -192,8 +171,4 @@ def _count_flaws(folder: Path, split: str, labelled: int) -> list[Flaw]:
     if labelled == expected:
         return []
     text = f"{folder / ANNOTATION}: {labelled} labelled frames, the whole {split} set has {expected}"
-    if split == "test" and labelled == SECOND_SUBJECT:
-        return [Flaw(f"{text}; these are the first of the two test subjects only", fatal=False)]
-    if split == "test" and labelled == TEST_FRAMES - SECOND_SUBJECT:
-        return [Flaw(f"{text}; these may be the second test subject only, whose cube goes by the frame's number")]
     return [Flaw(text, fatal=labelled > expected)]

@@ -12,7 +12,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from io import BufferedReader
 from pathlib import Path
 from typing import Any
 
@@ -118,14 +117,6 @@ class PublishedFrames:
             raise BadFrameError(path, EMPTY, f"within {self.cube_mm[i] / 2:g} mm of u {u:.0f}, v {v:.0f}, {d:.0f} mm")
         return made
 
-    def flaw(self, i: int) -> str | None:
-        """The kind of error of frame ``i``, None if it has none."""
-        try:
-            self.crop(i)
-        except BadFrameError as error:
-            return error.kind
-        return None
-
     def recipe(self, start: int, stop: int) -> str:
         """The recipe of the crops of frames ``start`` to ``stop``; it has the names and sizes of the images only."""
         digest = hashlib.sha256()
@@ -151,40 +142,26 @@ class PublishedFrames:
 
 
 def statistics(frames: PublishedFrames, index: Sequence[int]) -> str:
-    """A line of statistics in mm of the frames ``index``, with their centre and cube."""
+    """The centre and cube of the frames ``index``, and the share of frames with a joint outside, in a line."""
     few = np.asarray(index)
     offset = frames.joints[few] - frames.camera.unproject(frames.center_uvd[few])[:, None]
     cubes, counts = np.unique(frames.cube_mm[few].round(3), return_counts=True)
-    ranges = ", ".join(
-        f"{axis} {offset[..., i].min():.0f} to {offset[..., i].max():.0f}" for i, axis in enumerate("xyz")
-    )
     clipped = (np.abs(offset) > frames.cube_mm[few, None, None] / 2).any(axis=(1, 2)).mean()
     cube = " and ".join(f"{c:g} mm ({n} frames)" if len(cubes) > 1 else f"{c:g} mm" for c, n in zip(cubes, counts))
-    return (
-        f"joints {ranges} mm from the centre ({frames.centre}), cube {cube}; "
-        f"{clipped:.1%} of the frames have a joint outside the cube, which is clipped"
-    )
+    return (f"crops about the {frames.centre}, cube {cube}; {clipped:.1%} of the frames have a joint outside the cube, "
+            "which is clipped")
 
 
 def read_centers(path: Path, frames: int) -> Array:
-    """Crop centres (frames, 3) from a text file of one ``u v d`` per line, or an .npy or .npz file. Raises DataError.
-
-    In an .npz file the array is called center_uvd, or is the only one.
-    """
-    with BufferedReader(files.opened(path, "the centres")) as stream, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # NumPy's, for unusual headers and empty texts
+    """Crop centres (frames, 3) from a text file with ``u v d`` in each line. Raises DataError."""
+    text = files.read_text(path, "the centres")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # NumPy's, for empty texts
         try:
-            if path.suffix in (".npy", ".npz"):
-                found = np.load(stream, allow_pickle=False)
-            else:
-                found = np.loadtxt(stream.read().decode().replace(",", " ").splitlines(), ndmin=2)
-            if not isinstance(found, np.ndarray):
-                names = found.files
-                found = found["center_uvd" if "center_uvd" in names or len(names) != 1 else names[0]]
-            found = found.astype(np.float64)
-        except Exception as error:  # for a damaged file NumPy's readers may raise any exception
+            found = np.loadtxt(text.replace(",", " ").splitlines(), ndmin=2)
+        except ValueError as error:
             raise DataError(f"{path}: cannot read the centres: {reason_of(error)}; expected u v d for each frame, in "
-                            "lines of a text, or in an array center_uvd") from None
+                            "lines of a text") from None
     if found.shape != (frames, 3):
         raise DataError(f"{path}: found centres of shape {found.shape}, expected ({frames}, 3): u v d for each frame")
     return found
@@ -204,21 +181,6 @@ class Outcome:
     made: int = 0  # number of new good frames
 
 
-def is_current(frames: PublishedFrames, part: Part) -> bool:
-    """True if a part is complete and every frame that it leaves out still has the same error.
-
-    The recipe has the images' sizes only, so a repaired image may not change it.
-    """
-    return is_whole(part) and all(frames.flaw(i) == kind for i, kind in _left_out(part))
-
-
-def _left_out(part: Part) -> list[tuple[int, str]]:
-    """The frames that a complete part leaves out: index and kind of error."""
-    with hdf5.opened(part.path, "the data") as file:
-        kinds = json.loads(file.attrs["bad"])
-    return [(i, kind) for kind, indices in kinds.items() for i in indices]
-
-
 class PreparedSplit:
     """One split in a folder.
 
@@ -234,7 +196,7 @@ class PreparedSplit:
         for i, start in enumerate(range(0, len(frames), parts.FRAMES_PER_FILE)):
             stop = min(start + parts.FRAMES_PER_FILE, len(frames))
             self.parts.append(Part(out / f"{frames.split}_{i:03d}.h5", stop - start, frames.recipe(start, stop)))
-        self.missing = [part for part in self.parts if force or not is_current(frames, part)]
+        self.missing = [part for part in self.parts if force or not is_whole(part)]
         self.list, self.bad = out / f"{frames.split}.txt", out / f"bad_{frames.split}.txt"
 
     def write(
@@ -265,8 +227,8 @@ class PreparedSplit:
                     outcome.made += len(index)
                 else:
                     with hdf5.opened(part.path, "the data") as file:
-                        index = file["index"][...].tolist()
-                    for i, kind in _left_out(part):
+                        index, left_out = file["index"][...].tolist(), json.loads(file.attrs["bad"])
+                    for i, kind in [(i, kind) for kind, indices in left_out.items() for i in indices]:
                         report(i, BadFrameError(self.frames.files[i], kind))
                 outcome.index += index
                 start += part.rows

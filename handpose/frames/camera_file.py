@@ -12,38 +12,35 @@ distortion      of the lens: as above, or the coefficients alone; model, coeffs,
 name            of the camera
 time_unit       of the times in the names of the frames or in their file: s, ms, us, ns, or frames for numbers
 
-Files of other programs are read, too: JSON, YAML (the part in which programs write parameters), OpenCV's XML, NumPy's
-arrays, and tables of numbers. In them these keys have the names of RealSense, Open3D, ROS, OpenCV and Kalibr, and
+Files of other programs are read, too: JSON, YAML (the part in which programs write parameters), and tables of numbers.
+In them these keys have the names of RealSense, Open3D, ROS, OpenCV and Kalibr, and
 
     fx, fy, cx, cy  are also a matrix: 3 x 3 by rows or by columns, within 3 x 4 or 4 x 4, or fx, fy, cx, cy in a row
     width, height   both in a row, as in resolution: [640, 480]
     depth_scale     of a stored value of 1: m, if it is less than 0.01; otherwise mm; from 100 on stored values per m
 
 They may lie within other objects and lists, and have names such as Camera.fx. Of several cameras that of the depth is
-taken, by the names around it; of those for frames of several sizes the one that fits.
+taken, by the names around it.
 """
 
 from __future__ import annotations
 
-import io
 import json
 import math
 import re
-import zipfile
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn
-from xml.etree import ElementTree
+from typing import Any, NoReturn
 
 import numpy as np
 
-from handpose.frames.cameras import MIN_FOCAL_PX, MIN_RANGE_MM, Camera, View
-from handpose.frames.json_fields import unique_keys
+from handpose.frames.cameras import MIN_FOCAL_PX, MIN_RANGE_MM, Camera
+from handpose.frames.json_fields import parsed
 from handpose.frames.lens import Lens, lens_of
 from handpose.frames.recording import CameraInfo
 from netlib import files
-from netlib.errors import DataError, did_you_mean, reason_of
+from netlib.errors import DataError, did_you_mean
 from netlib.files import atomic
 from netlib.files.paths import exists
 
@@ -69,7 +66,7 @@ def places_next_to(source: Path) -> list[Path]:
 
 def read(path: Path) -> CameraInfo:
     """Read a camera.json, or a file of another program. Raises DataError."""
-    return _of(load(path), str(path))
+    return parse(files.read_text(path, "the camera", limit=MAX_BYTES), str(path))
 
 
 def write(path: Path, given: CameraInfo) -> None:
@@ -96,13 +93,9 @@ def to_text(given: CameraInfo) -> str:
 
 def parse(text: str, where: str) -> CameraInfo:
     """Parse the text of a camera.json or of another file; ``where`` begins every error. Raises DataError."""
-    return _of(parse_document(text, where), where)
-
-
-def _of(document: Any, where: str) -> CameraInfo:
     try:
-        found = find(document, where)
-    except RecursionError:  # thousands of brackets
+        found = find(parse_document(text, where), where)
+    except (ValueError, RecursionError):  # thousands of digits or brackets, brackets that do not match
         raise DataError(f"{where}: not the parameters of a camera") from None
     if found.unused and (found.is_own or found.info.camera is None):
         raise DataError(f"{where}: {unknown_key(found.unused[0])}")
@@ -122,68 +115,18 @@ WORD = re.compile(r"""\s*("[^"]*"|'[^']*'|[^\s\[\]{},:](?:[^\[\]{},:]|:(?=\S))*)
 WORDS: dict[str, Any] = {"true": True, "false": False, "null": None, "~": None, "": None}
 
 
-def load(path: Path) -> Any:
-    """The content of a file, by its first bytes. Raises DataError."""
-    content = files.read_bytes(path, "the camera", limit=MAX_BYTES)
-    if content.startswith((b"\x93NUMPY", b"PK")):
-        return _arrays(content, str(path))
-    try:
-        return parse_document(content.decode("utf-8-sig"), str(path))
-    except UnicodeDecodeError:
-        raise DataError(f"{path}: neither text nor NumPy's; expected the parameters of a camera") from None
-
-
 def parse_document(text: str, where: str) -> Any:
-    """The value of a text: of a table the list of its numbers. ``where`` begins errors. Raises DataError."""
-    start = text.lstrip()[:1]
-    try:
-        if not NOT_OF_A_TABLE.search(text) and (numbers := NUMBER.findall(text)):
-            return [float(number) for number in numbers]
-        if start == "<":
-            return _of_xml(text, where)
-        if start in ("", "{", "["):
-            return _of_json(text, where)
-        return _of_lines(text, where)
-    except (ValueError, RecursionError):  # numbers of thousands of digits, thousands of brackets
-        raise DataError(f"{where}: not the parameters of a camera") from None
+    """The value of a text: of a table the list of its numbers. ``where`` begins errors.
 
-
-def _arrays(content: bytes, where: str) -> Any:
-    """The array of an .npy file, or a dictionary of those of an .npz file, as lists."""
-    try:
-        if content.startswith(b"PK"):
-            with zipfile.ZipFile(io.BytesIO(content)) as archive:
-                if sum(entry.file_size for entry in archive.infolist()) > MAX_BYTES:
-                    raise ValueError("its arrays are too large")
-        found = np.load(io.BytesIO(content), allow_pickle=False)
-        return found.tolist() if isinstance(found, np.ndarray) else {name: found[name].tolist() for name in found.files}
-    except Exception as error:  # NumPy and the decoders may raise anything for a damaged file
-        raise DataError(f"{where}: not the arrays of a camera: {reason_of(error)[:200]}") from None
-
-
-def _of_json(text: str, where: str) -> Any:
-    def no_number(word: str) -> NoReturn:
-        raise DataError(f"{where}: found {word}; expected finite numbers")
-
-    try:
-        return json.loads(text, object_pairs_hook=unique_keys(where), parse_constant=no_number)
-    except json.JSONDecodeError as error:
-        raise DataError(f"{where}:{error.lineno}:{error.colno}: not JSON: {error.msg}") from None
-
-
-def _of_xml(text: str, where: str) -> Any:
-    if "<!" in re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL):
-        raise DataError(f"{where}: XML with declarations; expected that of OpenCV's FileStorage")
-
-    def value(element: ElementTree.Element) -> Any:
-        if len(element):
-            return unique_keys(where)([(child.tag, value(child)) for child in element])
-        return _scalar(element.text or "")
-
-    try:
-        return value(ElementTree.fromstring(text))
-    except ElementTree.ParseError as error:
-        raise DataError(f"{where}: not XML: {error}") from None
+    Raises DataError, ValueError, RecursionError.
+    """
+    if not NOT_OF_A_TABLE.search(text) and (numbers := NUMBER.findall(text)):
+        return [float(number) for number in numbers]
+    if text.lstrip()[:1] in ("", "{", "["):
+        return parsed(text, where)
+    if text.lstrip().startswith("<"):
+        raise DataError(f"{where}: XML; expected JSON or YAML, which OpenCV's FileStorage writes, too")
+    return _of_lines(text, where)
 
 
 def _of_lines(text: str, where: str) -> dict[str, Any]:
@@ -280,8 +223,6 @@ BROWN = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")  # in OpenCV's order
 LENS = ("distortion", "model", "coefficients", *BROWN)
 FIELDS = ("unit_mm", "rate", "time_unit")  # those that are fields of CameraInfo
 KNOWN = (*RANGES, "name", *LENS, "time_unit")  # the keys of a camera.json
-MM = {word: mm for mm, words in {1.0: "mm millimeters millimetres", 10.0: "cm", 1000.0: "m meters metres",
-                                 0.001: "um"}.items() for word in words.split()}
 # Other names, without capitals and without what is no letter or digit.
 ALIASES = {key.replace("_", ""): key for key in KNOWN} | {alias: key for key, aliases in {
     "fx": "flx focalx focallengthx fxdepth depthfx",
@@ -296,7 +237,6 @@ ALIASES = {key.replace("_", ""): key for key in KNOWN} | {alias: key for key, al
               "depthintrinsicmatrix depthcameramatrix",
     "rate": "fps framerate",
     "scale": "depthscale depthunits pngdepthscale depthmapfactor",
-    "unit": "units depthunit",
     "coefficients": "coeffs d dist distcoeff distcoeffs distcoefs distcoef distortioncoefficients distortioncoeffs "
                     "distortioncoeff distortionparameters distortionparams depthdistortion",
     "model": "distortionmodel",
@@ -305,30 +245,12 @@ ALIASES = {key.replace("_", ""): key for key in KNOWN} | {alias: key for key, al
 IN_METRES, PER_METRE = 0.01, 100.0  # a depth scale below, and from here on
 OF_DEPTH, OF_COLOUR = re.compile(r"depth|infra|(?<![a-z])ir(?![a-z])", re.I), re.compile(r"colou?r|rgb", re.I)
 MAX_NAMES = 8  # of unused keys that are named
-MAX_DEPTH = 30  # of objects within each other
 
 
-class Found(NamedTuple):
-    """What was found.
-
-    info    the parameters
-    fields  for each used key the field of CameraInfo that it gives
-    unused  the other keys of the same object
-    words   both, for people
-    is_own  whether all used keys are those of a camera.json
-    """
-
-    info: CameraInfo
-    fields: Mapping[str, str]
-    unused: tuple[str, ...]
-    words: str
-    is_own: bool
-
-
-def find(document: Any, where: str, replaced: Collection[str] = ()) -> Found:
+def find(document: Any, where: str, is_replaced: bool = False) -> Found:
     """The camera in a document of plain values; ``where`` begins errors.
 
-    replaced  fields of CameraInfo that the user gives, so that the document's matrix or unit need not be valid
+    is_replaced  whether the user gives the camera, so that the document's matrix need not be valid
 
     Raises DataError.
     """
@@ -340,26 +262,13 @@ def find(document: Any, where: str, replaced: Collection[str] = ()) -> Found:
         is_sized = len(numbers) == 6  # fx, fy, cx, cy, width, height
         document = {"matrix": numbers[:4], "size": numbers[4:]} if is_sized else {"matrix": document}
     chosen = _chosen(document)
-    found = [_of_chain(chain, where, replaced) for chain in chosen]
+    found = [Found(chain, where, is_replaced) for chain in chosen]
     if not found:
-        return _of_chain((("", document),), where, replaced)
-    different = dict.fromkeys(one.info for one in found)
-    if len(different) == 1:
+        return Found((("", document),), where, is_replaced)
+    if len({one.info for one in found}) == 1:
         return found[0]
-    cameras = [info.camera for info in different if isinstance(info.camera, Camera)]
-    sizes = {(camera.width, camera.height): camera for camera in cameras if camera.width}
-    if len(sizes) < len(different) or len({info.lens for info in different}) > 1:
-        names = ", ".join(dict.fromkeys(map(_name_of, chosen)))
-        raise DataError(f"{where}: has several cameras: {names}; expected one, or one of depth")
-
-    def at(width: int, height: int) -> Camera:
-        if (width, height) not in sizes:
-            raise DataError(f"{where}: has cameras of {', '.join(f'{w} x {h}' for w, h in sizes)} px, found {width} x "
-                            f"{height}")
-        return sizes[width, height]
-
-    first = found[0].info  # with a lens the camera is no guess
-    return found[0]._replace(info=replace(first, camera=View(cameras[0].name, at), lens=first.lens or Lens()))
+    names = ", ".join(dict.fromkeys(map(_name_of, chosen)))
+    raise DataError(f"{where}: has several cameras: {names}; expected one, or one of depth")
 
 
 _Chain = tuple[tuple[str, dict[str, Any]], ...]  # names and objects, from the document to one within it
@@ -367,8 +276,6 @@ _Chain = tuple[tuple[str, dict[str, Any]], ...]  # names and objects, from the d
 
 def _objects(value: Any, outer: _Chain, name: str = "") -> Iterator[_Chain]:
     """All objects in a value, each with those around it."""
-    if len(outer) > MAX_DEPTH:
-        return
     if isinstance(value, dict):
         inner = (*outer, (name, value))
         yield inner
@@ -403,21 +310,8 @@ def _name_of(chain: _Chain) -> str:
     return ".".join(name for name, _ in chain if name)
 
 
-def _of_chain(chain: _Chain, where: str, replaced: Collection[str]) -> Found:
-    """The camera in the last object, with what those around it say. Raises DataError."""
-    said = _Values(where, replaced)
-    said.take(chain[-1][1])
-    for _, outer in chain[-2::-1]:
-        said.take_around(outer)
-    words = ", ".join(said.fields)
-    if said.unused:
-        words += f"; not used: {', '.join(said.unused[:MAX_NAMES])}{' ...' * (len(said.unused) > MAX_NAMES)}"
-    is_own = len(chain) < 2 and all(name in KNOWN for name in said.fields)
-    return Found(said.info(), said.fields, tuple(said.unused), words, is_own)
-
-
 def _key(name: str) -> str:
-    """The key of a camera.json, or "matrix", "size", "scale", "unit", for a name; itself if it is unknown."""
+    """The key of a camera.json, or "matrix", "size", "scale", for a name; itself if it is unknown."""
     if name in KNOWN:
         return name
     return ALIASES.get(re.sub(r"[\W_]", "", name.rpartition(".")[2]).lower(), name)
@@ -428,43 +322,45 @@ def unknown_key(key: str, known: Collection[str] = KNOWN) -> str:
     return f"unknown key {key!r}{did_you_mean(key, known)}; known: {', '.join(known)}"
 
 
-class _Values:
-    """Values by the keys of a camera.json.
+class Found:
+    """The camera in the last object of a chain, with what those around it say. Raises DataError.
 
-    fields, unused  as in Found
+    info    the parameters
+    fields  for each used key the field of CameraInfo that it gives
+    unused  the other keys of the same object
+    words   both, for people
+    is_own  whether all used keys are those of a camera.json
     """
 
-    def __init__(self, where: str, replaced: Collection[str] = ()) -> None:
-        self.where, self.values = where, dict[str, Any]()
+    def __init__(self, chain: _Chain, where: str, is_replaced: bool) -> None:
+        self._where, self._values = where, dict[str, Any]()
         self.fields, self.unused = dict[str, str](), list[str]()
-        self._replaced = replaced
+        self._is_replaced = is_replaced
+        self._take(chain[-1][1])
+        for _, outer in chain[-2::-1]:
+            self._take_around(outer)
+        more = f"{', '.join(self.unused[:MAX_NAMES])}{' ...' * (len(self.unused) > MAX_NAMES)}"
+        self.words = ", ".join(self.fields) + (f"; not used: {more}" if more else "")
+        self.is_own = len(chain) < 2 and all(name in KNOWN for name in self.fields)
+        self.info = self._info()
 
-    def refuse(self, what: str) -> NoReturn:
-        raise DataError(f"{self.where}: {what}")
+    def _refuse(self, what: str) -> NoReturn:
+        raise DataError(f"{self._where}: {what}")
 
-    def take(self, values: Mapping[str, Any]) -> None:
+    def _take(self, values: Mapping[str, Any]) -> None:
         """Take the values of the object with the camera. Raises DataError."""
         keys = {_key(name) for name in values}
         for name, value in values.items():
             key = _key(name)
-            is_second = key == "matrix" and ("fx" in keys or "fx" in self.values)
-            is_other = key == "unit" and bool(keys & {"unit_mm", "scale"})
-            if is_second or is_other or value is None or not self._is_taken(name, key, value):
-                self._leave(name, value)
-        self._check_region(values)
+            is_second = key == "matrix" and ("fx" in keys or "fx" in self._values)
+            if is_second or value is None or not self._is_taken(name, key, value):
+                self.unused.append(name)
 
-    def _leave(self, name: str, value: Any) -> None:
-        """Name a value that is not used. Raises DataError for a distortion."""
-        if re.search("distort", name, re.IGNORECASE) and any(_numbers(value) or ()):
-            self.refuse(f"{name} is {_shown(value)}, which is not understood; expected distortion_coefficients, k1 k2 "
-                        "p1 p2 [k3 [k4 k5 k6]], or k1, k2 ... by their names")
-        self.unused.append(name)
-
-    def take_around(self, values: Mapping[str, Any]) -> None:
+    def _take_around(self, values: Mapping[str, Any]) -> None:
         """Take what an object around it says of the size, the lens and the frames. Raises DataError."""
-        size = {"size", *SIZE} if "width" not in self.values else set()
-        lens = set(LENS) if self.values.keys().isdisjoint(LENS) else set()
-        wanted = (size | lens | {"scale", "unit_mm", "rate", "time_unit"}) - self.values.keys()
+        size = {"size", *SIZE} if "width" not in self._values else set()
+        lens = set(LENS) if self._values.keys().isdisjoint(LENS) else set()
+        wanted = (size | lens | {"scale", "unit_mm", "rate", "time_unit"}) - self._values.keys()
         for name, value in values.items():
             if _key(name) in wanted and value is not None:
                 self._is_taken(name, _key(name), value)
@@ -474,9 +370,9 @@ class _Values:
         if key == "matrix":
             self.fields[name] = "camera"
             try:
-                numbers = _of_matrix(value, f"{self.where}: {name}")
+                numbers = _of_matrix(value, f"{self._where}: {name}")
             except DataError:
-                if "camera" not in self._replaced:
+                if not self._is_replaced:
                     raise
                 return True
             for own, number in zip(INTRINSICS, numbers):
@@ -491,14 +387,10 @@ class _Values:
             if _is_number(value):
                 value = 1000 / value if value >= PER_METRE else 1000 * value if value < IN_METRES else value
             self._set("unit_mm", value, name)
-        elif key == "unit":
-            if isinstance(value, str) and value.lower() not in MM and "unit_mm" not in self._replaced:
-                self.refuse(f"{name} is {value!r}; expected mm, cm, m, um or a number of mm")
-            self._set("unit_mm", MM.get(value.lower(), 1.0) if isinstance(value, str) else value, name)
         elif key == "distortion" and isinstance(value, dict) and not _numbers(value):
             for inner, number in value.items():
                 if (own := _key(inner)) not in LENS[1:]:
-                    self.refuse(f"{name}: {unknown_key(inner, LENS[1:])}")
+                    self._refuse(f"{name}: {unknown_key(inner, LENS[1:])}")
                 self._set(own, number, name)
         elif key == "distortion":
             self._set("model" if isinstance(value, str) else "coefficients", value, name)
@@ -509,81 +401,68 @@ class _Values:
         return True
 
     def _set(self, key: str, value: Any, name: str) -> None:
-        if key in self.values:
-            self.refuse(f"says {key} twice" + (f", once as {name}" if key != name else ""))
-        self.values[key] = value
+        if key in self._values:
+            self._refuse(f"says {key} twice" + (f", once as {name}" if key != name else ""))
+        self._values[key] = value
         self.fields[name] = "lens" if key in LENS else key if key in FIELDS else "camera"
 
-    def _check_region(self, values: Mapping[str, Any]) -> None:
-        """Refuse ROS's binning and region of interest, because the matrix holds for the whole sensor."""
-        roi = values.get("roi")
-        parts = {**(roi if isinstance(roi, dict) else {}), **values}
-        wrong = [name for name, least in (("binning_x", 1), ("binning_y", 1), ("x_offset", 0), ("y_offset", 0))
-                 if _is_number(number := parts.get(name, 0)) and number > least]
-        if wrong:
-            self.refuse(f"{wrong[0]} is {parts[wrong[0]]}, so the frames are a part of what the matrix describes; give "
-                        "the numbers of the frames, --camera FX,FY,U0,V0")
-
-    def info(self) -> CameraInfo:
+    def _info(self) -> CameraInfo:
         """The parameters. Raises DataError."""
         camera = None
         if self._all_or_none(INTRINSICS):
             fx, fy, u0, v0 = (self._number(key) for key in INTRINSICS)
             sized = self._all_or_none(SIZE)
             width, height = (self._whole(key) if sized else 0 for key in SIZE)
-            min_range = self._number(MIN_RANGE) if MIN_RANGE in self.values else MIN_RANGE_MM
+            min_range = self._number(MIN_RANGE) if MIN_RANGE in self._values else MIN_RANGE_MM
             camera = Camera(self._text("name", "own"), fx, fy, u0, v0, width, height, min_range)
-        elif stray := [key for key in (*SIZE, "name", MIN_RANGE) if key in self.values]:
-            self.refuse(f"has {stray[0]}, but not fx, fy, u0, v0")
-        unit, rate = (self._number(key) if key in self.values else None for key in ("unit_mm", "rate"))
-        return CameraInfo(camera, self._lens(), unit, rate, self.where, self._time_unit())
+        elif stray := [key for key in (*SIZE, "name", MIN_RANGE) if key in self._values]:
+            self._refuse(f"has {stray[0]}, but not fx, fy, u0, v0")
+        unit, rate = (self._number(key) if key in self._values else None for key in ("unit_mm", "rate"))
+        time_unit = self._values.get("time_unit")
+        if time_unit not in (None, *TIME_UNITS):
+            self._refuse(f"time_unit is {_shown(time_unit)}; expected {', '.join(TIME_UNITS)}")
+        return CameraInfo(camera, self._lens(), unit, rate, self._where, time_unit)
 
     def _lens(self) -> Lens | None:
         model = self._text("model", "brown_conrady")
-        named = any(key in self.values for key in BROWN)
-        values = [self._number(key) if key in self.values else 0.0 for key in BROWN] if named else []
-        if "coefficients" in self.values:
+        named = any(key in self._values for key in BROWN)
+        values = [self._number(key) if key in self._values else 0.0 for key in BROWN] if named else []
+        if "coefficients" in self._values:
             if named:
-                self.refuse("says the distortion twice, once as k1 ... or p1 ...")
-            found = _numbers(given := self.values["coefficients"])
+                self._refuse("says the distortion twice, once as k1 ... or p1 ...")
+            found = _numbers(given := self._values["coefficients"])
             if found is None:
-                self.refuse(f"distortion is {_shown(given)}; expected a list of numbers: k1, k2, p1, p2, k3 ...")
+                self._refuse(f"distortion is {_shown(given)}; expected a list of numbers: k1, k2, p1, p2, k3 ...")
             values = found
-        elif not named and "model" not in self.values:
+        elif not named and "model" not in self._values:
             return None
-        return lens_of(model, values, self.where)
+        return lens_of(model, values, self._where)
 
     def _all_or_none(self, keys: tuple[str, ...]) -> bool:
         """True if all of the keys are present, False if none is; raises DataError otherwise."""
-        missing = [key for key in keys if key not in self.values]
+        missing = [key for key in keys if key not in self._values]
         if missing and len(missing) < len(keys):
-            there = next(key for key in keys if key in self.values)
-            self.refuse(f"has {there}, but not {' and '.join(missing)}")
+            there = next(key for key in keys if key in self._values)
+            self._refuse(f"has {there}, but not {' and '.join(missing)}")
         return not missing
 
     def _number(self, key: str) -> float:
-        value = self.values[key]
+        value = self._values[key]
         low, high = RANGES.get(key, (-math.inf, math.inf))
         if not _is_number(value) or not low < value <= high:
             expected = f"more than {low:g} and at most {high:g}" if key in RANGES else "that is finite"
-            self.refuse(f"{key} is {_shown(value)}; expected a number {expected}")
+            self._refuse(f"{key} is {_shown(value)}; expected a number {expected}")
         return float(value)
 
     def _whole(self, key: str) -> int:
         if self._number(key) % 1:
-            self.refuse(f"{key} is {self.values[key]}; expected a whole number")
-        return int(self.values[key])
+            self._refuse(f"{key} is {self._values[key]}; expected a whole number")
+        return int(self._values[key])
 
     def _text(self, key: str, default: str) -> str:
-        value = self.values.get(key, default)
+        value = self._values.get(key, default)
         if not isinstance(value, str):
-            self.refuse(f"{key} is {_shown(value)}; expected a text")
-        return value
-
-    def _time_unit(self) -> str | None:
-        value = self.values.get("time_unit")
-        if value not in (None, *TIME_UNITS):
-            self.refuse(f"time_unit is {_shown(value)}; expected {', '.join(TIME_UNITS)}")
+            self._refuse(f"{key} is {_shown(value)}; expected a text")
         return value
 
 

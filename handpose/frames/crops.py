@@ -110,7 +110,9 @@ def _spans(center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera, size: int)
             f"crop {bad}: centre u {u:g} px, v {v:g} px, depth {d:g} mm with a cube of {cube[bad]:g} mm; "
             "expected finite numbers, depth and cube above 0"
         )
-    edges = pixels_of(center, cube, camera)
+    d, half = center[:, 2], cube / 2
+    edges = [(np.floor((at * d / f - half) / d * f), np.floor((at * d / f + half) / d * f))
+             for at, f in ((center[:, 0], camera.fx), (center[:, 1], camera.fy))]
     longest = np.maximum(*(np.maximum(stop - start, 1) for start, stop in edges))
     spans = []
     for start, stop in edges:
@@ -118,18 +120,6 @@ def _spans(center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera, size: int)
         length = np.maximum(extent * size // longest, 1)
         spans.append(_Span(start, extent, size // 2 - length // 2, length))
     return spans[0], spans[1]
-
-
-def pixels_of(center: Array, cube_mm: ArrayLike, camera: Camera) -> list[tuple[Array, Array]]:
-    """The first pixel of the cubes at centres (N, 3) and the one after the last, (N,) each, for columns and rows.
-
-    They may lie outside the image.
-    """
-    d, half = center[:, 2], np.asarray(cube_mm) / 2
-    return [
-        (np.floor((at * d / f - half) / d * f), np.floor((at * d / f + half) / d * f))
-        for at, f in ((center[:, 0], camera.fx), (center[:, 1], camera.fy))
-    ]
 
 
 def numbers(values: object, what: str, masked: float) -> NDArray[Any]:
@@ -164,21 +154,9 @@ def crop(
     u, v, d = np.asarray(center_uvd, dtype=np.float64)
     if (columns < 0).all() or (rows < 0).all():
         raise DataError(f"the cube of {cube_mm:g} mm at u {u:g}, v {v:g}, {d:g} mm lies outside the image")
-    picked = Window(columns[None], rows[None])
-    return crops_of_windows(depth, picked, np.array([d]), cube_mm)[0]
-
-
-def crops_of_windows(
-    depth: NDArray[np.generic], picked: Window, center_d: Array, cube_mm: float
-) -> NDArray[np.float32]:
-    """The crops (N, size, size) in [-1, 1] of some windows of one depth image in mm.
-
-    center_d  (N,) mm, depths of the cubes' middles
-    """
-    columns, rows = picked
-    d, half = np.reshape(center_d, (-1, 1, 1)), cube_mm / 2
-    out = depth[rows[:, :, None], columns[:, None, :]].astype(np.float64)
-    read = (columns >= 0)[:, None, :] & (rows >= 0)[:, :, None] & (out > 0)  # False for NaN, which some drivers write
+    half = cube_mm / 2
+    out = depth[rows[:, None], columns].astype(np.float64)
+    read = (columns >= 0) & (rows >= 0)[:, None] & (out > 0)  # False for NaN, which some drivers write
     np.copyto(out, d + half, where=~read)
     np.clip(out, d - half, d + half, out=out)
     out -= d
@@ -203,12 +181,8 @@ def clear_crop(
 ) -> NDArray[np.float32]:
     """``crop`` of a depth image, in which flying pixels and isolated near ones are background. Raises DataError."""
     d, half = float(np.asarray(center_uvd, dtype=np.float64)[2]), cube_mm / 2
-    return cleared(crop(depth, center_uvd, cube_mm, camera), half, d / camera.fx)
-
-
-def cleared(crop: NDArray[np.float32], half_mm: float, pixel_mm: float) -> NDArray[np.float32]:
-    """A crop in which flying pixels and isolated near ones are background, as for ``without_flying_pixels``."""
-    return without_isolated_near(without_flying_pixels(crop, half_mm, pixel_mm), half_mm)
+    clean = without_flying_pixels(crop(depth, center_uvd, cube_mm, camera), half, d / camera.fx)
+    return without_isolated_near(clean, half)
 
 
 def with_hidden(

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from handpose.frames.cameras import UNIT_MM
 from handpose.frames.crops import SIZE, numbers
-from handpose.frames.raw import calibration_of
-from handpose.frames.recording import UNKNOWN, CameraInfo
+from handpose.frames.recording import UNKNOWN, CameraInfo, decoder_of
 from netlib import files
 from netlib.blob import Array
 from netlib.errors import DataError, system_error_of
@@ -46,18 +45,11 @@ def read_png(path: str | Path) -> Array:
     if not exists(Path(path)):
         raise BadFrameError(path, MISSING)
     try:
-        raw = files.read_bytes(path, "the frame")
+        return read_picture(path)
     except DataError as error:
         if system_error_of(error):
             raise
-        raise BadFrameError(path, DAMAGED, str(error).removeprefix(f"{path}: ")) from None
-    try:
-        if raw.startswith(pictures.PNG):
-            return pictures.decode(raw, cv2.IMREAD_UNCHANGED, str(path))
-    except DataError as error:
-        if system_error_of(error):
-            raise
-    raise BadFrameError(path, DAMAGED)
+        raise BadFrameError(path, DAMAGED) from None
 
 
 def read_picture(path: str | Path) -> Array:
@@ -78,7 +70,7 @@ def read_frame(path: str | Path, given: CameraInfo) -> NDArray[np.float32]:
         raise DataError(f"{path}: found {image.dtype} {image.shape}; expected a 16-bit grey PNG of depth")
     if given.unit_mm is None and given.camera is not None:
         given = replace(given, unit_mm=UNIT_MM.get(given.camera.name, 1.0))
-    return calibration_of(given, UNKNOWN, UNKNOWN, image.shape, image.dtype, str(path)).decoder(str(path))(image)
+    return decoder_of(given, UNKNOWN, UNKNOWN, image.shape, image.dtype, str(path))(image)
 
 
 def read_crop(path: str | Path) -> NDArray[np.float32]:

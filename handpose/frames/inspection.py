@@ -35,36 +35,30 @@ OFF_MIDDLE = 0.2  # maximum distance of a principal point from the middle, as a 
 class Inspection:
     """The result of an inspection.
 
-    name, count, rate, live, camera, unit_mm, remarks  of the recording
+    recording
+    remarks   of the recording before any other frame is read
     frames    the first ones, which were inspected
     rest      those after them; of a live camera none
     depth_mm  the 1st, 50th and 99th percentile of the depths; None without a reading
     zeros     share of pixels without a reading
-    view      (2,) angle of view in degrees, horizontal and vertical
     nearest   distance and width in mm of the nearest object, None without one
     warnings  likely errors and what to do about them, one line each
     doubt     why the unit may be wrong if no hand is found, else empty
     """
 
-    name: str
-    count: int | None
-    rate: float | None
-    live: bool
-    camera: Camera
-    unit_mm: float
+    recording: Recording
     remarks: tuple[str, ...]
     frames: tuple[DepthFrame, ...]
     rest: Iterator[DepthFrame]
     depth_mm: tuple[float, float, float] | None
     zeros: float
-    view: tuple[float, float]
     nearest: tuple[float, float] | None
     warnings: tuple[str, ...]
     doubt: str
 
-    def all_frames(self, recording: Recording) -> Iterator[DepthFrame]:
-        """The frames of the inspected recording, once, without reading the first ones again; new ones of a camera."""
-        return iter(recording) if self.live else chain(self.frames, self.rest)
+    def all_frames(self) -> Iterator[DepthFrame]:
+        """The frames of the recording, once, without reading the first ones again; new ones of a camera."""
+        return iter(self.recording) if self.recording.live else chain(self.frames, self.rest)
 
 
 def inspect(recording: Recording, frames: int = FRAMES) -> Inspection:
@@ -80,22 +74,17 @@ def inspect(recording: Recording, frames: int = FRAMES) -> Inspection:
     warnings = [
         *recording.warnings,
         *_of_camera(camera),
-        *_of_values(seen, bool(len(values))),
+        *((f"no depth in the first {len(seen)} frames: every depth is 0; is the camera covered, or the hand too near?",)
+          if not len(values) else ()),
         *(_of_depths(near, recording.unit_mm, values, camera) if near else ()),
     ]
     return Inspection(
-        name=recording.name,
-        count=recording.count,
-        rate=recording.rate,
-        live=recording.live,
-        camera=camera,
-        unit_mm=recording.unit_mm,
+        recording=recording,
         remarks=recording.remarks,
         frames=seen,
         rest=iter(()) if recording.live else iterator,
         depth_mm=(low, middle, high) if len(values) else None,
         zeros=1 - len(values) / sum(frame.depth.size for frame in seen),
-        view=_view_of(camera),
         nearest=near,
         warnings=tuple(warnings),
         doubt=_doubt(near, recording.unit_mm) if near else "",
@@ -142,7 +131,7 @@ def nearest_thing(depth: NDArray[np.float32], camera: Camera) -> tuple[float, fl
     return distance, float((right - left + 1) * distance / camera.fx)
 
 
-def _view_of(camera: Camera) -> tuple[float, float]:
+def view_of(camera: Camera) -> tuple[float, float]:
     """The angles of view in degrees, horizontal and vertical."""
     return _angle(camera.width, camera.u0, camera.fx), _angle(camera.height, camera.v0, camera.fy)
 
@@ -153,7 +142,7 @@ def _angle(size: int, middle: float, focal: float) -> float:
 
 
 def _of_camera(camera: Camera) -> Iterator[str]:
-    view, size = _view_of(camera), f"{camera.width} x {camera.height}"
+    view, size = view_of(camera), f"{camera.width} x {camera.height}"
     if not all(VIEW_DEGREES[0] <= angle <= VIEW_DEGREES[1] for angle in view):
         yield (f"focal lengths of {camera.fx:g}, {camera.fy:g} px give a field of view of {view[0]:.0f} x "
                f"{view[1]:.0f} degrees in {size} pixels; check fx and fy, which may be for another image "
@@ -163,15 +152,6 @@ def _of_camera(camera: Camera) -> Iterator[str]:
         where = "far from the centre" if all(0 <= middle < size for middle, size in ways) else "outside"
         yield (f"the principal point {camera.u0:g}, {camera.v0:g} is {where} of {size} pixels; check u0 and v0, "
                "which may be for another image size")
-
-
-def _of_values(seen: tuple[DepthFrame, ...], any_read: bool) -> Iterator[str]:
-    if not any_read:
-        yield (f"no depth in the first {len(seen)} frames: every depth is 0; is the camera covered, or "
-               "the hand too near?")
-    elif len(seen) > 2 and all(np.array_equal(seen[0].depth, frame.depth) for frame in seen[1:]):
-        yield (f"the first {len(seen)} frames are the same to the last value; was one frame copied, or has the "
-               "camera stopped?")
 
 
 def _of_depths(

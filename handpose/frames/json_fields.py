@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import reprlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -16,8 +16,8 @@ from netlib.errors import DataError
 MAX_NUMBER = 1e12  # maximum of a number; sums and products of larger ones may overflow
 
 
-def unique_keys(where: str) -> Callable[[list[tuple[str, Any]]], dict[str, Any]]:
-    """A hook for ``json.loads`` that raises DataError for an object with a key twice."""
+def parsed(text: str, where: str) -> Any:
+    """The value of a JSON text without repeated keys. Raises DataError."""
 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         found: dict[str, Any] = {}
@@ -27,13 +27,8 @@ def unique_keys(where: str) -> Callable[[list[tuple[str, Any]]], dict[str, Any]]
             found[key] = value
         return found
 
-    return unique
-
-
-def parsed(text: str, where: str) -> Any:
-    """The value of a JSON text without repeated keys. Raises DataError."""
     try:
-        return json.loads(text, object_pairs_hook=unique_keys(where))
+        return json.loads(text, object_pairs_hook=unique)
     except RecursionError:
         raise DataError(f"{where}: JSON of too many levels") from None
     except ValueError as error:  # JSONDecodeError, and integers of thousands of digits

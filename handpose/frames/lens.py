@@ -78,13 +78,10 @@ class Lens:
     def _fold(self, farthest: float) -> float:
         """The slope beyond which the formula folds back towards the middle; no light arrives beyond."""
         r = np.linspace(0, farthest, STEPS)
-        shown, _ = replace(self, coefficients=self._radial())._formula(r, np.zeros_like(r))
+        k1, k2, _, _, *others = self.coefficients or (0.0,) * 4
+        shown, _ = replace(self, coefficients=(k1, k2, 0.0, 0.0, *others))._formula(r, np.zeros_like(r))
         back = ~(np.diff(shown) > 0)
         return float(r[np.argmax(back)]) if farthest and back.any() else np.inf
-
-    def _radial(self) -> tuple[float, ...]:
-        k1, k2, _, _, *others = self.coefficients or (0.0,) * 4
-        return (k1, k2, 0.0, 0.0, *others)
 
     def _formula(self, x: Array, y: Array) -> tuple[Array, Array]:
         k1, k2, p1, p2, k3, k4, k5, k6 = (*self.coefficients, *[0.0] * (8 - len(self.coefficients)))
@@ -121,7 +118,6 @@ class Undistorter:
     """
 
     def __init__(self, camera: Camera, lens: Lens) -> None:
-        self.shape = (camera.height, camera.width)
         with np.errstate(all="ignore"):  # the numbers may be arbitrary
             x = (np.arange(camera.width) - camera.u0) / camera.fx
             y = (np.arange(camera.height)[:, None] - camera.v0) / camera.fy

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.frames.cameras import Camera
-from handpose.frames.raw import RATE, calibration_of
-from handpose.frames.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
+from handpose.frames.recording import RATE, UNKNOWN, CameraInfo, DepthFrame, Recording, decoder_of
 from netlib.errors import DataError, NetlibError, reason_of
 
 WAIT_S, WAITS = 1.0, 5  # Ctrl-C is handled after each; a starting camera may need a few seconds
@@ -142,14 +141,13 @@ class LiveRecording(Recording):
             if not isinstance(camera, Camera) or not camera.width or device.info.unit_mm is None:
                 raise DataError(f"{device.name}: expected the camera with its width and height, and unit_mm")
             shape, depth_type = (camera.height, camera.width), np.dtype(np.uint16)
-            calibration = calibration_of(given, device.info, UNKNOWN, shape, depth_type, self.name)
-            self._decode = calibration.decoder(self.name)
+            self._decode = decoder_of(given, device.info, UNKNOWN, shape, depth_type, self.name)
             stack.pop_all()
-        self.camera, self.unit_mm, self.rate = calibration.camera, calibration.unit_mm, calibration.rate
-        self.remarks = self._assumed = calibration.remarks
+        self.camera, self.unit_mm, self.rate = self._decode.camera, self._decode.unit_mm, self._decode.rate
+        self.remarks = self._decode.remarks
 
     def __iter__(self) -> Iterator[DepthFrame]:
-        self.cut, self.remarks = "", self._assumed
+        self.cut, self.remarks = "", self._decode.remarks
         clock = _Clock(1 / (self.rate or RATE))
         last, lost = -1, 0
         before: int | None = None

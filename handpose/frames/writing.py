@@ -26,8 +26,7 @@ from numpy.typing import NDArray
 from handpose.frames import camera_file
 from handpose.frames.cameras import Camera
 from handpose.frames.formats import BAGS, CONVERTED, PICTURES, STACKS
-from handpose.frames.raw import stored
-from handpose.frames.recording import CameraInfo, DepthFrame
+from handpose.frames.recording import CameraInfo, DepthFrame, stored
 from netlib import files
 from netlib.errors import DataError, NetlibError
 from netlib.files import atomic
@@ -98,7 +97,7 @@ class _Folder:
     def __init__(self, path: Path, given: CameraInfo, replace: bool = False) -> None:
         self._path, self._given, self._has_frames = path, given, False
         old = sorted(name for name in names_in(path) if not name.startswith("."))
-        foreign = [name for name in old if not self._is_ours(name)]
+        foreign = [name for name in old if not _is_ours(name)]
         if old and (foreign or not replace):
             held = f"holds {foreign[0]}, which no recording has" if foreign and replace else "is not empty"
             raise NetlibError(f"{path}: {held}; name a new folder" + ("" if replace else " or replace it by --force"))
@@ -125,13 +124,13 @@ class _Folder:
                 self._path.rmdir()
 
     def _remove(self) -> None:
-        for name in filter(self._is_ours, names_in(self._path)):
+        for name in filter(_is_ours, names_in(self._path)):
             (self._path / name).unlink()
 
-    def _is_ours(self, name: str) -> bool:
-        """Whether this is a file of a recording, by its name; a folder of that name is not."""
-        path = self._path / name
-        return bool(OURS.fullmatch(name) or name == camera_file.NAME) and (path.is_symlink() or not path.is_dir())
+
+def _is_ours(name: str) -> bool:
+    """True for the names of a recording's files."""
+    return bool(OURS.fullmatch(name)) or name == camera_file.NAME
 
 
 class _Stack:

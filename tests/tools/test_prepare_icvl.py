@@ -60,7 +60,7 @@ def test_frames(root):
         np.testing.assert_array_equal(file["joint"][:, :3], 0)  # the palm is the centre
         depth = cv2.imread(str(labels.files[7]), cv2.IMREAD_UNCHANGED)
         np.testing.assert_array_equal(file["depth"][7, 0], crop(depth, labels.uvd[7, 0], 250, ICVL))
-    assert "test: 12 frames (ICVL), none bad" in out and "(annotated palm), cube 250 mm" in out
+    assert "test: 12 frames (ICVL), none bad" in out and "annotated palm, cube 250 mm" in out
 
 
 def test_net_learns_from_them(root):

@@ -66,7 +66,7 @@ def test_raw_equals_direct(root, tmp_path):
             inside = ((picked.rows >= 0)[:, :, None] & (picked.columns >= 0)[:, None])[:, None]
             assert (np.abs(a["depth"][:] - b["depth"][:])[inside] * 150).max() <= 0.5 + 1e-4  # mm, of whole mm
     assert "train: 30 frames (synthetic), none bad" in out
-    assert "mm from the centre (annotated joint 34), cube 300 mm" in out
+    assert "crops about the annotated joint 34, cube 300 mm" in out
     before = (tmp_path / "out" / "train_000.h5").read_bytes()
     prepare(root, "--workers", "1", "--force")
     assert (tmp_path / "out" / "train_000.h5").read_bytes() == before
@@ -75,11 +75,11 @@ def test_raw_equals_direct(root, tmp_path):
 def test_other_centres(root):
     """--center FILE crops around the centres of a file and reports it."""
     centers = np.tile([300.0, 200.0, 700.0], (20, 1)) + np.arange(20)[:, None]
-    np.save(root.parent / "centers_test.npy", centers)
-    done = prepare(root, "--splits", "test", "--center", root.parent / "centers_{split}.npy")
+    np.savetxt(root.parent / "centers_test.txt", centers)
+    done = prepare(root, "--splits", "test", "--center", root.parent / "centers_{split}.txt")
     with h5py.File(root.parent / "out" / "test_000.h5") as file:
         np.testing.assert_allclose(file["center_uvd"][:], centers[file["index"][:]])
-    assert "centres of centers_test.npy" in done.out
+    assert "centres of centers_test.txt" in done.out
     error = prepare(root, "--splits", "test", "--center", "none.txt", status=1).err
     assert error == "none.txt: cannot read the centres: No such file or directory\n"
 

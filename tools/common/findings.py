@@ -179,9 +179,9 @@ def draw_first(seen: Inspection, predictor: Predictor, picture: str) -> int:
         draw(Path(picture), found, predictor)
         say(f"frame {frame.number}: {in_words(found, predictor)}; figure {picture}")
         return DONE
-    first, header = seen.frames[0], TrackHeader(seen.name, seen.camera, predictor.skeleton)
+    first, header = seen.frames[0], TrackHeader(seen.recording.name, seen.recording.camera, predictor.skeleton)
     outputs.write_image(picture, Painter(header).seen(first.depth, TrackedFrame(first.number, first.time, ())))
     doubt = seen.doubt and f"; {seen.doubt}"
     raise DataError(
-        f"{seen.name}: no hand in the first {len(seen.frames)} frames; {picture} shows the first one{doubt}"
+        f"{seen.recording.name}: no hand in the first {len(seen.frames)} frames; {picture} shows the first one{doubt}"
     )

@@ -20,16 +20,16 @@ from handpose.frames.cameras import CAMERAS, UNIT_MM, VIEWS, View, by_field_of_v
 from handpose.frames.crops import CUBES_MM
 from handpose.frames.formats import EXPECTED
 from handpose.frames.images import read_picture
-from handpose.frames.inspection import Inspection, warnings_of
+from handpose.frames.inspection import Inspection, view_of, warnings_of
 from handpose.frames.lens import Lens
-from handpose.frames.raw import sized
+from handpose.frames.recording import sized
 from netlib.errors import DataError
 from netlib.files.paths import exists
 from tools.common.arguments import expected, numbers, real
 from tools.common.console import say
 
 CONFIRMS_UNIT = 0.95  # confidence of a fit that confirms the depth unit: a wrong unit changes the size of the hand
-FILES = (".json", ".yaml", ".yml", ".xml", ".txt", ".npy", ".npz")  # with a camera
+FILES = (".json", ".yaml", ".yml", ".txt")  # with a camera
 ABOUT_FRAMES = ("unit", "distortion")  # options of add_camera_options that need a camera
 # argument types of values that a camera.json may also give
 unit_mm, rate = (real(*RANGES[key], above=True) for key in ("unit_mm", "rate"))
@@ -137,21 +137,22 @@ def opened(args: argparse.Namespace) -> Recording:
 
 def print_inspection(found: Inspection, file: TextIO | None = None) -> None:
     """Print a report on a recording and its first frames; warnings go to stderr."""
-    camera = found.camera
-    length = "live" if found.live else "unknown number of frames" if found.count is None else f"{found.count} frames"
-    rate = f", {found.rate:g} frames/s" if found.rate else ""
-    say(f"{found.name}: {length}, {camera.width} x {camera.height} pixels{rate}", file=file)
+    recording, camera = found.recording, found.recording.camera
+    view, rate = view_of(camera), f", {recording.rate:g} frames/s" if recording.rate else ""
+    length = ("live" if recording.live else "unknown number of frames" if recording.count is None
+              else f"{recording.count} frames")
+    say(f"{recording.name}: {length}, {camera.width} x {camera.height} pixels{rate}", file=file)
     say(f"  camera {camera.name}: fx {camera.fx:g}, fy {camera.fy:g}, u0 {camera.u0:g}, v0 {camera.v0:g}; "
-        f"field of view {found.view[0]:.0f} x {found.view[1]:.0f} degrees", file=file)
+        f"field of view {view[0]:.0f} x {view[1]:.0f} degrees", file=file)
     if found.depth_mm is not None and found.nearest is not None:
         low, middle, high = found.depth_mm
         say(f"  depth {low:.0f} to {high:.0f} mm, median {middle:.0f}; {found.zeros:.0%} of the pixels empty; "
-            f"unit {found.unit_mm:g} mm", file=file)
+            f"unit {recording.unit_mm:g} mm", file=file)
         say(f"  nearest object: {found.nearest[0]:.0f} mm away, {found.nearest[1]:.0f} mm wide", file=file)
     for remark in found.remarks:
         say(f"  {remark}", file=file)
     for warning in found.warnings:
-        say(f"warning: {found.name}: {warning}", file=sys.stderr)
+        say(f"warning: {recording.name}: {warning}", file=sys.stderr)
 
 
 def print_warnings(
@@ -165,8 +166,8 @@ def print_warnings(
         say(f"warning: {name}: {warning}", file=sys.stderr)
 
 
-def print_new_remarks(recording: Recording, seen: Inspection) -> None:
+def print_new_remarks(seen: Inspection) -> None:
     """Print remarks about a recording that came up after the report on its first frames."""
-    for line in (*recording.remarks, recording.cut):
+    for line in (*seen.recording.remarks, seen.recording.cut):
         if line and line not in seen.remarks:
             say(f"warning: {line}", file=sys.stderr)

@@ -112,7 +112,7 @@ def fit_file(
     if kept is not None and kept.get("recipe") == recipe:
         progress(hdf5.File(target, ("dof",)).rows)
         return
-    found_labels = labels.read(path, [len(skeleton.parents)])
+    found_labels = labels.read(path, len(skeleton.parents))
     joints = np.where(found_labels.seen[..., None], found_labels.joints, np.nan)
     try:
         found = fit_joints(skeleton, joints, limits=limits, ridge=ridge, starts=STARTS, progress=progress)

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from handpose.frames.raw import HEADERLESS
-from handpose.frames.recording import UNKNOWN, CameraInfo, Recording
+from handpose.frames.recording import HEADERLESS, UNKNOWN, CameraInfo, Recording
 from netlib.errors import DataError
 from netlib.files.paths import exists
 

@@ -15,7 +15,6 @@ it.
 
 from __future__ import annotations
 
-import contextlib
 import fnmatch
 import itertools
 import re
@@ -33,9 +32,8 @@ from numpy.typing import NDArray
 from handpose.frames import camera_file
 from handpose.frames.cameras import NYU
 from handpose.frames.images import read_picture, unpack_depth
-from handpose.frames.raw import HEADERLESS, calibration_of
-from handpose.frames.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
-from netlib.errors import DataError, did_you_mean, reason_of, system_error_of
+from handpose.frames.recording import HEADERLESS, UNKNOWN, CameraInfo, DepthFrame, Recording, decoder_of
+from netlib.errors import DataError, did_you_mean, system_error_of
 from netlib.files.paths import exists, list_folder, names_in
 
 PICTURES = (".png", ".tif", ".tiff")
@@ -54,26 +52,25 @@ class FolderRecording(Recording):
         camera_json = camera_file.next_to(self.folder)
         known = given.or_else(camera_json)
         self._packed = known.camera == NYU
-        self._frames = in_order(names, str(self.folder), known.time_unit)
-        path, image = _first_whole(self.folder, self._frames)
+        self._names, self._reading = in_order(names, str(self.folder), known.time_unit)
+        path, image = _first_whole(self.folder, self._names)
         raw = _grey(image, self._packed, path)
         if path.suffix.lower() in (".tif", ".tiff") and (pictures := cv2.imcount(str(path))) > 1:
             raise DataError(f"{path}: a TIFF of {pictures} pictures; expected one for each frame, or all in an .npy")
-        calibration = calibration_of(given, UNKNOWN, camera_json, raw.shape, raw.dtype, str(path))
-        self.name, self.count, self.rate = str(source), len(names), calibration.rate
-        self.camera, self.unit_mm = calibration.camera, calibration.unit_mm
-        remarks = [self._frames.interpretation, *calibration.remarks]
-        if not self._frames.ticks and len(names) > 1:
-            self.rate, assumed = calibration.paced()
+        self._decode = decode = decoder_of(given, UNKNOWN, camera_json, raw.shape, raw.dtype, str(path))
+        self.name, self.count, self.rate = str(source), len(names), decode.rate
+        self.camera, self.unit_mm = decode.camera, decode.unit_mm
+        remarks = [self._reading.how, *decode.remarks]
+        if not self._reading.ticks and len(names) > 1:
+            self.rate, assumed = decode.paced()
             remarks += assumed
         self.remarks = self._remarks = tuple(remarks)
-        self._decode = calibration.decoder(self.name)
 
     def __iter__(self) -> Iterator[DepthFrame]:
         """The frames that can be read. Raises DataError for one of another size or kind, and for a system error."""
         damaged, first = 0, ""
-        ticks = self._frames.ticks or self.rate or 1.0
-        for number, (name, time) in enumerate(zip(self._frames.names, self._frames.times)):
+        ticks = self._reading.ticks or self.rate or 1.0
+        for number, (name, time) in enumerate(zip(self._names, self._reading.times)):
             path = self.folder / name
             try:
                 image = read_picture(path)
@@ -95,12 +92,6 @@ def _frames_in(source: Path) -> tuple[Path, list[str]]:
         return source, names
     if exists(source):
         return source.parent, [source.name]
-    with contextlib.suppress(ValueError):  # a name that no file can have
-        try:
-            source.stat()
-        except OSError as error:
-            if system_error_of(error):
-                raise DataError(f"{source}: cannot be read: {reason_of(error)}") from error
     there = list_folder(source.parent) if exists(source.parent) else set()
     names = [name for name in fnmatch.filter(there, source.name) if _is_frame(name)]
     if not names:
@@ -122,10 +113,10 @@ def _no_frames(folder: Path) -> str:
     return f"{folder}: holds no depth frames (16-bit grey PNG or TIFF); found {shown}{advice}"
 
 
-def _first_whole(folder: Path, frames: NamedFrames) -> tuple[Path, NDArray[Any]]:
+def _first_whole(folder: Path, names: Sequence[str]) -> tuple[Path, NDArray[Any]]:
     """The first frame that can be read. Raises DataError if none can."""
     first = None
-    for name in frames.names:
+    for name in names:
         try:
             return folder / name, read_picture(folder / name)
         except DataError as error:
@@ -160,38 +151,25 @@ SPARSE = 10  # times as many numbers as frames are no count if the names have a 
 MAX_SHOWN = 6  # maximum number of names or sequences in a message
 
 
-class NamedFrames(NamedTuple):
-    """The frames of one sequence, in order.
-
-    names   of the files
-    times   of each, in ticks from the first frame on; ascend
-    ticks   per second; 0 if they count frames
-    interpretation  of the names
-    """
-
-    names: tuple[str, ...]
-    times: tuple[int, ...]
-    ticks: int
-    interpretation: str
-
-
 class Reading(NamedTuple):
     """One way to read the times in names.
 
     times  one for each name, in ns; numbers of frames if ``ticks`` is 0
-    ticks  per second
+    ticks  per second; 0 if they count frames
     how    interpretation of the names
     rests  the names without their times
     """
 
-    times: list[int]
+    times: Sequence[int]
     ticks: int
     how: str
-    rests: list[str]
+    rests: Sequence[str]
 
 
-def in_order(names: Iterable[str], where: str, unit: str | None = None) -> NamedFrames:
-    """The frames with these names. Raises DataError for several sequences, and for two frames of the same moment.
+def in_order(names: Iterable[str], where: str, unit: str | None = None) -> tuple[list[str], Reading]:
+    """The names in the order of time, and their times from the first one on, which ascend.
+
+    Raises DataError for several sequences, and for two frames of the same moment.
 
     unit  of the times in the names, "frames" if they are numbers; inferred by default
     """
@@ -218,8 +196,8 @@ def since_1970(numbers: Sequence[float]) -> str | None:
     return None
 
 
-def _sorted(names: Sequence[str], found: Reading, where: str) -> NamedFrames:
-    times, ticks, how = found.times, found.ticks, found.how
+def _sorted(names: Sequence[str], found: Reading, where: str) -> tuple[list[str], Reading]:
+    times, ticks, how, rests = found
     order = sorted(range(len(names)), key=lambda i: times[i])
     for a, b in itertools.pairwise(order):
         if times[a] == times[b]:
@@ -231,7 +209,8 @@ def _sorted(names: Sequence[str], found: Reading, where: str) -> NamedFrames:
     if ticks and len(names) > 1:
         step = median(times[b] - times[a] for a, b in itertools.pairwise(order))
         how += f": a frame every {1000 * step / ticks:.3g} ms"
-    return NamedFrames(tuple(names[i] for i in order), tuple(times[i] - first for i in order), ticks, how)
+    reading = Reading([times[i] - first for i in order], ticks, how, [rests[i] for i in order])
+    return [names[i] for i in order], reading
 
 
 def _reading(names: Sequence[str], unit: str | None) -> Reading | None:
@@ -323,9 +302,8 @@ def _sequences(names: list[str], unit: str | None) -> list[list[str]]:
     if _reading(names, unit) is not None:
         return [names]
     columns = [column for column in zip(*(NUMBER.findall(name) for name in names)) if len(set(column)) > 1]
-    ways = [[[name for name, own in zip(names, column) if own == value] for value in sorted(set(column))]
-            for column in sorted(columns, key=lambda column: len(set(column)))]
-    return next((parts for parts in ways if all(_reading(part, unit) is not None for part in parts)), ways[0])
+    column = min(columns, key=lambda column: len(set(column)))
+    return [[name for name, own in zip(names, column) if own == value] for value in sorted(set(column))]
 
 
 def _pattern(names: list[str]) -> str:

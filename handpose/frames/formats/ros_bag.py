@@ -6,8 +6,7 @@ Messages are read as the ROS types of their topics. A bag also contains definiti
 AnyReader generates code and runs it; the readers of ROS 1 and 2 that are used here ignore them.
 
 A CompressedImage on a topic IMAGE/compressed has the bytes of a PNG or TIFF of 16 bits. On IMAGE/compressedDepth, 12
-bytes precede a PNG: an unused number, then A and B, both float32. For 32FC1 a stored value v > 0 is A / (v - B) metres
-(compressed_depth_image_transport, codec.cpp).
+bytes precede a PNG (compressed_depth_image_transport, codec.cpp).
 """
 
 from __future__ import annotations
@@ -16,7 +15,6 @@ import contextlib
 import functools
 import math
 import re
-import struct
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,14 +26,12 @@ from numpy.typing import NDArray
 from handpose.frames import camera_file
 from handpose.frames.cameras import Camera
 from handpose.frames.lens import Lens, lens_of
-from handpose.frames.raw import calibration_of
-from handpose.frames.recording import CameraInfo, DepthFrame, Recording
+from handpose.frames.recording import CameraInfo, DepthFrame, Recording, decoder_of
 from netlib.errors import DataError, NetlibError, did_you_mean, reason_of, system_error_of
 from netlib.files import pictures
 from netlib.files.paths import exists
 
 OPTIONS = ("Depth_Units", "Depth Units")  # RealSense's names for one option, new and old
-MAX_DISTANCE_BACK = 1.0  # s; a larger step back means that the clock was set
 REINDEX = "; a recorder that was killed leaves such a bag, and `rosbag reindex` repairs it"
 
 
@@ -131,20 +127,17 @@ class BagRecording(Recording):
             image = bag.first(self._topic, *IMAGES)
             values = values_of(image, where)
             own = _own(bag, self._topic, encoding_of(image), values.shape, given.camera is not None)
-            calibration = calibration_of(given, own, camera_file.next_to(self._path), values.shape, values.dtype, where)
+            camera_json = camera_file.next_to(self._path)
+            self._decode = decoder_of(given, own, camera_json, values.shape, values.dtype, where)
             self.name, self.count = str(self._path), bag.topics(*IMAGES)[self._topic]
-        self.camera, self.unit_mm, self.rate = calibration.camera, calibration.unit_mm, calibration.rate
-        self.remarks = self._assumed = calibration.remarks
-        self._decode = calibration.decoder(self.name)
+        self.camera, self.unit_mm, self.rate = self._decode.camera, self._decode.unit_mm, self._decode.rate
+        self.remarks = self._decode.remarks
 
     def __iter__(self) -> Iterator[DepthFrame]:
-        self.cut, self.remarks = "", self._assumed
+        self.cut, self.remarks = "", self._decode.remarks
         number, last, late = -1, -math.inf, 0
         try:
             for number, (time, raw) in enumerate(self._stored()):
-                if time < last - MAX_DISTANCE_BACK:
-                    raise DataError(f"{self.name}: the clock goes back from {last:.3f} s to {time:.3f} s; expected one "
-                                    "recording")
                 if time <= last:
                     late += 1
                     continue
@@ -166,7 +159,8 @@ class BagRecording(Recording):
         with _opened(self._path) as bag:
             first = None
             for received, image in bag.messages(self._topic, *IMAGES):
-                taken = nanoseconds_of(image)
+                stamp = image.header.stamp
+                taken = int(stamp.sec) * 10**9 + int(stamp.nanosec)  # 0 without a time
                 if first is None:
                     stamped = taken > 0
                     first = taken if stamped else received
@@ -232,7 +226,7 @@ PACKED = ("/compressedDepth", "/compressed")  # endings of the topics of Compres
 ENCODINGS = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
 # Millimetres and metres: REP 118, "Depth Images". RealSense's files have mono16, and their unit elsewhere.
 UNITS_MM = {"16UC1": 1.0, "32FC1": 1000.0}
-HEADER = struct.Struct("<iff")  # of a compressedDepth
+HEADER_BYTES = 12  # of a compressedDepth
 PICTURES = (pictures.PNG, b"II*\0", b"MM\0*")  # beginnings of a PNG and of TIFFs
 GREY_16 = b"\x10\x00"  # bits and type of colours in the header of a PNG
 
@@ -247,14 +241,10 @@ def encoding_of(message: Any) -> str:
     if hasattr(message, "encoding"):
         return str(message.encoding)
     encoding = str(message.format).partition(";")[0].strip()
-    if encoding.lower() in ("png", "") and _begins_with_grey(bytes(message.data[:26])):
+    start = bytes(message.data[:26])
+    if encoding.lower() in ("png", "") and start.startswith(pictures.PNG) and start[24:] == GREY_16:
         return "16UC1"
     return encoding
-
-
-def _begins_with_grey(content: bytes) -> bool:
-    """True for the beginning of a PNG of 16-bit grey values."""
-    return content.startswith(pictures.PNG) and content[24:26] == GREY_16
 
 
 def values_of(message: Any, where: str) -> NDArray[Any]:
@@ -276,33 +266,14 @@ def values_of(message: Any, where: str) -> NDArray[Any]:
 def _unpacked(message: Any, encoding: str, where: str) -> NDArray[Any]:
     """The values of a compressed image. Raises DataError for compressions that do not preserve depth, and others."""
     content = bytes(message.data)
-    has_header = not content.startswith(PICTURES)
-    picture = content[HEADER.size :] if has_header else content
-    if not picture.startswith(PICTURES):
+    picture = content if content.startswith(PICTURES) else content[HEADER_BYTES:]
+    if encoding == "32FC1" or not picture.startswith(PICTURES):
         raise DataError(f"{where}: compressed depth of the format {message.format!r}; expected a PNG or TIFF of 16 "
-                        "bits (of RVL, `ros2 run image_transport republish` makes raw images)")
+                        "bits (of others, `ros2 run image_transport republish` makes raw images)")
     values = pictures.decode(picture, cv2.IMREAD_UNCHANGED, where)
-    if encoding == "32FC1" and values.dtype == np.float32 and values.ndim == 2:
-        return values
     if values.dtype != np.uint16 or values.ndim != 2:
         raise DataError(f"{where}: a picture of {values.dtype} {values.shape}, expected 16-bit grey values")
-    if encoding != "32FC1":
-        return values
-    if not has_header:
-        raise DataError(f"{where}: 32FC1 as 16-bit values without their scale; expected the format of compressedDepth")
-    _, a, b = HEADER.unpack_from(content)
-    if not (math.isfinite(a + b) and a > 0):
-        raise DataError(f"{where}: compressed depth with the parameters {a:g} and {b:g}; expected a positive and a "
-                        "finite number")
-    with np.errstate(all="ignore"):  # a value next to B is infinitely far away, which counts as no reading
-        metres = np.float32(a) / (values.astype(np.float32) - np.float32(b))
-    return np.where(values > 0, metres, np.float32(0))
-
-
-def nanoseconds_of(message: Any) -> int:
-    """The time stamp of an image; 0 without one."""
-    stamp = message.header.stamp
-    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
+    return values
 
 
 def given_by(info: Any, topic: str, shape: tuple[int, ...], where: str) -> CameraInfo:

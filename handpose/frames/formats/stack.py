@@ -27,16 +27,14 @@ from numpy.typing import NDArray
 
 from handpose.frames import camera_file
 from handpose.frames.formats.folder import FRAMES, TICKS, since_1970
-from handpose.frames.raw import RATE, calibration_of, check_values
-from handpose.frames.recording import UNKNOWN, CameraInfo, DepthFrame, Recording
+from handpose.frames.recording import RATE, UNKNOWN, CameraInfo, DepthFrame, Recording, check_values, decoder_of
 from netlib import files
 from netlib.errors import DataError, NetlibError, reason_of, system_error_of
 from netlib.files.pictures import MAX_PIXELS
 
 WHAT = "the depth frames"
 READERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
-SMALL = 1 << 24  # bytes; maximum size of the other arrays
-PARAMETERS = "biufSUM"  # their kinds: numbers, texts and dates
+PARAMETERS = "biufSU"  # their kinds: numbers and texts
 
 
 class StackRecording(Recording):
@@ -46,15 +44,15 @@ class StackRecording(Recording):
         frames = (_Npy if path.suffix.lower() == ".npy" else _Npz)(path)
         camera_json = camera_file.next_to(path)
         self._times, own, remarks, self.warnings = recognise(frames, str(path), given, camera_json)
-        calibration = calibration_of(given, own, camera_json, frames.shape[1:], frames.dtype, str(path))
-        self.name, self.camera, self.unit_mm = str(path), calibration.camera, calibration.unit_mm
-        self.count, self.rate, self.remarks = frames.shape[0], calibration.rate, (*remarks, *calibration.remarks)
+        self._decode = decode = decoder_of(given, own, camera_json, frames.shape[1:], frames.dtype, str(path))
+        self.name, self.camera, self.unit_mm = str(path), decode.camera, decode.unit_mm
+        self.count, self.rate, self.remarks = frames.shape[0], decode.rate, (*remarks, *decode.remarks)
         if self._times is None and given.time_unit is not None:
             raise DataError(f"{path}: has no times, so --time-unit has no meaning; expected an array time")
         if self._times is None and self.count > 1:
-            self.rate, remarks = calibration.paced()
+            self.rate, remarks = decode.paced()
             self.remarks += remarks
-        self._frames, self._decode = frames, calibration.decoder(self.name)
+        self._frames = frames
 
     def __iter__(self) -> Iterator[DepthFrame]:
         times = self._times
@@ -71,9 +69,9 @@ class _Npy:
 
     def __init__(self, path: Path) -> None:
         with _errors_of(path, "cut, or not an array as NumPy writes it"), files.opened(path, WHAT):
-            array = npy.open_memmap(path, mode="r")
-        self._array = array[None] if array.ndim == 2 else array
-        self.shape, self.dtype = _stack_shape(array.shape, array.dtype, str(path)), array.dtype
+            self._array = npy.open_memmap(path, mode="r")
+        self.shape, self.dtype = self._array.shape, self._array.dtype
+        _check_stack(self.shape, self.dtype, str(path))
 
     def __iter__(self) -> Iterator[NDArray[Any]]:
         yield from self._array
@@ -92,7 +90,7 @@ class _Npz:
 
     shape   (frames, height, width)
     dtype   of a stored value
-    others  the other arrays of the file, by name: small ones of numbers, texts and dates
+    others  the other arrays of the file whose names are known, by name
     names   of all other arrays
     """
 
@@ -109,14 +107,14 @@ class _Npz:
             if not self._name:
                 content = ", ".join(f"{name} {header.shape}" for name, header in headers.items()) or "nothing"
                 raise DataError(f"{path}: holds {content}; expected an array depth (frames, height, width)")
-            shape, by_columns, self.dtype = headers.pop(self._name)
-            self.shape = _stack_shape(shape, self.dtype, str(path))
-            if by_columns and len([size for size in shape if size > 1]) > 1:
+            self.shape, by_columns, self.dtype = headers.pop(self._name)
+            _check_stack(self.shape, self.dtype, str(path))
+            if by_columns and len([size for size in self.shape if size > 1]) > 1:
                 raise DataError(f"{path}: an array in Fortran's order; write it with numpy.ascontiguousarray")
             self.names, self.others = list(headers), {}
             for name, header in headers.items():
-                size = max(archive.getinfo(f"{name}.npy").file_size, math.prod(header.shape) * header.dtype.itemsize)
-                if size <= SMALL and header.dtype.kind in PARAMETERS:
+                is_known = camera_file.is_known(name) or TIMES.fullmatch(name) or name == TEXT
+                if is_known and header.dtype.kind in PARAMETERS:
                     with archive.open(f"{name}.npy") as stream:
                         self.others[name] = npy.read_array(stream, allow_pickle=False)
 
@@ -161,13 +159,11 @@ def _header(stream: IO[bytes]) -> _Header:
         return _Header(*READERS[version](stream))
 
 
-def _stack_shape(shape: tuple[int, ...], dtype: np.dtype[Any], where: str) -> tuple[int, int, int]:
-    """Number of frames, height and width; one image is a stack, too. Raises DataError for other shapes and types."""
-    if len(shape) not in (2, 3) or min(shape) < 1 or math.prod(shape[-2:]) > MAX_PIXELS:
+def _check_stack(shape: tuple[int, ...], dtype: np.dtype[Any], where: str) -> None:
+    """Raise DataError unless an array of this shape and type may be frames."""
+    if len(shape) != 3 or min(shape) < 1 or math.prod(shape[-2:]) > MAX_PIXELS:
         raise DataError(f"{where}: an array of shape {shape}; expected (frames, height, width)")
     check_values(dtype, where)
-    frames, height, width = (1,) * (3 - len(shape)) + tuple(shape)
-    return frames, height, width
 
 
 # ---------------------------------------------------------------------------------------------- other arrays
@@ -202,7 +198,7 @@ def recognise(frames: _Npy | _Npz, where: str, given: CameraInfo, camera_json: C
     name, times = _name_of_times(frames.others, frames.shape[0]), None
     if name is not None:
         numbers = _checked(frames.others[name], frames.shape[0], f"{where}: {name}")
-        unit, how = _unit_of_times(name, frames.others[name].dtype, numbers, where, given.time_unit, own, camera_json)
+        unit, how = _unit_of_times(name, numbers, where, given.time_unit, own, camera_json)
         rate = given.or_else(own).or_else(camera_json).rate or RATE
         times = numbers / (rate if unit == FRAMES else TICKS[unit])
         words.append(f"times from {name!r}, {how}")
@@ -215,7 +211,7 @@ def _not_used(names: list[str]) -> str:
     shown = ", ".join(map(repr, names[:MAX_NAMES]))
     more = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
     what = f"array {shown} is" if len(names) == 1 else f"arrays {shown}{more} are"
-    return (f"{what} not used; known names are time, timestamps and the like, K, fx, fy, cx, cy, depth_scale, unit, "
+    return (f"{what} not used; known names are time, timestamps and the like, K, fx, fy, cx, cy, depth_scale, "
             "fps and all keys of a camera.json (docs/camera.md)")
 
 
@@ -224,14 +220,13 @@ def _parameters(found: Mapping[str, NDArray[Any]], where: str, given: CameraInfo
     has_camera = camera_file.has_camera({name: value.tolist() for name, value in found.items() if value.size <= 16})
     values = {name: _plain(value, f"{where}: {name}") for name, value in found.items() if camera_file.is_known(name)
               and (has_camera or name not in OF_ANYTHING)}
-    replaced = [field for field, value in vars(given).items() if value is not None]
-    own, fields, *_ = camera_file.find(values, where, replaced) if values else (UNKNOWN, {})
+    said = camera_file.find(values, where, given.camera is not None)
     if TEXT not in found:
-        return own, {**fields}
+        return said.info, said.fields
     if found[TEXT].size != 1:
         raise DataError(f"{where}: camera has the shape {found[TEXT].shape}, expected one text: a camera.json")
     text = camera_file.parse(_text(found[TEXT]), f"{where}: camera")
-    return own.or_else(text), {**fields, TEXT: "parameters"}
+    return said.info.or_else(text), {**said.fields, TEXT: "parameters"}
 
 
 def _plain(value: NDArray[Any], where: str) -> Any:
@@ -268,10 +263,8 @@ def _ending(name: str) -> str | None:
 
 def _checked(times: NDArray[Any], count: int, where: str) -> NDArray[np.float64]:
     """Times of the frames. Raises DataError for others than one ascending number for each."""
-    if times.size != count or times.squeeze().ndim > 1 or times.dtype.kind not in "iufM":
+    if times.size != count or times.squeeze().ndim > 1 or times.dtype.kind not in "iuf":
         raise DataError(f"{where} is {times.dtype} {times.shape}, expected ({count},): a time for each frame")
-    if times.dtype.kind == "M":
-        times = times.astype("datetime64[ns]").astype(np.int64)
     numbers = times.astype(np.float64).ravel()
     bad = ~(np.diff(numbers, prepend=-np.inf) > 0) | ~np.isfinite(numbers)
     if bad.any():
@@ -281,12 +274,10 @@ def _checked(times: NDArray[Any], count: int, where: str) -> NDArray[np.float64]
 
 
 def _unit_of_times(
-    name: str, dtype: np.dtype[Any], times: NDArray[np.float64], where: str, given: str | None, own: CameraInfo,
-    camera_json: CameraInfo,
+    name: str, times: NDArray[np.float64], where: str, given: str | None, own: CameraInfo, camera_json: CameraInfo
 ) -> tuple[str, str]:
     """The unit of times, and how it is known. Raises DataError if it is unknown."""
-    stored = "ns" if dtype.kind == "M" else None  # a type of dates
-    for unit, how in ((stored, "as stored"), (given, "as given"), (_ending(name), "by its name"),
+    for unit, how in ((given, "as given"), (_ending(name), "by its name"),
                       (own.time_unit, "as the file says"), (camera_json.time_unit, "by camera.json")):
         if unit is not None:
             return unit, f"in {unit} {how}"

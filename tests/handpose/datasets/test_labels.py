@@ -8,6 +8,7 @@ from handpose.datasets import labels
 from handpose.frames.cameras import CAMERAS, NYU, Camera
 from netlib.errors import DataError
 from netlib.files.hdf5 import File
+from tests.support.bad_input import bad_inputs
 from tests.support.hdf5_files import write_hdf5
 
 ROWS = np.linspace(-1, 1, 4 * 6).reshape(4, 6)  # four frames of two joints
@@ -28,10 +29,10 @@ def test_joints_in_any_storage(tmp_path, shape, dtype, options):
     stored = (100 * ROWS).astype(dtype)
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file.create_dataset("joint", data=stored.reshape(shape), **options)
-    joints = labels.read(tmp_path / "a.h5", [2]).joints
+    joints = labels.read(tmp_path / "a.h5", 2).joints
     assert joints.dtype == np.float64 and np.array_equal(joints, stored.reshape(4, 2, 3))
     joints[...] = 9
-    assert np.array_equal(labels.read(tmp_path / "a.h5", [2]).joints, stored.reshape(4, 2, 3))
+    assert np.array_equal(labels.read(tmp_path / "a.h5", 2).joints, stored.reshape(4, 2, 3))
 
 
 @pytest.mark.parametrize("shape", [(4,), (4, 1)])
@@ -39,31 +40,26 @@ def test_joints_in_any_storage(tmp_path, shape, dtype, options):
 def test_half_cubes(tmp_path, shape, dtype):
     """There is one half-cube per frame, from the labels and from an open file alike."""
     path = write_hdf5(tmp_path / "a.h5", joint=ROWS, half_cube=np.arange(100, 104, dtype=dtype).reshape(shape))
-    for found in (labels.read(path, [2]).half_cube, labels.read_half_cubes(File(path, ("joint",)))):
+    for found in (labels.read(path, 2).half_cube, labels.read_half_cubes(File(path, ("joint",)))):
         assert found.dtype == np.float64 and found.tolist() == [100, 101, 102, 103]
 
 
 def test_a_file_without_half_cubes(tmp_path):
-    """A file without half-cubes gets NYU's, or those that the caller passes."""
+    """A file without half-cubes gets NYU's."""
+    assert labels.read(write_hdf5(tmp_path / "a.h5", joint=ROWS), 2).half_cube.tolist() == [150] * 4
+
+
+def test_the_origin_of_labels(tmp_path):
     path = write_hdf5(tmp_path / "a.h5", joint=ROWS)
-    assert labels.read(path, [2]).half_cube.tolist() == [150] * 4
-    assert labels.read(path, [2], usual=125).half_cube.tolist() == [125] * 4
-    assert labels.read_half_cubes(File(path, ("joint",)), usual=125).tolist() == [125] * 4
-
-
-def test_what_else_a_file_holds(tmp_path):
-    """The names of the other data sets are returned in the order of the file, with the attribute ``made_from``."""
-    path = write_hdf5(tmp_path / "a.h5", joint=ROWS, depth=np.zeros(4))
-    assert labels.read(path, [2]).made_from == "an unknown source"
+    assert labels.read(path, 2).made_from == "an unknown source"
     with h5py.File(path, "a") as file:
         file.attrs["made_from"] = "a test"
-    found = labels.read(path, [2])
-    assert (found.names, found.made_from) == (("depth", "joint"), "a test")
+    assert labels.read(path, 2).made_from == "a test"
 
 
 def test_joints_that_are_not_seen(tmp_path):
     joints = np.array([[0.5, -0.5, 0, 0.9, -0.9, 0], [0, 0, 1, 0, -1, 0], [0, 0, 0, np.nan, 0, 0], [0, 2, 0, 0, 0, 0]])
-    found = labels.read(write_hdf5(tmp_path / "a.h5", joint=joints), [2])
+    found = labels.read(write_hdf5(tmp_path / "a.h5", joint=joints), 2)
     assert np.array_equal(found.joints.reshape(4, 6), joints, equal_nan=True)
     assert found.seen.tolist() == [[True, True], [False, False], [True, False], [False, True]]
 
@@ -71,54 +67,33 @@ def test_joints_that_are_not_seen(tmp_path):
 # -------------------------------------------------------------------------------------------- mistakes
 
 
-@pytest.mark.parametrize(
-    ("arrays", "message"),
-    [
+JOINTS = "(N, 6) for 2 joints"
+
+
+@bad_inputs(DataError, {
+    line: (arrays, f"...a.h5: {line}") for arrays, line in (
         ({"other": np.zeros(2)}, "no data set 'joint'; it has other"),
         ({"joint": np.array([b"a", b"b"])}, "data set '/joint' holds |S1, expected numbers"),
         ({"joint": np.float64(1)}, "data set 'joint' has no rows"),
-        ({"joint": np.zeros((0, 6))}, "data set 'joint' has no rows"),
-        (
-            {"joint": np.zeros(6)},
-            "data set 'joint' has shape (6,), expected (N, 6) for 2 joints or (N, 9) for 3 joints",
-        ),
-        ({"joint": np.zeros((4, 7))}, "data set 'joint' has shape (4, 7), expected (N, 6) for 2 joints or"),
-        ({"joint": np.zeros((4, 12))}, "data set 'joint' has shape (4, 12), expected (N, 6) for 2 joints or"),
-        ({"joint": np.zeros((4, 3, 2))}, "data set 'joint' has shape (4, 3, 2), expected (N, 6) for 2 joints or"),
-        (
-            {"joint": at(ROWS, -np.inf, [2, 3])},
-            "data set 'joint' is infinite in frame 2 (2 such frames), expected half-",
-        ),
+        ({"joint": np.zeros((0, 6))}, "data set 'joint' has no rows..."),
+        *(({"joint": np.zeros(shape)}, f"data set 'joint' has shape {shape}, expected {JOINTS}")
+          for shape in ((6,), (4, 7), (4, 12), (4, 3, 2))),
+        ({"joint": at(ROWS, -np.inf, [2, 3])}, "data set 'joint' is infinite in frame 2 (2 such frames), expected ..."),
         ({"half_cube": np.array([b"150"] * 4)}, "data set '/half_cube' holds |S3, expected numbers"),
         ({"half_cube": 150.0}, "data set 'half_cube' has no rows"),
-        ({"half_cube": np.ones(3)}, "data set 'half_cube' has shape (3,), expected (4,): mm, one number per frame"),
-        (
-            {"half_cube": np.ones((4, 3))},
-            "data set 'half_cube' has shape (4, 3), expected (4,): mm, one number per frame",
-        ),
-        (
-            {"half_cube": at(np.full(4, 150.0), 0)},
-            "data set 'half_cube' is 0 in frame 1 (1 such frames), expected mm, 25 to",
-        ),
-        ({"half_cube": np.full(4, 0.15)}, "data set 'half_cube' is 0.15 in frame 0 (4 such frames), expected mm, 25"),
-        ({"half_cube": -np.ones(4)}, "data set 'half_cube' is -1 in frame 0 (4 such frames), expected mm, 25 to"),
-        (
-            {"half_cube": at(np.full(4, 150.0), np.nan)},
-            "data set 'half_cube' is nan in frame 1 (1 such frames), expected mm",
-        ),
-        (
-            {"half_cube": at(np.full(4, 150.0), np.inf)},
-            "data set 'half_cube' is inf in frame 1 (1 such frames), expected mm",
-        ),
-    ],
-    ids=lambda value: value.replace("data set ", "")[:40] if isinstance(value, str) else "",
-)
-def test_labels_with_something_wrong_in_them(tmp_path, arrays, message):
+        *(({"half_cube": np.ones(shape)}, f"data set 'half_cube' has shape {shape}, expected (4,): mm, one ...")
+          for shape in ((3,), (4, 3))),
+        *(({"half_cube": at(np.full(4, 150.0), value)},
+           f"data set 'half_cube' is {value:g} in frame 1 (1 such frames), expected mm, 25 to ...")
+          for value in (0, np.nan, np.inf)),
+        *(({"half_cube": np.full(4, value)}, f"data set 'half_cube' is {value} in frame 0 (4 such frames), ...")
+          for value in (0.15, -1)))
+})
+def test_labels_with_something_wrong_in_them(tmp_path, given, rejected):
     """The error names the file, the data set, what was found and what was expected, on one line."""
-    path = write_hdf5(tmp_path / "a.h5", **({"joint": ROWS} if "half_cube" in arrays else {}), **arrays)
-    with pytest.raises(DataError) as error:
-        labels.read(path, [2, 3])
-    assert str(error.value).startswith(f"{path}: {message}") and "\n" not in str(error.value)
+    path = write_hdf5(tmp_path / "a.h5", **({"joint": ROWS} if "half_cube" in given else {}), **given)
+    with rejected:
+        labels.read(path, 2)
 
 
 def test_centers_that_tell_no_camera(tmp_path):

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
-import h5py
 import numpy as np
 import pytest
 import scipy.io
@@ -31,26 +31,16 @@ def test_depth_is_unpacked(tmp_path: Path) -> None:
 def test_a_grey_image(tmp_path: Path) -> None:
     """A grey image raises an error, because the depth is in two channels of a colour image."""
     cv2.imwrite(str(tmp_path / "grey.png"), np.zeros((2, 2), dtype=np.uint16))
-    with pytest.raises(
-        DataError, match=r"grey\.png: wrong size or type of image \(found uint16 of shape \(2, 2\), exp"
-    ):
+    with pytest.raises(DataError, match=r"grey\.png: wrong size or type of image \(found uint16 of shape \(2, 2\), "):
         nyu_files.read_nyu_depth(tmp_path / "grey.png")
 
 
-@pytest.mark.parametrize(
-    ("count", "reported", "fatal"),
-    [
-        (2440, "the first of the two test subjects only", False),
-        (5812, "the second test subject only", True),  # the cube goes by the frame's number
-        (100, "100 labelled frames, the whole test set has 8252", False),
-        (8253, "8253 labelled frames, the whole test set has 8252", True),
-    ],
-)
-def test_another_number_of_frames(tmp_path: Path, count: int, reported: str, fatal: bool) -> None:
+@pytest.mark.parametrize(("count", "fatal"), [(100, False), (8253, True)])
+def test_another_number_of_frames(tmp_path: Path, count: int, fatal: bool) -> None:
     write_labels(tmp_path / "test", hand(count))
     write_frame(tmp_path / "test" / frame_name(0), np.full((480, 640), 800))
     (number, is_fatal), missing = flaws(tmp_path)
-    assert reported in number and is_fatal == fatal
+    assert f"{count} labelled frames, the whole test set has 8252" in number and is_fatal == fatal
     expected = f"{count - 1} of {count} depth frames are missing, the first is depth_1_0000002.png"
     assert missing == (f"{tmp_path}/test: {expected}", False)
 
@@ -63,10 +53,6 @@ def test_something_else_than_the_data_set(tmp_path: Path) -> None:
     assert flaws(tmp_path) == [(f"{expected}a, b, c, d, e, f ...", True)]
 
 
-def test_no_folder(tmp_path: Path) -> None:
-    assert flaws(tmp_path / "no") == [(f"{tmp_path}/no: no such folder", True)]
-
-
 def test_other_images_than_depth(tmp_path: Path) -> None:
     write_labels(tmp_path / "test", hand(2440))
     (tmp_path / "test" / "rgb_1_0000001.png").touch()
@@ -74,54 +60,28 @@ def test_other_images_than_depth(tmp_path: Path) -> None:
     assert flaws(tmp_path)[0] == (f"{tmp_path}/test: {line}", True)
 
 
-def damage_labels(path: Path, how: str) -> None:
-    joints = nyu_files.read_annotation(path).xyz
-    uvd = NYU.project(joints)
-    if how == "absent":
-        path.unlink()
-    elif how == "truncated":
-        path.write_bytes(path.read_bytes()[:-1000])
-    elif how == "text":
-        path.write_text("u v d " * 100)
-    elif how == "version 4":
-        scipy.io.savemat(path, {"joint_uvd": uvd[0], "joint_xyz": joints[0]}, format="4")
-    elif how == "predictions":
-        scipy.io.savemat(path, {"pred_joint_uvconf": uvd[None]})
-    elif how == "14 joints":
-        scipy.io.savemat(path, {"joint_uvd": uvd[None, :, :14], "joint_xyz": joints[None, :, :14]})
-    elif how == "y down":
-        scipy.io.savemat(path, {"joint_uvd": uvd[None], "joint_xyz": joints[None] * (1, -1, 1)})
+def write_matlab(path: Path, version: str = "5", **variables: np.ndarray) -> None:
+    scipy.io.savemat(path, variables, format=version)
 
 
-@pytest.mark.parametrize(
-    ("how", "reported"),
-    [
-        ("absent", "no such file; it holds the joints"),
-        ("truncated", "not a readable MATLAB file, perhaps truncated"),
-        ("text", "not a readable MATLAB file"),
-        ("version 4", "version 4, or none; expected version 5 or 7.3"),
-        ("predictions", "no variable 'joint_uvd'; it has pred_joint_uvconf"),
-        ("14 joints", "(1, 20, 14, 3), expected numbers (cameras, frames, 36, 3)"),
-        ("y down", "its y axis points down, expected up"),
-    ],
-)
-def test_damaged_labels(tmp_path: Path, how: str, reported: str) -> None:
+XYZ = NYU.unproject(hand(20))
+
+
+@pytest.mark.parametrize(("damage", "reported"), [
+    (lambda path: path.unlink(), "no such file; it holds the joints"),
+    (lambda path: path.write_bytes(path.read_bytes()[:-1000]), "not a readable MATLAB file, perhaps truncated"),
+    (lambda path: path.write_text("u v d " * 100), "not a readable MATLAB file"),
+    (lambda path: write_matlab(path, "4", joint_uvd=hand(20)[0], joint_xyz=XYZ[0]),
+     "version 4, or none; expected version 5"),
+    (lambda path: write_matlab(path, pred_joint_uvconf=XYZ[None]), "no variable 'joint_uvd'; it has pred_joint_uvconf"),
+    (lambda path: write_matlab(path, joint_uvd=hand(20)[None, :, :14], joint_xyz=XYZ[None, :, :14]),
+     "(1, 20, 14, 3), expected numbers (cameras, frames, 36, 3)"),
+    (lambda path: write_matlab(path, joint_uvd=hand(20)[None], joint_xyz=XYZ[None] * (1, -1, 1)),
+     "joint_xyz is not where joint_uvd is, off by x 0, "),
+])
+def test_damaged_labels(tmp_path: Path, damage: Callable[[Path], object], reported: str) -> None:
     write_labels(tmp_path / "test", hand(20))
     write_frame(tmp_path / "test" / frame_name(0), np.full((480, 640), 800))
-    damage_labels(tmp_path / "test" / nyu_files.ANNOTATION, how)
+    damage(tmp_path / "test" / nyu_files.ANNOTATION)
     ((line, fatal),) = flaws(tmp_path)
     assert reported in line and line.startswith(f"{tmp_path / 'test' / nyu_files.ANNOTATION}: ") and fatal
-
-
-def test_labels_of_version_73(tmp_path: Path) -> None:
-    write_labels(tmp_path, hand(20))
-    path = tmp_path / nyu_files.ANNOTATION
-    labels = nyu_files.read_annotation(path)
-    with h5py.File(path, "w", userblock_size=512) as file:
-        for name, array in (("joint_uvd", labels.uvd), ("joint_xyz", labels.xyz)):
-            file[name] = np.stack([array, array + 1, array + 2]).T
-        file["made_from"] = np.array([[ord(c)] for c in "synthetic"], np.uint16)
-    again = nyu_files.read_annotation(path)
-    np.testing.assert_array_equal(again.uvd, labels.uvd)
-    np.testing.assert_array_equal(again.xyz, labels.xyz)
-    assert again.made_from == "synthetic"

@@ -17,7 +17,6 @@ from handpose.frames import camera_file
 from handpose.frames.camera_file import find, next_to, parse, to_text, write
 from handpose.frames.cameras import Camera
 from handpose.frames.lens import Lens
-from handpose.frames.raw import sized
 from handpose.frames.recording import UNKNOWN, CameraInfo
 from netlib.errors import DataError
 from tests.support.bad_input import bad_inputs
@@ -60,16 +59,15 @@ NUMBER, WHAT = "expected a number more than 1e-06 and at most", "known: fx, fy, 
 
 
 @bad_inputs(DataError, {
-    "": "x:1:1: not JSON: Expecting value...",
-    '{"fx": 60,\n"fy" 61}': "x:2:6: not JSON: Expecting ':' delimiter",
+    "": "x: not whole JSON: Expecting value...",
+    '{"fx": 60,\n"fy" 61}': "x: not whole JSON: Expecting ':' delimiter: line 2 column 6 (char 16)",
     "[1, 2]": "x: matrix is [1.0, 2.0]; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], or fx, fy, cx, cy",
     '["a"]': 'x: found ["a"]; expected {"fx": ..., "fy": ..., "u0": ..., "v0": ...}',
     '{"fx": 1e-320, "fy": 1, "u0": 1, "v0": 1}': f"x: fx is 1e-320; {NUMBER} 1e+06",
     '{"unit_mm": 1e-320}': f"x: unit_mm is 1e-320; {NUMBER} 10000",
-    '{"fx": NaN}': "x: found NaN; expected finite numbers",
-    "nested": ("[" * 100000, "x: not the parameters of a camera"),
+    f'{{{FOUR}, "unit_mm": NaN}}': f"x: unit_mm is NaN; {NUMBER} 10000",
     "nested in an object": ('{"a": ' + "[" * 900 + "]" * 900 + "}", "x: ..."),
-    "5000 digits": ('{"fx": ' + "9" * 5000 + "}", "x: not the parameters of a camera"),
+    "5000 digits": ("fx: " + "9" * 5000, "x: not the parameters of a camera"),
     '{"unit_m": 1}': f"x: unknown key 'unit_m' (did you mean 'unit_mm'?); {WHAT}",
     '{"focal": 1}': f"x: unknown key 'focal'; {WHAT}",
     '{"fx": 60, "fx": 61}': "x: has 'fx' twice",
@@ -98,20 +96,14 @@ NUMBER, WHAT = "expected a number more than 1e-06 and at most", "known: fx, fy, 
     "K: [0, 0, 0, 0, 0, 0, 0, 0, 1]": "x: fx is 0.0; expected a number more than 1e-06 and at most 1e+06",
     "K: [60, 61, 31, 23]\nD: [0.1, 0, 0, 0]\ndistortion_model: equidistant":
         "x: distortion model 'equidistant' is not known; known: brown_conrady (OpenCV's), ...",
-    "K: [60, 61, 31, 23]\nbinning_x: 2": "x: binning_x is 2, so the frames are a part of what ...",
-    "K: [60, 61, 31, 23]\nroi:\n  x_offset: 8": "x: x_offset is 8, so the frames are a part ...",
     "K: [60, 61, 31, 23]\nK: 1": "x: has 'K' twice",
     "K: [60, 61, 31, 23]\nresolution: [64.5, 48]": "x: width is 64.5; expected a whole number",
     "a:\n  K: [60, 61, 31, 23]\nb:\n  K: [60, 61, 31, 24]": "x: has several cameras: a, b; expected one, or ...",
-    "K: [60, 61, 31, 23]\nlens_distortion: [0.1, 0]":
-        "x: lens_distortion is [0.1, 0], which is not understood; expected distortion_coefficients, ...",
-    "unit: furlong": "x: unit is 'furlong'; expected mm, cm, m, um or a number of mm",
     "a: 1\n- b": "x: unknown key 'a'; known: fx, ...",
     "no camera here": "x: unknown key 'no camera here'; known: fx, ...",
     "a: [1, {b}]": "x: not the parameters of a camera",
     "date: today": "x: unknown key 'date'...; known: fx, ...",
-    "<a>": "x: not XML: ...",
-    '<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>': "x: XML with declarations; expected that of OpenCV's FileStorage",
+    '<?xml version="1.0"?>': "x: XML; expected JSON or YAML, which OpenCV's FileStorage writes, too",
 })
 def test_what_is_refused(given: str, rejected: Any) -> None:
     with rejected:
@@ -237,15 +229,6 @@ LISTED = """ Intrinsic of "Color" / 64x48 / {RGB8}
   Coeffs:     \t0.1  \t0  \t0  \t0  \t0
   FOV (deg):  \t50 x 40
 """
-SECOND = """ Intrinsic of "Depth" / 32x24 / {Z16}
-  Width: 32
-  Height: 24
-  PPX: 15
-  PPY: 11
-  Fx: 30
-  Fy: 30
-  Coeffs: COEFFS
-"""
 TWO_STREAMS = {"color": {"intrinsics": {"fx": 1, "fy": 2, "ppx": 3, "ppy": 4}}, "depth_scale": 0.001, "fps": 30,
                "depth": {"intrinsics": {"fx": 60, "fy": 61, "ppx": 31.5, "ppy": 23.5, "width": 64, "height": 48,
                                         "coeffs": [0, 0, 0, 0, 0], "model": "Brown Conrady"}}}
@@ -305,29 +288,16 @@ def test_the_depth_camera_among_others() -> None:
     assert (found.camera, found.lens, found.unit_mm, found.rate) == (SIZED, Lens(), 1.0, 30)
 
 
-def test_cameras_for_frames_of_several_sizes() -> None:
-    """The one that fits the frames; if the lenses differ, they are refused."""
-    found = camera_file.parse(LISTED + SECOND.replace("COEFFS", "0.1 0 0 0 0"), "x")
-    assert found.camera is not None and found.lens == Lens((0.1, 0, 0, 0, 0))
-    assert sized(found.camera, (48, 64), "y") == SIZED
-    assert sized(found.camera, (24, 32), "y").fx == 30
-    with pytest.raises(DataError, match="y: x: has cameras of 64 x 48, 32 x 24 px, found 48 x 64"):
-        sized(found.camera, (64, 48), "y")
-    with pytest.raises(DataError, match='x: has several cameras: Intrinsic of "Depth" / 64x48'):
-        camera_file.parse(LISTED + SECOND.replace("COEFFS", "0.2 0 0 0 0"), "x")
-
-
 @pytest.mark.parametrize(("name", "value", "unit"), [
     ("depth_scale", 0.00025, 0.25), ("depth_scale", 1000.0, 1.0), ("png_depth_scale", 5000, 0.2),
-    ("depth_scale", 0.1, 0.1), ("DepthMapFactor", 5000.0, 0.2), ("unit", "m", 1000.0),
-    ("units", 0.1, 0.1), ("depth_units", 0.000125, 0.125), ("depth_unit", "cm", 10.0), ("unit", "Meters", 1000.0),
+    ("depth_scale", 0.1, 0.1), ("DepthMapFactor", 5000.0, 0.2), ("depth_units", 0.000125, 0.125),
 ])
 def test_units(name: str, value: Any, unit: float) -> None:
-    """A scale of metres, of mm, or the number of values per metre; a word."""
+    """A scale of metres, of mm, or the number of values per metre."""
     assert find({"K": MATRIX.tolist(), name: value}, "x").info.unit_mm == pytest.approx(unit)
 
 
-@pytest.mark.parametrize("suffix", [".yml", ".yaml", ".xml", ".json"])
+@pytest.mark.parametrize("suffix", [".yml", ".yaml", ".json"])
 def test_files_of_opencv(tmp_path: Path, suffix: str) -> None:
     """As cv2.FileStorage writes them."""
     storage = cv2.FileStorage(str(tmp_path / f"camera{suffix}"), cv2.FILE_STORAGE_WRITE)
@@ -342,13 +312,9 @@ def test_files_of_opencv(tmp_path: Path, suffix: str) -> None:
     assert found.origin.endswith("distortion_coefficients; not used: calibration_time)")
 
 
-def test_files_of_numpy(tmp_path: Path) -> None:
-    np.save(tmp_path / "K.npy", MATRIX)
-    np.savez(tmp_path / "calibration.npz", mtx=MATRIX, dist=np.array([[0.1, 0, 0, 0, 0]]), rvecs=np.zeros((2, 3, 1)))
+def test_a_matrix_of_numpy(tmp_path: Path) -> None:
     np.savetxt(tmp_path / "K.txt", MATRIX)
-    assert camera_file.read(tmp_path / "K.npy").camera == camera_file.read(tmp_path / "K.txt").camera == CAMERA
-    found = camera_file.read(tmp_path / "calibration.npz")
-    assert (found.camera, found.lens) == (CAMERA, Lens((0.1, 0, 0, 0, 0)))
+    assert camera_file.read(tmp_path / "K.txt").camera == CAMERA
 
 
 @pytest.mark.parametrize("text", [

@@ -34,13 +34,6 @@ def test_minimum_range() -> None:
     assert replace(NYU, min_range_mm=100.0).in_range(depth) is depth
 
 
-@pytest.mark.parametrize("name", ["fx", "fy"])
-@pytest.mark.parametrize("value", [0.0, -1.0, 1e-320, np.inf, np.nan])
-def test_focal_lengths_that_no_camera_has(name: str, value: float) -> None:
-    with pytest.raises(ValueError, match=f"camera 'nyu': {name} is .*, expected more than 1e-06 px"):
-        replace(NYU, **{name: value})
-
-
 @pytest.mark.parametrize("view", VIEWS.values(), ids=VIEWS)
 def test_models_by_their_field_of_view(view: View) -> None:
     """In frames of one shape it does not depend on their size; other shapes are refused."""

@@ -20,7 +20,6 @@ from handpose.frames.crops import (
     crop,
     crop_pixels,
     crop_scale,
-    crops_of_windows,
     normalise_joints,
     restore_joints,
     unread,
@@ -86,20 +85,6 @@ def test_near_far_and_no_reading() -> None:
     for reading, value in ((10, -1), (650, -1), (800, 0), (875, 0.5), (5000, 1), (0, 1), (np.nan, 1)):
         depth = np.full((480, 640), reading)
         np.testing.assert_allclose(crop(depth, (320, 240, 800), 300), value, atol=1e-7)
-
-
-@given(seed=st.integers(0, 10**6))
-def test_crops_together(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    depth = rng.uniform(400, 1000, (240, 320)).astype(np.float32)
-    depth[rng.random(depth.shape) < 0.1] = 0
-    depth[rng.random(depth.shape) < 0.1] = np.nan
-    centers = np.column_stack([rng.uniform(0, 319, 4), rng.uniform(0, 239, 4), rng.uniform(400, 1000, 4)])
-    camera = CAMERAS["icvl"]
-    picked = window(centers, 300.0, camera, 64)
-    together = crops_of_windows(depth, picked, centers[:, 2], 300.0)
-    assert together.dtype == np.float32 and together.shape == (4, 64, 64)
-    np.testing.assert_array_equal(together, [crop(depth, center, 300.0, camera, 64) for center in centers])
 
 
 def test_window_is_square_in_space() -> None:

@@ -38,13 +38,10 @@ def test_other_formats_than_png(tmp_path: Path) -> None:
     assert (images.read_picture(path).reshape(40, 30, -1)[..., 0] == image).all()
 
 
-def test_a_picture_is_decoded_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_packing_of_nyu(tmp_path: Path) -> None:
     depth = np.random.default_rng(0).integers(0, 3000, (480, 640))
     cv2.imwrite(str(tmp_path / "frame.png"), pack_depth(depth))
-    decode, calls = cv2.imdecode, []
-    monkeypatch.setattr(cv2, "imdecode", lambda *args: calls.append(1) or decode(*args))
     np.testing.assert_array_equal(images.read_frame(tmp_path / "frame.png", CameraInfo(NYU)), depth)
-    assert len(calls) == 1
 
 
 def test_units_of_a_frame(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from handpose.frames import camera_file, formats
 from handpose.frames.formats import open_recording
 from handpose.frames.formats.folder import FolderRecording
 from handpose.frames.formats.stack import StackRecording
-from handpose.frames.recording import UNKNOWN, CameraInfo
+from handpose.frames.recording import CameraInfo
 from netlib.errors import DataError
 from tests.handpose.frames.conftest import GIVEN, hand_sized
 from tests.support.bad_input import bad_inputs
@@ -52,28 +52,21 @@ def test_stacks(tmp_path: Path) -> None:
     assert isinstance(open_recording(tmp_path / "B.NPY", GIVEN), StackRecording)
 
 
-@pytest.mark.parametrize(
-    ("name", "reader"),
-    [("a.bag", "BagRecording"), ("A.MCAP", "BagRecording")],
-)
-def test_containers(tmp_path: Path, asked: list[tuple[str, object, CameraInfo]], name: str, reader: str) -> None:
-    """Containers are opened by readers that are imported on demand."""
-    (tmp_path / name).touch()
-    open_recording(tmp_path / name, GIVEN)
-    assert asked == [(reader, tmp_path / name, GIVEN)]
-
-
-def test_a_bag_that_is_a_folder(tmp_path: Path, asked: list[tuple[str, object, CameraInfo]]) -> None:
-    (tmp_path / "metadata.yaml").touch()
-    open_recording(tmp_path)
-    assert asked == [("BagRecording", tmp_path, UNKNOWN)]
-
-
-def test_a_live_camera(asked: list[tuple[str, object, CameraInfo]]) -> None:
-    """The first camera is opened, or the one with a serial number."""
-    open_recording("realsense")
-    open_recording("realsense:/a:b", GIVEN)
-    assert asked == [("open_live", None, UNKNOWN), ("open_live", "/a:b", GIVEN)]
+@pytest.mark.parametrize(("source", "calls"), [
+    ("a.bag", ("BagRecording", Path("a.bag"))), ("A.MCAP", ("BagRecording", Path("A.MCAP"))),
+    ("bag", ("BagRecording", Path("bag"))),  # a folder
+    ("realsense", ("open_live", None)), ("realsense:/a:b", ("open_live", "/a:b")),
+])
+def test_readers_that_are_imported_on_demand(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, asked: list[Any], source: str, calls: tuple[str, object]
+) -> None:
+    """Of bags, and of the first camera or that with a serial number."""
+    monkeypatch.chdir(tmp_path)
+    Path("bag").mkdir()
+    for name in ("a.bag", "A.MCAP", "bag/metadata.yaml"):
+        Path(name).touch()
+    open_recording(source, GIVEN)
+    assert asked == [(*calls, GIVEN)]
 
 
 @bad_inputs(DataError, {

@@ -102,14 +102,6 @@ def test_an_old_folder_stays_until_the_new_one_has_a_frame(tmp_path: Path, count
     assert [path.name for path in tmp_path.iterdir()] == ["take"]
 
 
-def test_a_folder_with_the_name_of_a_frame(tmp_path: Path) -> None:
-    """A folder that is named as a frame is none: the recording is not replaced, and the folder's files stay."""
-    write(tmp_path, frames(3))
-    (tmp_path / "000009000000us.png").mkdir()
-    (tmp_path / "000009000000us.png" / "mine").touch()
-    with pytest.raises(NetlibError, match="holds 000009000000us"):
-        write(tmp_path, frames(3), replace=True)
-    assert (tmp_path / "000009000000us.png" / "mine").exists()
 
 
 ENDINGS = "expected a folder or FILE.npz"

@@ -69,11 +69,9 @@ def test_every_kind_of_bag(tmp_path: Path, name: str) -> None:
     assert len(list(recording)) == 4  # a second iteration starts at the first frame
 
 
-@pytest.mark.parametrize("name", ["sqlite", "mcap"])
-def test_a_file_without_its_folder(tmp_path: Path, name: str) -> None:
-    KINDS[name](tmp_path / name, DEPTH)
-    suffix = {"sqlite": "db3", "mcap": "mcap"}[name]
-    assert len(read(tmp_path / name / f"{name}.{suffix}")[1]) == 4
+@pytest.mark.parametrize(("name", "file"), [("sqlite", "sqlite.db3"), ("mcap", "mcap.mcap")])
+def test_a_file_without_its_folder(tmp_path: Path, name: str, file: str) -> None:
+    assert len(read(KINDS[name](tmp_path / name, DEPTH) / file)[1]) == 4
 
 
 def test_older_realsense(tmp_path: Path) -> None:
@@ -83,16 +81,12 @@ def test_older_realsense(tmp_path: Path) -> None:
     assert (recording.unit_mm, len(frames)) == (1.0, 4)
 
 
-@pytest.mark.parametrize(
-    ("values", "options", "unit_mm"),
-    [
-        (DEPTH[0], {"padding": 6}, 1.0),
-        (DEPTH[0], {"big": True}, 1.0),
-        (DEPTH[0], {"padding": 3, "big": True, "encoding": "mono16"}, 1.0),
-        (DEPTH[0].astype(np.float32) / 1000, {"encoding": "32FC1"}, 1000.0),
-        (DEPTH[0].astype(np.float32) / 1000, {"encoding": "32FC1", "big": True, "padding": 2}, 1000.0),
-    ],
-)
+@pytest.mark.parametrize(("values", "options", "unit_mm"), [
+    (DEPTH[0], {"padding": 6}, 1.0),
+    (DEPTH[0], {"padding": 3, "big": True, "encoding": "mono16"}, 1.0),
+    (DEPTH[0].astype(np.float32) / 1000, {"encoding": "32FC1"}, 1000.0),
+    (DEPTH[0].astype(np.float32) / 1000, {"encoding": "32FC1", "big": True, "padding": 2}, 1000.0),
+])
 def test_layouts_of_images(tmp_path: Path, values: Any, options: dict[str, Any], unit_mm: float) -> None:
     """Padded rows, both byte orders, and millimetres or metres are read."""
     message = bags.Messages(True).image(values, 5, **options)
@@ -133,24 +127,6 @@ def test_compressed_images(tmp_path: Path, write: Any, form: str, ending: str, c
     assert np.array_equal(frames[0].depth, DEPTH[0])
 
 
-@pytest.mark.parametrize(("a", "b"), [(10100.0, -1009.0), (5000.0, -249.0)])
-def test_quantised_metres(tmp_path: Path, a: float, b: float) -> None:
-    """A stored value v of a 32FC1 compressedDepth is a / (v - b) metres; 0 is no reading."""
-    values = np.full((48, 64), 9000, np.uint16)
-    values[0, 0] = 0
-    content = struct.pack("<iff", 0, a, b) + png(values)
-    make = compressed(content, "32FC1; compressedDepth png", "/compressedDepth")
-    recording, frames = read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make))
-    assert recording.unit_mm == 1000
-    assert frames[0].depth[0, :2].tolist() == pytest.approx([0, 1000 * a / (9000 - b)])
-
-
-def test_metres_as_tiff(tmp_path: Path) -> None:
-    make = compressed(png(DEPTH[0].astype(np.float32) / 1000, ".tiff"), "32FC1; tiff compressed ")
-    _, frames = read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make))
-    np.testing.assert_allclose(frames[0].depth, DEPTH[0], rtol=1e-6)
-
-
 def test_a_camera_of_another_size(tmp_path: Path) -> None:
     """Images of a region of the sensor, or of binned pixels, raise an error; a given camera replaces it."""
     path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=functools.partial(bags.driver, sensor=(100, 200)))
@@ -161,15 +137,10 @@ def test_a_camera_of_another_size(tmp_path: Path) -> None:
     assert read(bags.write_ros1(tmp_path / "b.bag", DEPTH, make=unknown))[0].camera.width == 64
 
 
-@pytest.mark.parametrize(
-    ("model", "d", "lens"),
-    [
-        ("plumb_bob", (0.2, 0.1, 0.01, 0.02, 0.03), Lens((0.2, 0.1, 0.01, 0.02, 0.03))),
-        ("rational_polynomial", (0.5, 0.3, 0, 0, 0.1, 0.1, 0.05, 0.02), Lens((0.5, 0.3, 0, 0, 0.1, 0.1, 0.05, 0.02))),
-        ("Inverse Brown Conrady", (0.2, 0.1, 0, 0, 0), Lens((0.2, 0.1, 0, 0, 0), "inverse_brown_conrady")),
-        ("", (), Lens()),
-    ],
-)
+@pytest.mark.parametrize(("model", "d", "lens"), [
+    ("Inverse Brown Conrady", (0.2, 0.1, 0, 0, 0), Lens((0.2, 0.1, 0, 0, 0), "inverse_brown_conrady")),
+    ("", (), Lens()),
+])
 def test_lenses(tmp_path: Path, model: str, d: tuple[float, ...], lens: Lens) -> None:
     make = functools.partial(bags.driver, model=model, d=d)
     path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make)
@@ -194,55 +165,44 @@ def test_a_camera_that_is_not_calibrated(tmp_path: Path) -> None:
     assert read(path, GIVEN)[0].camera.fx == 60
 
 
-class TestTopics:
-    def two(self, of: bags.Messages, depth: bags.Depth) -> bags.Content:
-        aligned = bags.driver(
-            of, depth[:2], "/camera/aligned_depth_to_color/image_raw", k=[90, 0, 30, 0, 90, 20, 0, 0, 1]
-        )
-        return bags.driver(of, depth) + aligned
+def test_several_topics_of_depth(tmp_path: Path) -> None:
+    """One is named after the bag."""
+    aligned = "/camera/aligned_depth_to_color/image_raw"
 
-    def test_several_of_depth(self, tmp_path: Path) -> None:
-        path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=self.two)
-        both = "depth of 2 topics: /camera/aligned_depth_to_color/image_raw, /camera/depth/image_raw; name one by"
-        with pytest.raises(DataError, match=both):
-            BagRecording(path, UNKNOWN)
-        recording, frames = read(Path(f"{path}#/camera/aligned_depth_to_color/image_raw"))
-        assert open_recording(f"{path}#/camera/aligned_depth_to_color/image_raw").camera == recording.camera
-        assert (recording.camera.fx, recording.count, len(frames)) == (90, 2, 2)
-        with pytest.raises(DataError, match=r"no images of '/camera/depth/image_rw' \(did you mean"):
-            BagRecording(Path(f"{path}#/camera/depth/image_rw"), CameraInfo())
+    def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
+        return bags.driver(of, depth) + bags.driver(of, depth[:2], aligned, k=[90, 0, 30, 0, 90, 20, 0, 0, 1])
 
-    def test_infrared_and_colour_are_no_depth(self, tmp_path: Path) -> None:
-        def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
-            ir = ("/camera/ir/image_raw", IMAGE, 1, of.image(depth[0], 1, "mono16"))
-            colour = ("/camera/color/image_raw", IMAGE, 1, of.image(depth[0], 1, "rgb8"))
-            return [ir, colour, *bags.driver(of, depth)]
-
-        assert len(read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make))[1]) == 4
-
-    def test_packed_beside_raw(self, tmp_path: Path) -> None:
-        def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
-            packed = (f"{bags.TOPIC}/compressedDepth", "sensor_msgs/msg/CompressedImage", 1, of.packed(depth[0], 1))
-            return [packed, *bags.driver(of, depth)]
-
-        assert len(read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make))[1]) == 4
+    path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make)
+    with pytest.raises(DataError, match=f"depth of 2 topics: {aligned}, /camera/depth/image_raw; name one by"):
+        BagRecording(path, UNKNOWN)
+    recording, frames = read(Path(f"{path}#{aligned}"))
+    assert open_recording(f"{path}#{aligned}").camera == recording.camera
+    assert (recording.camera.fx, recording.count, len(frames)) == (90, 2, 2)
+    with pytest.raises(DataError, match=r"no images of '/camera/depth/image_rw' \(did you mean"):
+        BagRecording(Path(f"{path}#/camera/depth/image_rw"), CameraInfo())
 
 
-class TestTimes:
-    def test_without_stamps(self, tmp_path: Path) -> None:
-        image = bags.Messages(True).image
-        path = bags.write_ros1(
-            tmp_path / "a.bag", DEPTH, make=images((image(DEPTH[0], 0), 10**9), (image(DEPTH[1], 0), 3 * 10**9))
-        )
-        assert [f.time for f in read(path)[1]] == [0.0, 2.0]
+def test_other_topics_than_depth(tmp_path: Path) -> None:
+    """Infrared, colours, and the compressed copy of an image."""
+    def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
+        return [("/camera/ir/image_raw", IMAGE, 1, of.image(depth[0], 1, "mono16")),
+                ("/camera/color/image_raw", IMAGE, 1, of.image(depth[0], 1, "rgb8")),
+                (f"{bags.TOPIC}/compressedDepth", COMPRESSED, 1, of.packed(depth[0], 1)), *bags.driver(of, depth)]
 
-    def test_the_same_image_again(self, tmp_path: Path) -> None:
-        """A repeated image is omitted, and a remark reports it."""
-        image = bags.Messages(True).image
-        sent = [(image(DEPTH[i], ns), 10 + k) for k, (i, ns) in enumerate([(0, 10**9), (0, 10**9), (1, 2 * 10**9)])]
-        recording, frames = read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=images(*sent)))
-        assert [(f.number, f.time) for f in frames] == [(0, 0.0), (2, 1.0)]
-        assert recording.remarks == ("frames left out because they are not later than the one before: 1",)
+    assert len(read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make))[1]) == 4
+
+
+def test_images_without_stamps(tmp_path: Path) -> None:
+    make = images((IMAGE_OF(DEPTH[0], 0), 10**9), (IMAGE_OF(DEPTH[1], 0), 3 * 10**9))
+    assert [f.time for f in read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make))[1]] == [0.0, 2.0]
+
+
+def test_the_same_image_again(tmp_path: Path) -> None:
+    """A repeated image is omitted, and a remark reports it."""
+    sent = [(IMAGE_OF(DEPTH[i], ns), 10 + k) for k, (i, ns) in enumerate([(0, 10**9), (0, 10**9), (1, 2 * 10**9)])]
+    recording, frames = read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=images(*sent)))
+    assert [(f.number, f.time) for f in frames] == [(0, 0.0), (2, 1.0)]
+    assert recording.remarks == ("frames left out because they are not later than the one before: 1",)
 
 
 @pytest.mark.parametrize(("name", "expected"), [
@@ -293,23 +253,18 @@ COLOUR = "/camera/color/image_raw"
                                      f"...a.bag: no images of depth, ...; it has {bags.TOPIC} of the encoding '64FC1'"),
     "colours as PNG": (compressed(png(np.zeros((48, 64, 3), np.uint8)), "png", topic=COLOUR),
                        f"...a.bag: no images of depth, ...; it has {COLOUR}/compressed of the encoding '...'"),
-    "a clock that is set back": (images((IMAGE_OF(DEPTH[0], 9 * 10**9), 1), (IMAGE_OF(DEPTH[1], 10**9), 2)),
-                                 "...a.bag: the clock goes back from 0.000 s to -8.000 s; expected one recording"),
     "too few bytes": (images((of_rows(49), 5)),
         f"...a.bag: {bags.TOPIC}: 6144 bytes in rows of 128, which are no 64 x 49 pixels of 16UC1"),
     **{form: (compressed(content, form), f"...a.bag: {bags.TOPIC}/compressed: {line}") for form, content, line in (
-        *((form, content, f"compressed depth of the format '{form}'; expected a PNG or TIFF of 16 bits (of RVL, ...")
+        *((form, content, f"compressed depth of the format '{form}'; expected a PNG or TIFF of 16 bits (of others, ...")
           for form, content in (("16UC1; jpeg compressed", b"\xff\xd8\xff"),
-                                ("16UC1; compressedDepth rvl", bytes(12) + b"none"))),
-        ("32FC1; compressedDepth png", bytes(12) + png(DEPTH[0]),
-         "compressed depth with the parameters 0 and 0; expected a positive and a finite number"),
-        ("32FC1; png compressed ", png(DEPTH[0]),
-         "32FC1 as 16-bit values without their scale; expected the format of compressedDepth"),
+                                ("16UC1; compressedDepth rvl", bytes(12) + b"none"),
+                                ("32FC1; compressedDepth png", bytes(12) + png(DEPTH[0])))),
         ("16UC1; png compressed ", png(DEPTH[0].astype(np.uint8)), "a picture of uint8 (48, 64), expected 16-bit ..."),
     )},
 })
 def test_bags_that_are_refused(tmp_path: Path, given: Any, rejected: Any) -> None:
-    """Other lenses, topics and clocks, compression that does not preserve depth, and damage raise an error."""
+    """Other lenses and topics, compression that does not preserve depth, and damage raise an error."""
     with rejected:
         read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=given))
 

@@ -13,7 +13,6 @@ import pytest
 
 from handpose.frames import camera_file
 from handpose.frames.cameras import Camera
-from handpose.frames.formats import stack
 from handpose.frames.formats.stack import StackRecording
 from handpose.frames.inspection import inspect
 from handpose.frames.recording import UNKNOWN, CameraInfo, Recording
@@ -61,22 +60,10 @@ def test_what_stands_beside_the_frames(tmp_path: Path) -> None:
 
 
 def test_times_of_a_given_unit(tmp_path: Path) -> None:
-    save(tmp_path / "a.npz", time=np.array([7000, 7040, 7080]), **BESIDE)
-    recording = StackRecording(tmp_path / "a.npz", CameraInfo(time_unit="ms"))
-    assert [frame.time for frame in recording] == pytest.approx([0, 0.04, 0.08])
     with pytest.raises(DataError, match=r"c\.npy: has no times, so --time-unit has no meaning"):
         StackRecording(save(tmp_path / "c.npy"), replace(GIVEN, time_unit="ms"))
     save(tmp_path / "b.npz", time=np.array([3, 4, 6]), rate=20.0, time_unit="frames", **BESIDE)
     assert [frame.time for frame in StackRecording(tmp_path / "b.npz", CameraInfo())] == pytest.approx([0, 0.05, 0.15])
-
-
-@pytest.mark.parametrize("suffix", [".npy", ".npz"])
-def test_one_image(tmp_path: Path, suffix: str) -> None:
-    for time in ({}, {} if suffix == ".npy" else {"time": TIMES[:1]}):
-        recording = StackRecording(save(tmp_path / f"one{suffix}", DEPTH[0], **time), GIVEN)
-        (frame,) = recording
-        assert (recording.count, frame.number, frame.time) == (1, 0, 0)
-        np.testing.assert_array_equal(frame.depth, DEPTH[0] / np.float32(2))
 
 
 def test_a_stack_by_another_name(tmp_path: Path) -> None:
@@ -110,6 +97,7 @@ def cut(path: Path, size: int | None = None, flip: int = 0) -> Path:
     **{f"{name} in {suffix}": (lambda tmp, suffix=suffix, depth=depth: save(tmp / f"take{suffix}", depth),
                                f"...take{suffix}: {line}")
        for suffix in (".npy", ".npz") for name, depth, line in (
+        ("one image", np.zeros((48, 64), np.uint16), "an array of shape (48, 64); expected (frames, height, width)"),
         ("four axes", np.zeros((3, 4, 5, 1), np.uint16),
          "an array of shape (3, 4, 5, 1); expected (frames, height, width)"),
         ("8 bits", np.zeros((3, 4, 5), np.uint8), "values of type uint8; expected depths, of 16 bits or more"),
@@ -142,15 +130,6 @@ def test_what_is_no_stack(tmp_path: Path, given: Callable[[Path], Path], rejecte
         list(StackRecording(path, GIVEN))
 
 
-def test_only_small_arrays_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The others are named; the frames are read one by one."""
-    monkeypatch.setattr(stack, "SMALL", 200)
-    np.savez(tmp_path / "a.npz", depth=DEPTH, fx=60.0, large=np.zeros(1000), objects=np.array([None]), K=np.eye(3).T)
-    frames = stack._Npz(tmp_path / "a.npz")
-    assert sorted(frames.others) == ["K", "fx"] and frames.names == ["fx", "large", "objects", "K"]
-    np.testing.assert_array_equal(next(iter(frames)), DEPTH[0])
-
-
 FOUR = np.stack([hand_sized(distance=1000 + i) for i in range(4)])
 SECONDS = np.array([0.0, 0.1, 0.2, 0.4])
 MATRIX = np.array([[60, 0, 31.5], [0, 61, 23.5], [0, 0, 1]])
@@ -167,9 +146,6 @@ def times_of(recording: Recording) -> list[float]:
     return [frame.time for frame in recording]
 
 
-DATES = np.datetime64("2026-11-28T04:00:00", "us") + (10**6 * SECONDS).astype("timedelta64[us]")
-
-
 @pytest.mark.parametrize(("name", "times", "how"), [
     *((name, 1_700_000_000 + SECONDS, "in s since 1970") for name in (
         "time", "times", "t", "ts", "timestamp", "Timestamps", "time_stamps", "stamps", "frame_times",
@@ -179,7 +155,6 @@ DATES = np.datetime64("2026-11-28T04:00:00", "us") + (10**6 * SECONDS).astype("t
     *((f"{name}_{ending}", 5 + ticks * SECONDS, f"in {unit} by its name")
       for name in ("time", "t", "timestamps") for ending, unit, ticks in (
         ("s", "s", 1), ("seconds", "s", 1), ("ms", "ms", 10**3), ("usec", "us", 10**6), ("ns", "ns", 10**9))),
-    ("stamps", DATES, "in ns as stored"),
 ])
 def test_names_and_units_of_times(tmp_path: Path, name: str, times: Any, how: str) -> None:
     recording = opened(tmp_path, **{name: times})
@@ -228,14 +203,6 @@ def test_what_is_named_like_times(tmp_path: Path) -> None:
     assert "arrays 'timestamp', 't' are not used" in recording.warnings[0]
 
 
-def test_a_unit_of_something_else(tmp_path: Path) -> None:
-    """Where the unit of the depth has its own name, ``unit`` may be of anything."""
-    for name in ("unit_mm", "depth_scale", "depth_units"):
-        recording = opened(tmp_path, CameraInfo(CAMERA), **{name: 0.001}, unit="radians")
-        assert "array 'unit' is not used" in recording.warnings[0]
-    assert opened(tmp_path, GIVEN, unit="radians").unit_mm == 0.5  # as the user says
-
-
 @pytest.mark.parametrize("name", ["distortion", "coeffs", "dist", "dist_coeffs", "distortion_coefficients", "D"])
 def test_distortion(tmp_path: Path, name: str) -> None:
     """Also as OpenCV's calibration returns it, (1, 5); that of another camera is not removed."""
@@ -277,7 +244,6 @@ def test_what_is_not_used_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         ("pairs of times", {"stamps": np.zeros((4, 2))}, "stamps is float64 (4, 2), expected (4,): a time ..."),
         ("words as times", {"times": list("abcd")}, "times is <U1 (4,), expected (4,): a time for each frame"),
         ("times back", {"t": SECONDS[::-1]}, "t[1] is 0.2; expected finite times, each after the one before"),
-        ("no date", {"ts": np.array(["NaT"] * 4, "datetime64[s]")}, "ts[1] is ...; expected finite times, ..."),
         ("fx alone", {"fx": 60.0}, "has fx, but not fy and u0 and v0"),
         ("matrices", {"K": np.zeros((4, 3, 3))}, "K is [[[0.0, 0.0, 0.0], ...; expected [[fx, 0, cx], ..."),
         ("two units", {"unit_mm": [1.0, 2.0]}, "unit_mm is [1.0, 2.0]; expected a number more than 1e-06 and ..."),
