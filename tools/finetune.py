@@ -106,7 +106,7 @@ def run(args: argparse.Namespace) -> int:
     frozen = {"all": nets.frozen_by_default, "none": list[str]}.get(args.freeze, lambda: nets.up_to(args.freeze))()
     train, test = split(classes, args.held_out, args.seed)
     if (args.out / "solver.prototxt").exists():
-        raise NetlibError(f"{args.out}: has the result of an earlier run; expected another --out")
+        raise NetlibError(f"{args.out}: has the files of an earlier run; delete it, or give another --out")
     args.out.mkdir(parents=True, exist_ok=True)
     for file, text in {
         "labels.txt": "\n".join(classes), "train.txt": _listed(train), "test.txt": _listed(test),
