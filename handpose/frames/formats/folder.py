@@ -118,7 +118,9 @@ def _no_frames(folder: Path) -> str:
     """The error for a folder without frames, with what it contains."""
     names = sorted(name for name in names_in(folder) if not name.startswith("."))
     shown = f"{', '.join(names[:MAX_SHOWN])}{' ...' * (len(names) > MAX_SHOWN)}" or "nothing"
-    advice = f": {HEADERLESS}" if any(name.lower().endswith(".raw") for name in names) else ""
+    inner = next((folder / name for name in names if "depth" in name.lower() and (folder / name).is_dir()), None)
+    is_raw = any(name.lower().endswith(".raw") for name in names)
+    advice = f": {HEADERLESS}" if is_raw else f"; name the folder of the frames, as '{inner}'" if inner else ""
     return f"{folder}: holds no depth frames (16-bit grey PNG or TIFF); found {shown}{advice}"
 
 
@@ -206,8 +208,8 @@ def in_order(names: Iterable[str], where: str, unit: str | None = None) -> Named
     sequences = sorted((_pattern(part), len(part)) for group in groups.values() for part in _sequences(group, unit))
     more = f" and {len(sequences) - MAX_SHOWN} more" if len(sequences) > MAX_SHOWN else ""
     shown = ", ".join(f"{pattern} ({count})" for pattern, count in sequences[:MAX_SHOWN])
-    raise DataError(f"{where}: holds {len(sequences)} sequences: {shown}{more}; name one, as "
-                    f"'{where}/{sequences[0][0]}'")
+    example = min((pattern for pattern, _ in sequences), key=lambda pattern: "depth" not in pattern.lower())
+    raise DataError(f"{where}: holds {len(sequences)} sequences: {shown}{more}; name one, as '{where}/{example}'")
 
 
 def since_1970(numbers: Sequence[float]) -> str | None:
