@@ -39,6 +39,8 @@ from netlib.errors import DataError, did_you_mean, reason_of, system_error_of
 from netlib.files.paths import exists, list_folder, names_in
 
 PICTURES = (".png", ".tif", ".tiff")
+SINGLE_ARRAYS = ("a file for each frame. Join them: python -c \"import glob, numpy as np; np.save('../take.npy', "
+                 "[np.load(name) for name in sorted(glob.glob('*.npy'))])\"")
 
 
 class FolderRecording(Recording):
@@ -119,8 +121,9 @@ def _no_frames(folder: Path) -> str:
     names = sorted(name for name in names_in(folder) if not name.startswith("."))
     shown = f"{', '.join(names[:MAX_SHOWN])}{' ...' * (len(names) > MAX_SHOWN)}" or "nothing"
     inner = next((folder / name for name in names if "depth" in name.lower() and (folder / name).is_dir()), None)
-    is_raw = any(name.lower().endswith(".raw") for name in names)
-    advice = f": {HEADERLESS}" if is_raw else f"; name the folder of the frames, as '{inner}'" if inner else ""
+    kinds = {PurePath(name).suffix.lower() for name in names}
+    advice = f"; name the folder of the frames, as '{inner}'" if inner else ""
+    advice = f": {SINGLE_ARRAYS}" if ".npy" in kinds else f": {HEADERLESS}" if ".raw" in kinds else advice
     return f"{folder}: holds no depth frames (16-bit grey PNG or TIFF); found {shown}{advice}"
 
 

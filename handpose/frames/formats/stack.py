@@ -163,8 +163,9 @@ def _header(stream: IO[bytes]) -> _Header:
 
 def _stack_shape(shape: tuple[int, ...], dtype: np.dtype[Any], where: str) -> tuple[int, int, int]:
     """Number of frames, height and width; one image is a stack, too. Raises DataError for other shapes and types."""
-    if len(shape) not in (2, 3) or min(shape) < 1 or math.prod(shape[-2:]) > MAX_PIXELS:
-        raise DataError(f"{where}: an array of shape {shape}; expected (frames, height, width)")
+    advice = ": np.moveaxis(array, 2, 0)" * (len(shape) == 3 and 4 * shape[2] < min(shape[:2]))
+    if advice or len(shape) not in (2, 3) or min(shape) < 1 or math.prod(shape[-2:]) > MAX_PIXELS:
+        raise DataError(f"{where}: an array of shape {shape}; expected (frames, height, width){advice}")
     check_values(dtype, where)
     frames, height, width = (1,) * (3 - len(shape)) + tuple(shape)
     return frames, height, width
