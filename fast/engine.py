@@ -118,7 +118,11 @@ def _share_splits(connections: Sequence[Connection], apart: Iterable[Connection]
     for number, at in enumerate(connections):
         for blob in at.top if type(at.layer) is Split else []:
             if all(writers[one] <= number and one not in own for one in (at.bottom[0], blob)):
+                before = blob._owner
                 blob.share_data(at.bottom[0])
+                for reader in connections if blob._owner is not before else []:
+                    if blob in reader.bottom:  # its values are lost, so who has read them must run again
+                        reader.ran_with = None
             elif blob._owner is not None:
                 values, blob._owner = blob.data, None
                 blob.data[...] = values

@@ -285,9 +285,7 @@ class Solver:
         means: list[dict[str, Any]] = []
 
         def test() -> None:
-            for i in range(len(self.test_nets)):
-                if self.requested != "stop":
-                    means.append(self.test(i))
+            means.extend(self.test(i) for i in range(len(self.test_nets)) if self.requested != "stop")
 
         self.ranks.at_root(test, lambda: self.requested)
         return means

@@ -115,10 +115,8 @@ def _tables(scores: dict[str, Score], benchmark: Benchmark, frames: int) -> str:
     for name, s in scores.items():
         means = [f"{error:.2f}" for error in (s.mean_mm, *s.parts_mm.values(), s.median_max_mm)]
         methods.append([name, *means, *(f"{s.success_max[t]:.1%}" for t in WITHIN_MM)])
-    joints = [["joint", *scores]]
-    for joint in benchmark.joints:
-        joints.append([joint, *(f"{s.joints_mm[joint]:.2f}" for s in scores.values())])
-    joints.append(["mean", *(f"{s.mean_mm:.2f}" for s in scores.values())])
+    errors = ([joint, *(f"{s.joints_mm[joint]:.2f}" for s in scores.values())] for joint in benchmark.joints)
+    joints = [["joint", *scores], *errors, ["mean", *(f"{s.mean_mm:.2f}" for s in scores.values())]]
     return (
         f"{benchmark.name}, {frames} frames{some}, {len(benchmark.joints)} joints: errors in mm between absolute "
         "positions in camera axes;\nmax is the worst joint of a frame\n\n"

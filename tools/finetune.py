@@ -107,7 +107,7 @@ def run(args: argparse.Namespace) -> int:
     frozen = [] if args.freeze == "none" else nets.frozen(None if args.freeze == "all" else args.freeze)
     train, test = split(classes, args.held_out, args.seed)
     if (args.out / "solver.prototxt").exists():
-        raise NetlibError(f"{args.out}: has the result of an earlier run; expected another --out")
+        raise NetlibError(f"{args.out}: has the files of an earlier run; delete it, or give another --out")
     args.out.mkdir(parents=True, exist_ok=True)
     training_net = nets.training(_data(args, name, preprocessing, len(train), len(test)), frozen)
     for file, text in {

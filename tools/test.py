@@ -141,10 +141,8 @@ def _draw(path: Path, net: Net, found: held_out.Predictions) -> None:
 def _table(rows: list[dict[str, object]]) -> str:
     """Format a table with one line per snapshot."""
     names = [name for name in rows[0] if name != "snapshot"]
-    lines = [["snapshot", *(_column(n)[0] for n in names)]]
-    for row in rows:
-        lines.append([str(row["snapshot"]), *(_column(n)[1].format(row[n]) for n in names)])
-    return aligned(lines)
+    cells = ([str(row["snapshot"]), *(_column(n)[1].format(row[n]) for n in names)] for row in rows)
+    return aligned([["snapshot", *(_column(n)[0] for n in names)], *cells])
 
 
 def _column(name: str) -> tuple[str, str]:

@@ -51,8 +51,9 @@ def run(args: argparse.Namespace) -> int:
     net = Net(args.model, PHASES[args.phase or "TRAIN"], engine=args.engine)
     if args.phase is None and net.inputs and not net.losses:
         net = Net(args.model, netlib.TEST, engine=args.engine)
-    for name in net.inputs:
-        net.blobs[name].data[...] = np.random.default_rng(0).uniform(-1, 1, net.blobs[name].shape)
+    for blob in (net.blobs[name] for name in net.inputs):
+        if len(blob.shape) == 4 and blob.shape[3] > 1:  # images; other inputs, such as regions, count items
+            blob.data[...] = np.random.default_rng(0).uniform(-1, 1, blob.shape)
     if args.memory:
         net.run_forward()
         net.run_backward()

@@ -1,15 +1,25 @@
-"""Estimate the size of a hand from its first seconds; then size and bones are constant."""
+"""Estimate the size of a hand from its first seconds; then size and bones are constant.
+
+In one frame, a larger hand farther away looks nearly the same, and a bent limb looks like a short one. All frames of a
+person have the same size, so several are fitted again with each of some sizes, each from its own fit. The result is the
+size with the least total cost, by a parabola through the three lowest. Frames count robustly, because some are fitted
+wrongly at any size.
+"""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
 from handpose.estimate.hand import Hand
-from handpose.fit.body import MAX_SIZE, MIN_SIZE, SIZE
-from handpose.fit.observation import HandCrops
-from handpose.fit.search import FAST
-from handpose.fit.size_calibration import calibrate_size
+from handpose.fit.body import MAX_SIZE, MIN_SIZE, SIZE, TYPICAL_SIZE
+from handpose.fit.depth_fit import DepthFitter
+from handpose.fit.objective import Objective
+from handpose.fit.observation import HandCrops, Observation
+from handpose.fit.search import FAST, Stage, data_cost, descend
 from handpose.tracking.pose_estimator import PoseEstimator
+from netlib.blob import Array
 from netlib.errors import DataError
 
 FRAMES = 32  # number of poses collected
@@ -18,6 +28,7 @@ EVERY = 0.1  # s between poses, which must differ
 CONFIDENT = 0.5
 NEAR = np.linspace(-0.12, 0.12, 9)  # logarithms of the sizes tried, about the median of the single fits
 POPULATION = 0.114  # deviation of the logarithm of the sizes of the recipe `people`
+STAGES = (Stage(15, 4), Stage(10, 3))
 
 
 def checked(size: float) -> float:
@@ -28,16 +39,12 @@ def checked(size: float) -> float:
 
 
 class SizeKeeper:
-    """Collects poses of one hand until its size can be estimated.
-
-    thickness  of the hand, estimated with its size; 1 before
-    """
+    """Collects poses of one hand until its size can be estimated."""
 
     def __init__(self, estimator: PoseEstimator) -> None:
         self._estimator = estimator
         self._estimates: list[Hand] = []
         self._time = -np.inf
-        self.thickness = 1.0
 
     def take(self, estimate: Hand, time: float) -> float | None:
         """The size, relative to the skeleton, as soon as it is known, otherwise None."""
@@ -55,6 +62,34 @@ class SizeKeeper:
         x = np.stack([s.x for s in estimates])
         size = float(np.exp(np.median(x[:, SIZE])))
         middle = np.clip(np.log(size), np.log(MIN_SIZE) - NEAR[0], np.log(MAX_SIZE) - NEAR[-1])
-        found = calibrate_size(estimator.fitter, seen, x, sizes=np.exp(middle + NEAR), deviation=POPULATION)
-        self.thickness = found.thickness
-        return found.size
+        return size_of(estimator.fitter, seen, x, sizes=np.exp(middle + NEAR), deviation=POPULATION)
+
+
+def size_of(fitter: DepthFitter, seen: Observation, x: Array, sizes: Array, deviation: float = np.inf) -> float:
+    """The size, relative to the skeleton, of the hand in all frames, fitted as x (N, V).
+
+    sizes      to be tried: at least three, with equal steps of their logarithms
+    deviation  of the logarithm of people's sizes about that of TYPICAL_SIZE. This prior counts as much as one frame,
+               however many there are, because the model differs from a hand in the same way in all of them.
+    """
+    # Weak priors: strong ones about poses that were fitted with another size would keep that size.
+    objective = Objective(fitter.model, replace(fitter.objective.weights, size=0.0, limbs=0.1, rigid=100.0))
+    left = np.zeros((len(sizes), len(x)))
+    for costs, size in zip(left, sizes):
+        start = x.copy()
+        start[:, SIZE] = np.log(size)
+        _, cost = descend(objective, start, seen, objective.prior_of(start, fitter.precision), STAGES)
+        costs[:] = data_cost(cost.parts)
+    bounded = np.minimum(left, 3 * np.median(left.min(axis=0)))  # frames that no size explains do not count
+    bounded += (np.log(sizes / TYPICAL_SIZE) / deviation)[:, None] ** 2
+    return lowest(sizes, bounded.mean(axis=1))
+
+
+def lowest(sizes: Array, values: Array) -> float:
+    """The minimum of a parabola through the lowest value and its neighbours, over the logarithm of the size."""
+    i = int(np.clip(values.argmin(), 1, len(sizes) - 2))
+    before, here, after = values[i - 1 : i + 2]
+    curve = before - 2 * here + after
+    shift = 0.5 * (before - after) / curve if curve > 0 else np.sign(before - after)
+    step = np.log(sizes[1] / sizes[0])
+    return float(np.exp(np.log(sizes[i]) + np.clip(shift, -1, 1) * step))

@@ -125,12 +125,17 @@ def find_class(spec: LayerParameter) -> type[Layer]:
 
 def _advice(error: BaseException, module: str) -> str:
     """What to do about an error of an import."""
-    if isinstance(error, ModuleNotFoundError) and error.name:
-        if f"{module}.".startswith(f"{error.name}."):
-            return "; it must lie in the working directory or on PYTHONPATH"
-        if error.name in PYTHON_2_MODULES:
-            return f"; it was written for Python 2: {error.name} is now {PYTHON_2_MODULES[error.name]} ({CONVERT})"
+    if isinstance(error, ModuleNotFoundError) and f"{module}.".startswith(f"{error.name}."):
+        return "; it must lie in the working directory or on PYTHONPATH"
+    if isinstance(error, ModuleNotFoundError) and error.name and error.name not in PYTHON_2_MODULES:
         return f"; install the package that has {error.name.partition('.')[0]!r}, or put it on PYTHONPATH"
+    return python_2_advice(error)
+
+
+def python_2_advice(error: BaseException) -> str:
+    """What to do about an error of a file for Python 2; empty for others."""
+    if isinstance(error, ModuleNotFoundError) and error.name in PYTHON_2_MODULES:
+        return f"; it was written for Python 2: {error.name} is now {PYTHON_2_MODULES[error.name]} ({CONVERT})"
     if isinstance(error, SyntaxError) and PYTHON_2_SYNTAX.search(f"{error.msg}: {(error.text or '').strip()}"):
         return f"; it was written for Python 2: convert it to Python 3 ({CONVERT})"
     return ""

@@ -14,12 +14,19 @@ from pathlib import Path
 from types import ModuleType
 
 from netlib import install_as_caffe
+from netlib.building.python_layer import python_2_advice
 
 
-def _run(source: bytes | str, name: str) -> None:
-    """Run a text, which may declare its encoding, as the main module."""
+def _run(source: bytes | str, name: str, **known: str) -> None:
+    """Run a text, which may declare its encoding, as the main module, in which these names are ``known``."""
     sys.modules["__main__"] = module = ModuleType("__main__")
-    exec(compile(source, name, "exec", dont_inherit=True), vars(module))  # noqa: S102 - the user's own script
+    vars(module).update(known)
+    try:
+        exec(compile(source, name, "exec", dont_inherit=True), vars(module))  # noqa: S102 - the user's own script
+    except (ImportError, SyntaxError) as error:
+        if not (advice := python_2_advice(error)):
+            raise
+        sys.exit(f"{error}{advice}")
 
 
 def main() -> None:
@@ -49,10 +56,7 @@ def main() -> None:
             sys.exit(f"{what}: script not found")
         sys.argv = words
         sys.path[0] = str(path.resolve().parent)  # as when Python runs the script
-        if path.is_file():
-            runpy.run_path(what, run_name="__main__")
-        else:  # a pipe can be read only once
-            _run(path.read_bytes(), what)
+        _run(path.read_bytes(), what, __file__=what)
 
 
 if __name__ == "__main__":

@@ -145,6 +145,5 @@ class NCCL:
     @staticmethod
     def new_uid() -> str:
         """Not supported. Raises NotImplementedError."""
-        raise NotImplementedError(
-            "NCCL needs GPUs, but netlib runs on the CPU; use MPI to train with several processes: docs/distributed.md"
-        )
+        raise NotImplementedError("NCCL needs GPUs, but netlib runs on the CPU; use MPI to train with several "
+                                  "processes: docs/distributed.md")

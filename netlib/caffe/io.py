@@ -62,11 +62,8 @@ def blobproto_to_array(blob: Any, return_diff: bool = False) -> NDArray[np.float
     single, double = (blob.diff, blob.double_diff) if return_diff else (blob.data, blob.double_data)
     values = np.array(double if len(double) else single, np.float64)
     legacy = ("num", "channels", "height", "width")
-    if any(blob.HasField(name) for name in legacy):
-        shape = tuple(getattr(blob, name) for name in legacy)
-    else:
-        shape = tuple(blob.shape.dim)
-    return _shaped(values, shape, "a BlobProto")
+    shape = [getattr(blob, name) for name in legacy] if any(map(blob.HasField, legacy)) else blob.shape.dim
+    return _shaped(values, tuple(shape), "a BlobProto")
 
 
 def array_to_blobproto(arr: Array, diff: Array | None = None) -> Any:
@@ -192,20 +189,16 @@ class Transformer:
         """Set the order of the axes: (2, 0, 1) converts (H, W, K) to (K, H, W)."""
         axes = len(self._shape(in_)) - 1
         if sorted(order) != list(range(axes)):
-            raise ShapeError(
-                f"Transpose order needs to have the same number of dimensions as the input: {in_!r} takes each of "
-                f"{', '.join(map(str, range(axes)))} once, found {plain(order)}"
-            )
+            raise ShapeError(f"Transpose order needs to have the same number of dimensions as the input: {in_!r} takes "
+                             f"each of {', '.join(map(str, range(axes)))} once, found {plain(order)}")
         self.transpose[in_] = order
 
     def set_channel_swap(self, in_: str, order: Sequence[int]) -> None:
         """Set the order of the channels, the first axis after the transpose: (2, 1, 0) converts RGB to BGR."""
         channels = self._shape(in_)[1]
         if len(order) != channels or not set(order) <= set(range(channels)):
-            raise ShapeError(
-                f"Channel swap needs to have the same number of dimensions as the input channels: {in_!r} has "
-                f"{', '.join(map(str, range(channels)))}, found {plain(order)}"
-            )
+            raise ShapeError(f"Channel swap needs to have the same number of dimensions as the input channels: {in_!r} "
+                             f"has {', '.join(map(str, range(channels)))}, found {plain(order)}")
         self.channel_swap[in_] = order
 
     def set_raw_scale(self, in_: str, scale: float) -> None:
@@ -222,9 +215,8 @@ class Transformer:
             raise ShapeError(f"Mean shape invalid: expected (K,), (H, W) or (K, H, W), found {mean.shape}")
         given = 1 if mean.ndim == 2 else len(mean)
         if given != channels and (given != 1 or mean.ndim == 1):
-            raise ShapeError(
-                f"Mean channels incompatible with input: {in_!r} has {channels}, found a mean of shape {mean.shape}"
-            )
+            raise ShapeError(f"Mean channels incompatible with input: {in_!r} has {channels}, found a mean of shape "
+                             f"{mean.shape}")
         if mean.ndim == 1:
             mean = mean[:, None, None]
         elif mean.shape[-2:] != tuple(size):
@@ -295,10 +287,8 @@ def resize_image(im: Array, new_dims: Size, interp_order: int = 1) -> NDArray[np
     im = np.asarray(im)
     height, width = (int(n) for n in new_dims) if len(new_dims) == 2 else (0, 0)
     if im.ndim != 3 or not im.size or height < 1 or width < 1 or interp_order not in range(6):
-        raise ShapeError(
-            "resize_image takes an image (H, W, K), a (height, width) and an order from 0 to 5, "
-            f"found an array of shape {im.shape}, {plain(new_dims)} and {interp_order}"
-        )
+        raise ShapeError("resize_image takes an image (H, W, K), a (height, width) and an order from 0 to 5, found an "
+                         f"array of shape {im.shape}, {plain(new_dims)} and {interp_order}")
     factors = (height / im.shape[0], width / im.shape[1], 1)
     if im.shape[2] not in (1, 3):
         return scipy.ndimage.zoom(im, factors, order=interp_order).astype(np.float32)

@@ -152,6 +152,14 @@ class Net(core.Net):
         """Run the layers numbered ``start`` down to ``end``, inclusive, backwards."""
         self.run_backward(end, start + 1)
 
+    def _set_inputs(self, arrays: Mapping[str, Array]) -> None:
+        """Repeat (N, C, 1, 1) over the height and width of the input, as pycaffe's assignment does."""
+        super()._set_inputs({
+            name: np.broadcast_to(array, (*array.shape[:2], *self.blobs[name].shape[2:]))
+            if array.shape[2:] == (1, 1) and name in self.inputs and len(self.blobs[name].shape) == 4 else array
+            for name, array in arrays.items()
+        })
+
     def forward_all(self, blobs: Iterable[str] | None = None, **inputs: Any) -> dict[str, Array]:
         """Run any number of items, batch by batch; returns outputs and ``blobs`` for all of them.
 

@@ -26,9 +26,9 @@ def command(name: str) -> str:
     """The command line of a tool, in the form in which the user started this one, or as installed."""
     if not is_subcommand():
         return f"python tools/{name}.py" if IS_CLONE else f"{PROGRAMS[0]} {name.replace('_', '-')}"
-    if name == Path(getattr(sys.modules["__main__"], "__file__", None) or "").stem:
-        return sys.argv[0]  # netlib has short names for some tools
-    return f"{sys.argv[0].split()[0]} {name.replace('_', '-')}"
+    program = sys.argv[0].split()[0]
+    short = name.removesuffix("_net") if program == "netlib" else name  # "netlib run" is run_net
+    return f"{program} {short.replace('_', '-')}"
 
 
 def is_subcommand() -> bool:

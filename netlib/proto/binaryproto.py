@@ -17,6 +17,7 @@ from netlib.proto.messages import BlobProto, BlobShape
 from netlib.proto.prototxt import Message
 
 RAW: dict[str, np.dtype[Any]] = {"DOUBLE": np.dtype("<f8"), "FLOAT": np.dtype("<f4"), "FLOAT16": np.dtype("<f2")}
+AXES = ("num", "channels", "height", "width")  # the form of a shape that is older than the field ``shape``
 
 
 def array_of(proto: BlobProto) -> Array:
@@ -25,8 +26,8 @@ def array_of(proto: BlobProto) -> Array:
 
     Blobs older than the field ``shape`` have four axes; if both are present, these take precedence, as in Caffe.
     """
-    shape: tuple[int, ...] = (proto.num, proto.channels, proto.height, proto.width)
-    if proto.shape is not None and not any(schema.is_given(proto, n) for n in ("num", "channels", "height", "width")):
+    shape: tuple[int, ...] = tuple(getattr(proto, axis) for axis in AXES)
+    if proto.shape is not None and not any(schema.is_given(proto, axis) for axis in AXES):
         shape = proto.shape.dim
     given = [values for values in (proto.data, proto.double_data) if values is not None and values.size]
     values: Array = given[-1] if given else _raw_values(proto)
@@ -39,22 +40,23 @@ def _raw_values(proto: BlobProto) -> Array:
     """The values of ``raw_data``, in which NVIDIA's Caffe and OpenCV's shrinkCaffeModel write half precision."""
     kind = RAW[proto.raw_data_type]
     if len(proto.raw_data) % kind.itemsize:
-        raise WireError(
-            f"{schema.position_of(proto)}: {len(proto.raw_data)} bytes of raw_data are no {kind.name} array"
-        )
+        raise WireError(f"{schema.position_of(proto)}: {len(proto.raw_data)} bytes of raw_data are no {kind.name} "
+                        "array")
     values = np.frombuffer(proto.raw_data, kind)
     return values if kind.itemsize > 2 and values.size else values.astype(np.float32)
 
 
-def tree_of(array: Array, diff: Array | None = None) -> Message:
-    """Convert an array, and its gradient if given, to a BlobProto tree; float64 as double, other types as float."""
-    shape, flat, slope = BlobShape(array.shape), np.ravel(array), None if diff is None else np.ravel(diff)
+def tree_of(array: Array, diff: Array | None = None, older: bool = False) -> Message:
+    """Convert an array, and its gradient if given, to a BlobProto tree; float64 as double, other types as float.
+
+    ``older``: the four axes are written as num, channels, height and width.
+    """
+    flat, slope = np.ravel(array), None if diff is None else np.ravel(diff)
+    shape: dict[str, Any] = dict(zip(AXES, array.shape)) if older else {"shape": BlobShape(array.shape)}
     if array.dtype == np.float64:
-        proto = BlobProto(shape, double_data=flat, double_diff=slope)
-    else:
-        slope = None if slope is None else slope.astype(np.float32, copy=False)
-        proto = BlobProto(shape, flat.astype(np.float32, copy=False), slope)
-    return schema.to_tree(proto)
+        return schema.to_tree(BlobProto(double_data=flat, double_diff=slope, **shape))
+    slope = None if slope is None else slope.astype(np.float32, copy=False)
+    return schema.to_tree(BlobProto(data=flat.astype(np.float32, copy=False), diff=slope, **shape))
 
 
 def read_blob(path: str | Path) -> Array:
@@ -71,8 +73,12 @@ def read_blob(path: str | Path) -> Array:
 
 
 def write_blob(array: Array, path: str | Path) -> None:
-    """Write a .binaryproto file atomically. Raises DataError."""
+    """Write a .binaryproto file atomically; four axes in the older form, as Caffe's compute_image_mean does.
+
+    Raises DataError.
+    """
+    array = np.asarray(array)
     try:
-        replace_bytes(Path(path), wire.encode(tree_of(np.asarray(array)), BlobProto))
+        replace_bytes(Path(path), wire.encode(tree_of(array, older=array.ndim == 4), BlobProto))
     except OSError as error:
         raise DataError(f"{path}: cannot write the blob: {reason_of(error)}") from error

@@ -109,3 +109,30 @@ def test_a_net_whose_forward_pass_changes_the_next_one_needs_forward_first(what:
         net.backward()
     np.testing.assert_array_equal(net.forward()["y"], other.forward()["y"])
     net.backward()
+
+
+TWO_BRANCHES = """
+layer { name: "a" type: "Input" top: "a" input_param { shape { dim: 3 dim: 1 dim: 5 dim: 6 } } }
+layer { name: "b" type: "Input" top: "b" input_param { shape { dim: 3 dim: 1 dim: 8 dim: 9 } } }
+layer { name: "tanh" type: "TanH" bottom: "b" top: "c" }
+layer { name: "relu" type: "ReLU6" bottom: "a" top: "d" }
+layer { name: "one" type: "Convolution" bottom: "d" top: "e"
+        convolution_param { num_output: 1 kernel_size: 1 weight_filler { type: "xavier" } } }
+layer { name: "two" type: "Convolution" bottom: "c" top: "f"
+        convolution_param { num_output: 4 kernel_size: 2 weight_filler { type: "xavier" } } }
+layer { name: "relu/f" type: "ReLU" bottom: "f" top: "f" }
+layer { name: "loss/c" type: "Reduction" bottom: "c" top: "loss/c" loss_weight: 1 reduction_param { operation: SUMSQ } }
+layer { name: "loss/d" type: "Reduction" bottom: "d" top: "loss/d" loss_weight: 1 reduction_param { operation: SUMSQ } }
+layer { name: "loss/f" type: "Reduction" bottom: "f" top: "loss/f" loss_weight: 1 reduction_param { operation: SUMSQ } }
+"""
+
+
+def test_a_branch_that_keeps_its_shape() -> None:
+    """After another input has a new shape, the gradients of a branch are those of its last pass."""
+    net = net_of(TWO_BRANCHES)
+    rng = np.random.default_rng(0)
+    net.forward(a=rng.normal(size=(3, 1, 5, 6)), b=rng.normal(size=(3, 1, 8, 9)))
+    before = net.backward()["b"].copy()
+    net.blobs["a"].reshape(1, 1, 5, 6)
+    net.reshape()
+    np.testing.assert_allclose(net.backward()["b"], before, rtol=1e-5)

@@ -151,6 +151,19 @@ def test_a_script_from_a_pipe_alone(tmp_path: Path) -> None:
     assert "needs code" in run_python("-m", "netlib.caffe", "-c", cwd=tmp_path, status=2).err
 
 
+@pytest.mark.parametrize(("typed", "message"), [
+    ("import caffe\nprint caffe.TEST", "Missing parentheses in call to 'print'. Did you mean print(...)? (<stdin>, "
+     "line 2); it was written for Python 2: convert it to Python 3 (docs/caffe.md, old scripts)\n"),
+    ("import cPickle", "No module named 'cPickle'; it was written for Python 2: cPickle is now pickle (docs/caffe.md, "
+     "old scripts)\n"),
+    ("import no_such_package", "...ModuleNotFoundError: No module named 'no_such_package'\n"),
+])
+def test_a_script_for_python_2(tmp_path: Path, typed: str, message: str) -> None:
+    """One line with the advice; other errors of imports and syntax keep Python's message."""
+    error = run_python("-m", "netlib.caffe", typed=typed, cwd=tmp_path, status=1).err
+    assert error.endswith(message[3:]) if message.startswith("...") else error == message
+
+
 @pytest.mark.parametrize(("level", "lines", "inside"),
                          [("1", 1, True), ("2", 0, True), ("2", 0, False), ("9", 0, False), ("x", 1, False)])
 def test_a_quiet_script(tmp_path: Path, level: str, lines: int, inside: bool) -> None:

@@ -183,7 +183,7 @@ def bad(name: str) -> tuple[object, ...]:
     "a sigmoid": "net.prototxt: layer 'prob' of type Sigmoid follows the last layer with weights; expected ...",
     "a map": "net.prototxt: with 3 classes in layer 'map' the output 'prob' has shape (2, 3, 5, 5); expected (N, 3)",
     "an unknown layer": "net.prototxt: there is no layer 'cone' before 'fc' (did you mean 'conv'?)",
-    "an earlier run": "finetuned: has the result of an earlier run; expected another --out",
+    "an earlier run": "finetuned: has the files of an earlier run; delete it, or give another --out",
     "a narrow net with a mean image": "net.prototxt: the input has 9 x 8 px; with --mean-file expected a square, ...",
 }.items())
 def test_what_is_refused(name: str, line: str) -> None:

@@ -193,6 +193,16 @@ def test_pictures_and_label_maps_that_are_refused(argv: list[str], message: str)
     assert message in run(*argv, status=1).err
 
 
+def test_a_value_that_is_not_finite(caplog: pytest.LogCaptureFixture) -> None:
+    """One line says in which blob or parameter the first is."""
+    net = netlib.Net("net.prototxt", "net.caffemodel", netlib.TEST)
+    net.params["fc/1"][1].data[0] = np.nan
+    net.save("net.caffemodel")
+    assert "nan  class 0" in run("0.png", "1.png", "--batch", "1").out
+    assert caplog.messages == ["NaN or infinity, first in parameter 1 of layer 'fc/1': check the weights, the mean and "
+                               "the scale"]
+
+
 SILENCE = 'layer { name: "s" type: "Silence" bottom: "a" }'
 TRAIN = 'layer { name: "d" type: "DummyData" top: "data" dummy_data_param { shape { dim: 1 dim: 3 } } }'
 

@@ -29,6 +29,9 @@ def test_a_deploy_net_is_timed_in_phase_test(tmp_path):
     item = float(re.search(r"Per item of the batch of 5: ([\d.e-]+) ms forward, ", out)[1])
     assert item == pytest.approx(mean / 5, 1e-3)
     assert "\nPhase TRAIN, batch 5\n" in run_tool("time", net, "--iterations", "1", "--phase", "TRAIN").out
+    net.write_text(inputs(map=(1, 2, 4, 4), rois=(2, 5)) + 'layer { name: "pool" type: "ROIPooling" bottom: "map" '
+                   'bottom: "rois" top: "pool" roi_pooling_param { pooled_h: 2 pooled_w: 2 } }')
+    assert "Average Forward pass" in run_tool("time", net, "--iterations", "1").out  # regions of the first item
     net.write_text(shared() + loss("b"))
     assert "\nPhase TRAIN, batch 2\n" in run_tool("time", net, "--iterations", "1").out
 

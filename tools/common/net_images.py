@@ -18,7 +18,7 @@ from layers.data.images import read_image
 from netlib import files
 from netlib.blob import Array
 from netlib.caffe.proto.ssd import LabelMap
-from netlib.errors import DataError, NetlibError, reason_of
+from netlib.errors import DataError, NetlibError, reason_of, warn_once
 from netlib.net import Net
 from netlib.proto import prototxt, schema
 from netlib.proto.binaryproto import read_blob
@@ -98,7 +98,10 @@ def passes(
         some = paths[begin : begin + batch]
         images = [read_image(Path(path), channels != 1) for path in some]
         inputs: dict[str, Any] = {name: preprocessing.blob(images)}
-        yield some, images, net.forward(blobs, **inputs)
+        arrays = net.forward(blobs, **inputs)
+        if not all(np.isfinite(array).all() for array in arrays.values()):
+            warn_once(f"NaN or infinity, first in {net.first_not_finite()}: check the weights, the mean and the scale")
+        yield some, images, arrays
 
 
 def image_input(net: Net) -> tuple[str, tuple[int, ...]]:

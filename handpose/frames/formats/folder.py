@@ -37,6 +37,8 @@ from netlib.errors import DataError, did_you_mean, system_error_of
 from netlib.files.paths import exists, list_folder, names_in
 
 PICTURES = (".png", ".tif", ".tiff")
+SINGLE_ARRAYS = ("a file for each frame. Join them: python -c \"import glob, numpy as np; np.save('../take.npy', "
+                 "[np.load(name) for name in sorted(glob.glob('*.npy'))])\"")
 
 
 class FolderRecording(Recording):
@@ -109,7 +111,10 @@ def _no_frames(folder: Path) -> str:
     """The error for a folder without frames, with what it contains."""
     names = sorted(name for name in names_in(folder) if not name.startswith("."))
     shown = f"{', '.join(names[:MAX_SHOWN])}{' ...' * (len(names) > MAX_SHOWN)}" or "nothing"
-    advice = f": {HEADERLESS}" if any(name.lower().endswith(".raw") for name in names) else ""
+    inner = next((folder / name for name in names if "depth" in name.lower() and (folder / name).is_dir()), None)
+    kinds = {PurePath(name).suffix.lower() for name in names}
+    advice = f"; name the folder of the frames, as '{inner}'" if inner else ""
+    advice = f": {SINGLE_ARRAYS}" if ".npy" in kinds else f": {HEADERLESS}" if ".raw" in kinds else advice
     return f"{folder}: holds no depth frames (16-bit grey PNG or TIFF); found {shown}{advice}"
 
 
@@ -184,8 +189,8 @@ def in_order(names: Iterable[str], where: str, unit: str | None = None) -> tuple
     sequences = sorted((_pattern(part), len(part)) for group in groups.values() for part in _sequences(group, unit))
     more = f" and {len(sequences) - MAX_SHOWN} more" if len(sequences) > MAX_SHOWN else ""
     shown = ", ".join(f"{pattern} ({count})" for pattern, count in sequences[:MAX_SHOWN])
-    raise DataError(f"{where}: holds {len(sequences)} sequences: {shown}{more}; name one, as "
-                    f"'{where}/{sequences[0][0]}'")
+    example = min((pattern for pattern, _ in sequences), key=lambda pattern: "depth" not in pattern.lower())
+    raise DataError(f"{where}: holds {len(sequences)} sequences: {shown}{more}; name one, as '{where}/{example}'")
 
 
 def since_1970(numbers: Sequence[float]) -> str | None:

@@ -161,8 +161,9 @@ def _header(stream: IO[bytes]) -> _Header:
 
 def _check_stack(shape: tuple[int, ...], dtype: np.dtype[Any], where: str) -> None:
     """Raise DataError unless an array of this shape and type may be frames."""
-    if len(shape) != 3 or min(shape) < 1 or math.prod(shape[-2:]) > MAX_PIXELS:
-        raise DataError(f"{where}: an array of shape {shape}; expected (frames, height, width)")
+    advice = ": np.moveaxis(array, 2, 0)" * (len(shape) == 3 and 4 * shape[2] < min(shape[:2]))
+    if advice or len(shape) != 3 or min(shape) < 1 or math.prod(shape[-2:]) > MAX_PIXELS:
+        raise DataError(f"{where}: an array of shape {shape}; expected (frames, height, width){advice}")
     check_values(dtype, where)
 
 

@@ -13,7 +13,6 @@ from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.joints.fit_joints import fit_joints
 from handpose.fit.observation import observe
 from handpose.fit.search import ACCURATE, FAST, turned_back
-from handpose.fit.size_calibration import calibrate_size
 from handpose.frames.cameras import KINECT2
 from layers.hand import skeleton
 from netlib.errors import DataError, NetlibError
@@ -61,10 +60,8 @@ def test_what_cannot_be_fitted(given: Callable[[], object], rejected: Any) -> No
     "starts": (lambda fit, x, scene: fit.fit(scene.seen, [x], ACCURATE),
                "1 starts, expected 4 for the plan 'accurate'"),
     "frames": (lambda fit, x, scene: fit.fit(scene.seen, [x[:11]], FAST), "starts of 11 frames for 12 crops"),
-    "few frames": (lambda fit, x, scene: calibrate_size(fit, scene.seen.take(slice(0, 4)), scene.truth[:4], np.ones(3)),
-                   "4 frames to estimate a hand's size from, expected 5 or more"),
 })
 def test_mistakes(model: CapsuleModel, scene: Scene, given: Callable[..., object], rejected: Any) -> None:
-    """The number of starts must match the quarter turns, the number of frames the crops; a size needs 5 frames."""
+    """The number of starts must match the quarter turns, the number of frames the crops."""
     with rejected:
         given(DepthFitter(model), scene.truth, scene)

@@ -144,13 +144,20 @@ def test_hdf5_is_converted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert open_recording("frames.npz").camera.fy == 61
 
 
-def test_the_line_that_converts_raw_values(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+@pytest.mark.parametrize(("kind", "said", "take"), [
+    ("raw", "values without a header", "take.npy"), ("npy", "a file for each frame", "../take.npy"),
+])
+def test_the_line_that_joins_files_of_values(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, said: str, take: str
+) -> None:
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
     values = np.arange(2 * 480 * 640, dtype=np.uint16).reshape(2, 480, 640)
     for number, frame in enumerate(values):
-        frame.tofile(f"{number}.raw")
-    with pytest.raises(DataError, match=r"holds no depth frames .*; found 0\.raw, 1\.raw: values without") as error:
-        open_recording(tmp_path)
+        frame.tofile(f"{number}.raw") if kind == "raw" else np.save(f"{number}.npy", frame)
+    with pytest.raises(DataError, match=rf"holds no depth frames .*; found 0\.{kind}, 1\.{kind}: {said}") as error:
+        open_recording(folder)
     code = str(error.value).partition(' -c "')[2].removesuffix('"')
-    run_python("-c", code, cwd=tmp_path)
-    np.testing.assert_array_equal(np.load("take.npy"), values)
+    run_python("-c", code, cwd=folder)
+    np.testing.assert_array_equal(np.load(take), values)

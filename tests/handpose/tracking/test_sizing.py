@@ -11,14 +11,15 @@ import pytest
 from handpose.body.render import normalise_depth, render_crop
 from handpose.body.sides import Side
 from handpose.estimate.hand import Hand
-from handpose.fit.body import SIZE, CapsuleModel
+from handpose.fit.body import MAX_SIZE, MIN_SIZE, SIZE, TYPICAL_SIZE, CapsuleModel
 from handpose.fit.depth_fit import DepthFitter
+from handpose.fit.observation import Observation, observe
 from handpose.frames.cameras import NYU
 from handpose.synthetic import prior_file
 from handpose.synthetic.generator import Generator, Recipe, View
 from handpose.synthetic.recipes import recipe
 from handpose.tracking import sizing
-from handpose.tracking.sizing import POPULATION, SizeKeeper
+from handpose.tracking.sizing import NEAR, POPULATION, SizeKeeper, lowest, size_of
 
 TRUE, COUNT = 0.93, 60
 
@@ -53,6 +54,47 @@ def estimates(
         fit: Any = SimpleNamespace(x=x[None], uncertainty=np.ones(1))
         found.append(Hand(side, crop, uvd, 300.0, NYU, np.zeros((31, 3)), fit, model, quality=(1.0, confidence)))
     return found
+
+
+# ---------------------------------------------------------------------------------------------- of some frames
+
+
+def drawn(
+    model: CapsuleModel, hands: tuple[np.ndarray, np.ndarray, np.ndarray], size: float
+) -> tuple[Observation, np.ndarray]:
+    """Six of the hands with this size, and fits of them with another one."""
+    _, uvd, x = (values[:6] for values in hands)
+    truth = x.copy()
+    truth[:, SIZE] = np.log(size)
+    depth = render_crop(model.capsules(truth, NYU.unproject(uvd)), uvd, 300.0)
+    return observe(normalise_depth(depth, uvd[:, 2], 300.0), uvd, NYU, 300.0, 200), x
+
+
+@pytest.mark.parametrize("size", [0.92, 0.761, 1.329])
+def test_the_size_in_some_frames(model: CapsuleModel, hands: Any, size: float) -> None:
+    sizes = np.geomspace(MIN_SIZE, MAX_SIZE, 25)
+    assert size_of(DepthFitter(model), *drawn(model, hands, size), sizes) == pytest.approx(size, abs=0.012)
+
+
+def test_sizes_that_are_tried(model: CapsuleModel, hands: Any) -> None:
+    """One outside their range is not found; the prior pulls to the typical one."""
+    near, fitter, seen = np.exp(NEAR), DepthFitter(model), drawn(model, hands, 0.955)
+    alone = size_of(fitter, *seen, near)
+    assert alone == pytest.approx(0.955, abs=0.015)
+    assert size_of(fitter, *seen, 1.05 * near[-3:] / near[-3]) <= 1.05
+    assert TYPICAL_SIZE < size_of(fitter, *seen, near, deviation=0.01) < alone
+
+
+def test_the_least_of_few_costs() -> None:
+    """The minimum is that of a parabola, or the first or last size if the costs decrease towards it."""
+    sizes = np.exp([-0.1, 0.0, 0.1])
+    assert lowest(sizes, np.array([2.0, 1.0, 2.0])) == pytest.approx(1.0)
+    assert lowest(sizes, np.array([1.0, 1.0, 2.0])) == pytest.approx(np.exp(-0.05))
+    assert lowest(sizes, np.array([1.0, 3.0, 4.0])) == pytest.approx(sizes[0])
+    assert lowest(sizes, np.array([4.0, 3.0, 1.0])) == pytest.approx(sizes[2])
+
+
+# ---------------------------------------------------------------------------------------------- in a track
 
 
 @pytest.mark.parametrize("side", ["right", "left"])

@@ -19,6 +19,7 @@ from netlib.distributed import ranks
 from netlib.distributed.ranks import Ranks
 from netlib.errors import NetlibError, PrototxtError, warn_once
 from tests.support.bad_input import bad_inputs
+from tests.support.nets import inputs
 
 pytestmark = pytest.mark.both_engines
 
@@ -243,6 +244,15 @@ def test_any_number_of_items(net: pycaffe.Net, count: int) -> None:
         assert np.allclose(found["a_top"], x @ w.T + b, atol=1e-5)
     data, diffs = net.forward_backward_all(["a_top"], ["a_top"], x=x, y=np.ones((count, 3), np.float32))
     assert data["y"].shape == diffs["x"].shape == (count, 3)
+
+
+def test_one_value_for_each_channel_fills_the_input() -> None:
+    """As pycaffe's assignment to the blob; any other size reshapes the net."""
+    Path("wide.prototxt").write_text(inputs(x=(1, 2, 3, 4)) + 'layer { name: "p" type: "Power" bottom: "x" top: "y" }')
+    net = pycaffe.Net("wide.prototxt", netlib.TEST)
+    given = np.float32([[[[1]], [[2]]]])
+    assert np.array_equal(net.forward_all(x=given)["y"], given + np.zeros((1, 2, 3, 4)))
+    assert net.forward(x=np.zeros((5, 2, 6, 1)))["y"].shape == (5, 2, 6, 1)
 
 
 def test_hooks_are_called_around_every_layer(net: pycaffe.Net) -> None:

@@ -68,4 +68,6 @@ def test_the_command_line(tree: Path) -> None:
 def test_commands_as_they_are_started(monkeypatch: pytest.MonkeyPatch) -> None:
     assert command("export_onnx") == "python tools/export_onnx.py"
     monkeypatch.setattr(sys, "argv", ["handpose train"])
-    assert command("export_onnx") == "handpose export-onnx"
+    assert (command("export_onnx"), command("run_net")) == ("handpose export-onnx", "handpose run-net")
+    monkeypatch.setattr(sys, "argv", ["netlib finetune"])
+    assert (command("export_onnx"), command("run_net")) == ("netlib export-onnx", "netlib run")

@@ -30,6 +30,13 @@ def test_an_array_comes_back(tmp_path: Path) -> None:
         assert np.array_equal(found, array)
 
 
+def test_a_mean_image_is_written_as_caffe_writes_it(tmp_path: Path) -> None:
+    """Scripts read its fields channels, height and width, not its shape."""
+    binaryproto.write_blob(np.zeros((1, 3, 2, 4), np.float32), tmp_path / "mean.binaryproto")
+    blob = caffe_pb2.BlobProto.FromString((tmp_path / "mean.binaryproto").read_bytes())
+    assert (blob.num, blob.channels, blob.height, blob.width, blob.HasField("shape")) == (1, 3, 2, 4, False)
+
+
 def test_a_blob_older_than_shapes_has_four_axes() -> None:
     array = binaryproto.array_of(proto("num: 1 channels: 2 height: 1 width: 3 data: [1, 2, 3, 4, 5, 6]"))
     assert array.shape == (1, 2, 1, 3)

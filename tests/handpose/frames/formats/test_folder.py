@@ -135,7 +135,8 @@ def tiff(path: Path, count: int) -> None:
     "other pictures": ((("a.jpg", "b.JPG", ".1.png"), ""),
                        "...: holds no depth frames (16-bit grey PNG or TIFF); found a.jpg, b.JPG"),
     "folders": ((("depth/1.png", "rgb/1.png"), ""),
-                "...: holds no depth frames (16-bit grey PNG or TIFF); found depth, rgb"),
+                "...: holds no depth frames (16-bit grey PNG or TIFF); found depth, rgb; name the folder of the "
+                "frames, as '.../depth'"),
     "another pattern": ((("left_1.png",), "lefts_*.png"),
                         ".../lefts_*.png: no picture has such a name (did you mean 'left_1.png'?)"),
     "another name": ((("frames_a/1.png",), "frame_a"),
@@ -219,6 +220,8 @@ def test_a_given_unit(names: list[str], unit: str, times: tuple[int, ...], ticks
                         "here: 001.png and 1.png are frames of the same moment; remove one of them"),
     "two letters": (["a_1.png", "a_2.png", "b_1.png"],
                     "here: holds 2 sequences: a_*.png (2), b_*.png (1); name one, as 'here/a_*.png'"),
+    "colours": ([f"frame-{i:06}.{kind}.png" for kind in ("color", "depth") for i in range(2)],
+                "here: holds 2 sequences: ...; name one, as 'here/frame-*.depth.png'"),
     "two kinds": (["1.png", "2.tif"], "here: holds 2 sequences: *.png (1), *.tif (1); name one, as 'here/*.png'"),
     "a background": (["1.png", "background.png"],
                      "here: holds 2 sequences: *.png (1), background.png (1); name one, as 'here/*.png'"),

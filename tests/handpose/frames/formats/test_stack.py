@@ -100,6 +100,8 @@ def cut(path: Path, size: int | None = None, flip: int = 0) -> Path:
         ("one image", np.zeros((48, 64), np.uint16), "an array of shape (48, 64); expected (frames, height, width)"),
         ("four axes", np.zeros((3, 4, 5, 1), np.uint16),
          "an array of shape (3, 4, 5, 1); expected (frames, height, width)"),
+        ("frames last", np.zeros((24, 32, 5), np.uint16),
+         "an array of shape (24, 32, 5); expected (frames, height, width): np.moveaxis(array, 2, 0)"),
         ("8 bits", np.zeros((3, 4, 5), np.uint8), "values of type uint8; expected depths, of 16 bits or more"),
         ("another size", np.zeros((3, 24, 32), np.uint16), "32 x 24 pixels; camera own has 64 x 48"),
     )},
