@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from experiments import constants
-from experiments.constants import Seen, cells_of, followed, set_constant
+from experiments.constants import Seen, cells_of, followed, set_constants
 from experiments.finder import Answer, Labelled, judged, labels_of, recalls_of, recorded
 from handpose.estimate.finder import FoundHand
 from handpose.estimate.packaged import HAND_FINDER
@@ -43,24 +43,24 @@ def test_few_numbers_are_tuned() -> None:
     ("tracking.hand_track.SURE=x", "'x' is no number"),
     ("tracking.hand_track.SURE=1", "already loaded"),
 ])
-def test_constants_that_cannot_be_set(text: str, line: str) -> None:
-    import handpose.tracking.tracker  # noqa: F401
-
+def test_constants_that_cannot_be_set(text: str, line: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    if "loaded" in line:
+        import handpose.tracking.tracker  # noqa: F401
+    else:
+        monkeypatch.delitem(sys.modules, "handpose.tracking.tracker", raising=False)
     with pytest.raises(DataError, match=line):
-        set_constant(text)
+        set_constants([text])
 
 
-def test_a_constant_is_set_before_the_tracker_is_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_constants_are_set_before_the_tracker_is_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also in modules that are loaded already, and import them."""
     from handpose.tracking import hand_track, present_hands
 
-    monkeypatch.setattr(hand_track, "SURE", hand_track.SURE)
+    for module, name in ((hand_track, "SURE"), (present_hands, "LOOK"), (hand_track, "LOOK")):
+        monkeypatch.setattr(module, name, getattr(module, name))
     monkeypatch.delitem(sys.modules, "handpose.tracking.tracker", raising=False)
-    set_constant("tracking.hand_track.SURE=inf")
-    assert np.inf == hand_track.SURE
-    monkeypatch.setattr(present_hands, "LOOK", present_hands.LOOK)
-    monkeypatch.setattr(hand_track, "LOOK", present_hands.LOOK)
-    set_constant("tracking.present_hands.LOOK=1")
-    assert hand_track.LOOK == present_hands.LOOK == 1, "it is loaded already, and imports the constant"
+    set_constants(["tracking.hand_track.SURE=inf", "tracking.present_hands.LOOK=1"])
+    assert np.inf == hand_track.SURE and hand_track.LOOK == present_hands.LOOK == 1
 
 
 def test_the_columns() -> None:
