@@ -66,9 +66,6 @@ def test_wrong_usage_is_one_line(words: str, message: str) -> None:
     assert done.err.count("\n") == 1 and done.out == ""
 
 
-# ---------------------------------------------------------------------------------------------- smallest forms
-
-
 def test_bench(keep_threads: None) -> None:
     """Our time is measured without any peer; a ratio is the peer's time divided by ours."""
     done = run("bench", "--nets", "LeNet", "hand-1", "--rounds", "1", "--threads", "1", "--cpu")
