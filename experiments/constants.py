@@ -25,6 +25,7 @@ with all. The means of other seeds differ by up to 0.3.
     FIRST_CREDIT=1 SURE=0.5 CLEAR=0       13.52   P1 up to 19.7 mm
     COVERED=0 MAX_RATIO=1e9 SELF_MM=0     13.52   covered hands are sure
     MAX_MOVE_MM=1e9 NEAREST_MM=0 LEAVING=1   13.47   a wrong side in hpx
+    BESIDE=0 ENOUGH_BOTH=0 ENOUGH_FIRST=0 LOOK=1 STILL=1 MAX_PAUSE=0.2   13.32   one hand only; for scenes
 """
 
 from __future__ import annotations
