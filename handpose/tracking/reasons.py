@@ -15,7 +15,7 @@ from handpose.tracking.track import HIDDEN, LEFT
 from netlib.blob import Array
 from netlib.errors import DataError
 
-NO_HAND = "the object there does not look like a hand"
+NO_HAND, NO_POSE = "the object there does not look like a hand", "no pose was found there"
 
 
 def uncertain(confidence: float) -> str:

@@ -35,7 +35,7 @@ from handpose.tracking.hand_track import AHEAD_S, ENOUGH, SURE, FrameHands, Hand
 from handpose.tracking.output import tracked_hand
 from handpose.tracking.pose_estimator import PoseEstimator
 from handpose.tracking.present_hands import LATER_S, SOON_S, STILL, PresentHands, PresentPlace, Taken
-from handpose.tracking.reasons import reason, uncertain
+from handpose.tracking.reasons import NO_POSE, reason
 from handpose.tracking.reporting import SureHands
 from handpose.tracking.sizing import checked
 from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackHeader
@@ -239,7 +239,7 @@ class Tracker:
         for place in self.present.there[: self.limit - len(self.tracks)]:
             x, y, z = place.hand.middle.tolist()
             mask = place.hand.mask if place.time == time else None
-            present.append(PresentHand(place.id, place.hand.side, place.presence, 0.0, (x, y, z), uncertain(0.0), mask))
+            present.append(PresentHand(place.id, place.hand.side, place.presence, 0.0, (x, y, z), NO_POSE, mask))
         return TrackedFrame(number, time, tuple(hands), tuple(lost), tuple(present))
 
     def _lost(self) -> list[int]:
