@@ -117,7 +117,7 @@ def run(args: argparse.Namespace) -> int:
     }.items():
         atomic.replace_text(args.out / file, text.rstrip("\n") + "\n")
     say(f"{len(classes)} classes, {len(train)} pictures to train on, {len(test)} held out; layer {nets.head!r} becomes "
-        f"{nets.name!r}; {len(frozen)} layers keep their weights", file=sys.stderr)
+        f"{nets.name!r}; layers that keep their weights: {len(frozen)}", file=sys.stderr)
     status = training.train(args.out / "solver.prototxt", weights=[args.weights], engine=args.engine,
                             log_file=args.out / "train.log")
     if status != DONE:

@@ -60,7 +60,7 @@ class HandSummary:
             return ""
         length, focal = ("shorter", "large") if is_small else ("longer", "small")
         return (f"it has {LENGTH_MM * self.size:.0f} mm from the wrist to the tip of the middle finger, {length} than "
-                f"most hands of adults; if the real one is not, the focal lengths are about 20% too {focal}")
+                f"most hands of adults; if the real one is not, the focal lengths are 20% or more too {focal}")
 
 
 class Summary:

@@ -25,7 +25,7 @@ FROM_VIDEO = (  # also of the videos that tools/record.py wrote: their tag CAMER
 FROM_HDF5 = ("import h5py, numpy; f = h5py.File({name!r}); "
              "numpy.savez('frames.npz', **f.attrs, **{{k: v[()] for k, v in f.items()}})")
 # Kinds of files that are not read, and the Python statement that converts one.
-CONVERTED = {**dict.fromkeys((".mkv", ".avi", ".mp4", ".mov"), FROM_VIDEO),
+CONVERTED = {**dict.fromkeys((".mkv", ".avi"), FROM_VIDEO),
              **dict.fromkeys((".h5", ".hdf5"), FROM_HDF5)}
 
 
