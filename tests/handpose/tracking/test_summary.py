@@ -74,7 +74,7 @@ def test_why_nothing_was_found() -> None:
 
 @pytest.mark.parametrize(("size", "confidence", "frames", "doubt"), [
     (0.8, 0.5, 40, ""), (0.95, 0.97, 40, ""), (0.95, 0.8, 14, ""),
-    (0.95, 0.8, 40, "206 mm from the wrist to the tip of the middle finger, longer than most ... 20% or more too small"),
+    (0.95, 0.8, 40, "206 mm from the wrist to the tip of the middle finger, longer ... 20% or more too small"),
     (1.1, 0.97, 40, "239 mm ... longer ... too small"),
     (0.66, 0.97, 40, "143 mm ... shorter ... too large"),
 ])
