@@ -211,16 +211,16 @@ class Net:
         layers = [step.connections[0].layer for step in missing]
         before = snapshot.as_plain({layer.name: layer.state() for layer in layers})
         read = {blob for at in self.connections if at.has_run() for blob in at.bottom}
-        kept = [(blob, blob.data.copy()) for step in missing for blob in step.connections[0].top if blob in read]
         for layer, step in zip(layers, missing):
             if not layer.spec.bottom and not layer.is_input:
                 raise layer.fail("backward was called before forward, which reads data: run forward first")
+            kept = [(blob, blob.data.copy()) for blob in step.connections[0].top if blob in read]
             step.forward()
+            for blob, data in kept:  # before a later layer reads them
+                blob.data[...] = data
             if snapshot.as_plain(layer.state()) != before[layer.name]:
                 self.restore_layer_states(before)
                 raise layer.fail("backward was called before forward, which draws random numbers: run forward first")
-        for blob, data in kept:
-            blob.data[...] = data
 
     def _seed_losses(self) -> None:
         """Set the diff of each loss to its weight: the loss is the sum of loss_weight x top, so dL/dtop = loss_weight.

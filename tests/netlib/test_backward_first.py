@@ -136,3 +136,21 @@ def test_a_branch_that_keeps_its_shape() -> None:
     net.blobs["a"].reshape(1, 1, 5, 6)
     net.reshape()
     np.testing.assert_allclose(net.backward()["b"], before, rtol=1e-5)
+
+
+def test_a_layer_in_place_that_has_run() -> None:
+    """A layer behind it that runs again reads what it has written, though the layer before it runs again, too."""
+    net = net_of("""
+        layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 dim: 2 dim: 8 dim: 8 } } }
+        layer { name: "conv" type: "Convolution" bottom: "x" top: "a"
+                convolution_param { num_output: 2 kernel_size: 2 weight_filler { type: "xavier" } } }
+        layer { name: "norm" type: "BatchNorm" bottom: "a" top: "a" }
+        layer { name: "pool" type: "Pooling" bottom: "a" top: "p" pooling_param { kernel_size: 2 stride: 2 } }""")
+    rng = np.random.default_rng(0)
+    net.forward(x=rng.normal(size=(3, 2, 8, 8)))
+    net.blobs["x"].reshape(1, 2, 8, 8)
+    net.blobs["x"].data[...] = rng.normal(size=(1, 2, 8, 8))
+    before = net.forward()["p"].copy()
+    net.reshape()
+    net.backward(p=np.ones_like(before))
+    np.testing.assert_array_equal(net.blobs["p"].data, before)
