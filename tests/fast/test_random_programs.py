@@ -3,10 +3,9 @@
 A *program* is a net and a list of operations, run by ``check(123)``. After each operation the three nets must agree: on
 values returned or errors raised, on parameters, gradients, outputs; plain and fast to rounding in float64, fast on 1
 and on 4 threads bit for bit. The programs of the test find five planted faults: gradients of weights without the last
-slice, padding that keeps old values when there are fewer items, a winner of max pooling one column off where windows
-extend beyond the image, the slope of ReLU at 0, lanes one for each thread. What docs/net.md excludes is not generated:
-a gradient read after another forward pass or after the weights changed, a blob written after a pass that did not store
-all blobs, and inputs given as views of each other.
+slice, padding that keeps old values, a winner of max pooling one column off in windows beyond the image, the slope of
+ReLU at 0, lanes one for each thread. What docs/net.md excludes is not generated: a gradient read after another pass or
+new weights, a blob written after a pass that did not store all blobs, and inputs that are views of each other.
 """
 
 from __future__ import annotations
