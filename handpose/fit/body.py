@@ -18,6 +18,7 @@ from __future__ import annotations
 from functools import cached_property
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -273,11 +274,24 @@ class WorldPose(NamedTuple):
     place     (3,) mm, position of the root from the camera, in the axes of the (mirrored) camera
     rotation  (3, 3) world_from_root
     others    (V - 6,) the other variables: limbs, the surface's own, logarithms of size and thickness
+
+    A step (V,) from one pose to another has mm, the turn about the world's axes (its axis times its angle, at most half
+    a turn), and the differences of the other variables. Divided by a time it is a velocity.
     """
 
     place: Array
     rotation: Array
     others: Array
+
+    def step_to(self, other: WorldPose) -> Array:
+        """The step (V,) that leads to another pose."""
+        turn = cv2.Rodrigues(other.rotation @ self.rotation.T)[0].reshape(3)
+        return np.concatenate([other.place - self.place, turn, other.others - self.others])
+
+    def moved(self, step: Array) -> WorldPose:
+        """The pose after a step (V,)."""
+        rotation = np.asarray(cv2.Rodrigues(step[3:6])[0]) @ self.rotation
+        return WorldPose(self.place + step[:3], rotation, self.others + step[6:])
 
 
 def world_pose(model: CapsuleModel, x: Array, center_mm: Array) -> WorldPose:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,7 @@ from handpose.frames.cameras import Camera
 from handpose.tracking.pose_estimator import PoseEstimator
 from handpose.tracking.present_hands import LATER_S, LOOK, SAME_MM, SOON_S
 from handpose.tracking.sizing import SizeKeeper
-from handpose.tracking.smoothing import PoseFilter, turn_between, turned
+from handpose.tracking.smoothing import PoseFilter
 from netlib.blob import Array
 
 ENOUGH = 0.3  # confidence of a pose, below which it is none
@@ -39,46 +38,20 @@ CLEAR = 0.1  # mean ratio that decides before the maximum
 MAX_SIDE_CONFIDENCE = 0.99  # of a side that is not decided
 
 
-class Motion(NamedTuple):
-    """The velocity of a body: mm/s, rad/s about the world's axes, and its other variables per second."""
-
-    place: Array
-    turn: Array
-    others: Array
-
-
-def motion_between(first: WorldPose, second: WorldPose, seconds: float) -> Motion:
-    """The motion from one body to the other in this time."""
-    return Motion(
-        (second.place - first.place) / seconds,
-        turn_between(first.rotation, second.rotation) / seconds,
-        (second.others - first.others) / seconds,
-    )
-
-
-def moved(body: WorldPose, motion: Motion, seconds: float) -> WorldPose:
-    """The body after this time."""
-    return WorldPose(
-        body.place + motion.place * seconds,
-        turned(body.rotation, motion.turn * seconds),
-        body.others + motion.others * seconds,
-    )
-
-
 class SideState:
-    """The state of a hand as one side: its last pose, its motion, and its filter."""
+    """The state of a hand as one side: its last pose, its velocity (V,) (``WorldPose``), and its filter."""
 
     def __init__(self, estimate: Hand, time: float) -> None:
         self.estimate, self.time = estimate, time
-        self.motion: Motion | None = None
+        self.velocity: Array | None = None
         self.filter = PoseFilter()
         self.smooth = self.filter(estimate.body, time, estimate.error_mm)
 
     def expected(self, time: float) -> WorldPose:
         """The expected body at a time."""
-        if self.motion is None:
+        if self.velocity is None:
             return self.estimate.body
-        return moved(self.estimate.body, self.motion, KEPT * min(time - self.time, AHEAD_S))
+        return self.estimate.body.moved(KEPT * min(time - self.time, AHEAD_S) * self.velocity)
 
     def take(self, estimate: Hand, time: float) -> None:
         """Add a pose.
@@ -86,17 +59,16 @@ class SideState:
         A pose whose fit did not start from the expected one changes only the velocity of the place, to that of the
         mean of the joints; and nothing if it is too far away.
         """
-        seconds, way = time - self.time, _mean_joint(estimate) - _mean_joint(self.estimate)
+        way, new = _mean_joint(estimate) - _mean_joint(self.estimate), None
         if estimate.is_tracked:
-            self._add_motion(motion_between(self.estimate.body, estimate.body, seconds))
+            new = self.estimate.body.step_to(estimate.body) / (time - self.time)
         elif np.linalg.norm(way) <= MAX_JUMP_MM:
-            still = Motion(np.zeros(3), np.zeros(3), np.zeros_like(estimate.body.others))
-            self._add_motion((self.motion or still)._replace(place=way / seconds))
+            new = np.zeros(6 + len(estimate.body.others)) if self.velocity is None else self.velocity.copy()
+            new[:3] = way / (time - self.time)
+        if new is not None:
+            self.velocity = new if self.velocity is None else NEW * new + (1 - NEW) * self.velocity
         self.estimate, self.time = estimate, time
         self.smooth = self.filter(estimate.body, time, estimate.error_mm)
-
-    def _add_motion(self, new: Motion) -> None:
-        self.motion = Motion(*(NEW * n + (1 - NEW) * o for n, o in zip(new, self.motion or new)))
 
 
 class FrameHands:

@@ -26,7 +26,7 @@ from handpose.body.sides import Side, mirror_of
 from handpose.fit.body import SIZE, CapsuleModel, WorldPose
 from handpose.fit.pose_confidence import least_error
 from handpose.tracking.output import variables_of
-from handpose.tracking.smoothing import PoseFilter, turn_between, turned
+from handpose.tracking.smoothing import PoseFilter
 from handpose.tracking.track import TrackedFrame, TrackedHand
 
 MAX_UNDECIDED_S, MAX_UNDECIDED = 4.0, 150  # s and frames that are held for a side; it is decided within 3 s
@@ -129,7 +129,8 @@ class LaterFrames(Generic[T]):
         if hand.poses is None or backward is None:
             return hand
         model, poses, mirror = self._model, hand.poses, mirror_of(hand.hand)
-        body, center = middle_of(poses.smoothed, backward), hand.origin_mm * mirror
+        body = poses.smoothed.moved(poses.smoothed.step_to(backward) / 2)
+        center = hand.origin_mm * mirror
         x = variables_of(model, [body], center[None], poses.size)
         return replace(
             hand,
@@ -157,12 +158,3 @@ def _as(hand: TrackedHand, side: Side) -> TrackedHand:
     if hand.known_side is not None or own is None:
         return hand
     return replace(own, confidence=own.confidence / own.side_confidence, side_confidence=1.0, other=None)
-
-
-def middle_of(first: WorldPose, second: WorldPose) -> WorldPose:
-    """The pose half-way between two."""
-    return WorldPose(
-        (first.place + second.place) / 2,
-        turned(first.rotation, turn_between(first.rotation, second.rotation) / 2),
-        (first.others + second.others) / 2,
-    )

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
-from handpose.fit.body import SIZE, CapsuleModel, RootMotion, crop_variables, world_pose
+from handpose.fit.body import SIZE, CapsuleModel, RootMotion, WorldPose, crop_variables, world_pose
 from layers.hand.bodies import kinematics_of
 from tests.support.made_tracks import skeleton_of
 
@@ -94,3 +95,27 @@ def test_any_crop_centre(model: CapsuleModel, seed: int, first: tuple[float, ...
     np.testing.assert_allclose(model.joints(again[None])[0] + second, model.joints(x[None])[0] + first, atol=1e-3)
     others = model.root_motion.others
     np.testing.assert_array_equal(again[others], x[others])
+
+
+@given(seed=st.integers(0, 10**6), angle=st.floats(0, np.pi))
+def test_a_step_leads_there_and_back(seed: int, angle: float) -> None:
+    """The step to a pose is the place's way, the turn about an axis of the world, and what others changed by."""
+    rng = np.random.default_rng(seed)
+    axis = rng.normal(size=3)
+    step = np.concatenate([rng.normal(size=3), angle * axis / np.linalg.norm(axis), rng.normal(size=4)])
+    first = WorldPose(rng.normal(size=3), Rotation.random(random_state=rng).as_matrix(), rng.normal(size=4))
+    second = first.moved(step)
+    np.testing.assert_allclose(second.place, first.place + step[:3])
+    np.testing.assert_allclose(second.rotation, Rotation.from_rotvec(step[3:6]).as_matrix() @ first.rotation, atol=1e-9)
+    np.testing.assert_allclose(second.others, first.others + step[6:])
+    back = first.step_to(second)
+    assert np.linalg.norm(back[3:6]) <= np.pi + 1e-9
+    for found, expected in zip(first.moved(back), second):
+        np.testing.assert_allclose(found, expected, atol=1e-5)
+
+
+def test_a_step_by_hand() -> None:
+    """10 mm along x and a quarter turn about y."""
+    first = WorldPose(np.zeros(3), np.eye(3), np.zeros(2))
+    second = WorldPose(np.array([10.0, 0, 0]), np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]), np.array([0, 0.1]))
+    np.testing.assert_allclose(first.step_to(second), [10, 0, 0, 0, np.pi / 2, 0, 0, 0.1], atol=1e-9)

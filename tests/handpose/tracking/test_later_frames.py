@@ -11,7 +11,7 @@ import pytest
 from handpose.body.sides import Side, mirror_of
 from handpose.fit.body import SIZE, CapsuleModel, crop_variables, world_pose
 from handpose.fit.pose_confidence import GOOD_MM
-from handpose.tracking.later_frames import AHEAD, AHEAD_S, LASTING_S, MAX_UNDECIDED_S, LaterFrames, middle_of
+from handpose.tracking.later_frames import AHEAD, AHEAD_S, LASTING_S, MAX_UNDECIDED_S, LaterFrames
 from handpose.tracking.smoothing import PoseFilter
 from handpose.tracking.track import TrackedFrame, TrackedHand, TrackedPoses, joints_of
 from tests.support.tracked_hands import HEADER, tracked
@@ -170,18 +170,6 @@ def test_hands_that_were_not_smoothed_are_unchanged(model: CapsuleModel) -> None
     frames = [TrackedFrame(n, n / RATE, (tracked(),)) for n in range(5)]
     for found, given in zip(smoothed(model, frames), frames):
         assert found.hands[0] is given.hands[0]
-
-
-def test_the_middle_of_two_poses(model: CapsuleModel) -> None:
-    """Half the way and half the turn."""
-    x = np.zeros((3, model.variables))
-    x[:, 5] = 0.0, 0.2, 0.4
-    x[:, 0] = 0.0, 0.1, 0.2
-    first, middle, last = (world_pose(model, one, ORIGIN) for one in x)
-    found = middle_of(first, last)
-    np.testing.assert_allclose(found.place, middle.place, atol=1e-9)
-    np.testing.assert_allclose(found.rotation, middle.rotation, atol=1e-9)
-    np.testing.assert_allclose(found.others, middle.others, atol=1e-9)
 
 
 def test_errors_last(model: CapsuleModel) -> None:
