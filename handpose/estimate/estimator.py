@@ -119,8 +119,7 @@ class HandEstimator:
         mirror = mirror_of(candidate.side)
         return Hand(
             candidate.side, candidate.crop, candidate.center_uvd, self.cube_mm, camera, fit.network[0] * mirror, fit,
-            fitter.model, known_size=candidate.size is not None, is_tracked=is_tracked,
-            is_predicted=candidate.moved_mm is None,
+            fitter.model, is_tracked=is_tracked,
         )
 
     def _expected(self, candidates: Sequence[Candidate], camera: Camera, model: CapsuleModel) -> Array:

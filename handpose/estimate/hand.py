@@ -38,16 +38,16 @@ class Hand:
     center_uvd  (3,) px, px, mm: the crop's centre
     cube_mm     edge of the crop's cube
     camera      of the frame
-    network_mm  (K, 3) mm from the crop's centre, camera axes: the joints predicted by the network alone
+    network_mm  (K, 3) mm from the crop's centre, camera axes: the joints predicted by the network alone; those expected
+                from earlier frames if it was not run
     fit         of this body alone; in mirrored axes for a left hand. None without a fit
     model       of the fit
-    known_size  True if the fit was given the size
     is_tracked  True if the fit started from the pose expected from earlier frames
-    is_predicted  False if the network was not run; then ``network_mm`` are the joints expected from earlier frames
     other       the same crop fitted as a hand of the other side, if both sides were tried
-    quality     expected error in mm and confidence (``judge``); None before it is judged
-    evidence    what the image shows of the pose; None likewise
+    error_mm    expected mean error of the joints; NaN before it is judged (``judge``)
+    confidence  probability that this error is below 30 mm; NaN likewise
     finger_error_mm  (5,) expected error of each finger, from the thumb on; NaN likewise
+    evidence    what the image shows of the pose; None likewise
     presence    probability that this is a hand, by the finder; NaN if its place was given
     in_frame    False for a crop without its frame: then camera and centre are assumed
 
@@ -63,15 +63,14 @@ class Hand:
     network_mm: Array
     fit: DepthFit | None = None
     model: CapsuleModel | None = None
-    known_size: bool = False
     is_tracked: bool = False
-    is_predicted: bool = True
     presence: float = float("nan")
     in_frame: bool = True
     other: Hand | None = None
-    quality: tuple[float, float] | None = None
-    evidence: Evidence | None = None
+    error_mm: float = float("nan")
+    confidence: float = float("nan")
     finger_error_mm: Array = field(default_factory=unknown_finger_errors)
+    evidence: Evidence | None = None
 
     # ---------------------------------------------------------------------------------------- where it is
 
@@ -98,20 +97,9 @@ class Hand:
     # ------------------------------------------------------------------------------------- how sure it is
 
     @property
-    def confidence(self) -> float:
-        """Probability that the mean error of the joints is below 30 mm; NaN before it is judged."""
-        return self.quality[1] if self.quality else float("nan")
-
-    @property
     def chance(self) -> float:
         """The confidence; if it is unknown, 1 for a visible hand and otherwise 0."""
-        known = self.confidence
-        return known if np.isfinite(known) else float(np.isfinite(self.cost))
-
-    @property
-    def error_mm(self) -> float:
-        """The expected mean error of the joints; NaN likewise."""
-        return self.quality[0] if self.quality else float("nan")
+        return self.confidence if np.isfinite(self.confidence) else float(np.isfinite(self.cost))
 
     @property
     def cost(self) -> float:
@@ -150,8 +138,7 @@ class Hand:
         """
         if not self.confidence < min_confidence:
             return self
-        unknown = np.full_like(self.network_mm, np.nan)
-        return replace(self, network_mm=unknown, fit=None, other=None, quality=(self.error_mm, self.confidence))
+        return replace(self, network_mm=np.full_like(self.network_mm, np.nan), fit=None, other=None)
 
     # ------------------------------------------------------------------------------------- what was fitted
 
@@ -231,7 +218,7 @@ def _judge(hands: Sequence[Hand], readings: NDArray[np.float32], camera: Camera)
     )
     found = judged(evidence)
     return [
-        replace(hand, quality=(float(found.error_mm[n]), float(found.confidence[n])),
+        replace(hand, error_mm=float(found.error_mm[n]), confidence=float(found.confidence[n]),
                 finger_error_mm=found.finger_error_mm[n], evidence=evidence.take(slice(n, n + 1)))
         for n, hand in enumerate(hands)
     ]
@@ -252,7 +239,7 @@ def as_one_side(hand: Hand) -> Hand:
     are those of this side or the distances of the other's joints, weighted by the probabilities.
     """
     other = hand.other
-    if other is None or hand.quality is None:
+    if other is None or np.isnan(hand.confidence):
         return hand
     chance = side_chance(side_evidence(hand.cost, other.cost))
     apart = np.linalg.norm(hand.xyz - other.xyz, axis=1)
@@ -262,4 +249,4 @@ def as_one_side(hand: Hand) -> Hand:
         own = fingers.joints(np.stack([hand.xyz, other.xyz]))
         apart = np.linalg.norm(own[0] - own[1], axis=2).mean(axis=1)
         of_fingers = chance * of_fingers + (1 - chance) * np.maximum(apart, of_fingers)
-    return replace(hand, quality=(error_mm, chance * hand.confidence), finger_error_mm=of_fingers)
+    return replace(hand, error_mm=error_mm, confidence=chance * hand.confidence, finger_error_mm=of_fingers)

@@ -15,18 +15,21 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from handpose.body.sides import Side
+from handpose.body.joint_formats.frames import palm_frame
+from handpose.body.nyu import CENTER_IN_PALM
+from handpose.body.sides import Side, mirror_of
 from handpose.estimate.estimator import Candidate, HandEstimator
 from handpose.estimate.hand import Hand
 from handpose.estimate.nets import hand_layer, network_joints
-from handpose.estimate.starts import recenter
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.observation import HandCrops
+from handpose.fit.rounding import PLACE_STEP_MM, rounded
 from handpose.fit.search import FAST, Plan
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import clear_crop
+from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
 from netlib.net import Net
@@ -140,3 +143,23 @@ def _likelier(sides: Sequence[Hand]) -> Hand:
     """
     best, *others = sorted(sides, key=lambda hand: hand.uncertainty)
     return replace(best, other=others[0]) if others else best
+
+
+def recenter(
+    joints: ArrayLike, skeleton: Skeleton, center_uvd: ArrayLike, cube_mm: float, camera: Camera, side: Side = "right"
+) -> Array:
+    """The crop centre (3,) for joints predicted in the crop at ``center_uvd``, as in the training crops.
+
+    joints  (K, 3) half-cubes from the crop centre; those of a left hand mirrored
+    side    of the hand
+
+    For nets trained with NYU's centres; those of other data sets are elsewhere in the palm (ICVL's at its joint).
+    Raises DataError if the skeleton has no palm.
+    """
+    if "palm" not in skeleton.joint_names:
+        raise DataError(f"skeleton {skeleton.name!r} has no joint 'palm' to move the crop to")
+    mirror = mirror_of(side)
+    hand = np.asarray(joints, dtype=np.float64).reshape(-1, 3)
+    palm = hand[skeleton.joint_names.index("palm")]
+    move = rounded(palm * cube_mm / 2 + palm_frame(hand, skeleton) @ CENTER_IN_PALM, PLACE_STEP_MM)
+    return camera.project(camera.unproject(np.asarray(center_uvd, dtype=np.float64)) + move * mirror)

@@ -22,7 +22,6 @@ from handpose.estimate.finder import Finder, FoundHand
 from handpose.estimate.hand import MIN_CONFIDENCE, Hand, as_one_side
 from handpose.estimate.nets import cube_of, hand_layer, is_hand
 from handpose.estimate.pipeline import HandPipeline
-from handpose.estimate.starts import depth_around
 from handpose.fit.body import CapsuleModel
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.search import PLANS, Fit
@@ -35,6 +34,7 @@ from netlib.net import Net
 
 CROP_DEPTH_MM = 750.0  # assumed depth of a crop without its frame, in the middle of the image; larger cubes farther
 MOST = 3  # found hands that are fitted in a frame
+PALM_MM = 15.0  # from the surface of the palm to its middle
 MAX_REFINE = 100  # a crop that still moves after this many moves does not converge
 
 
@@ -218,3 +218,16 @@ def _center(center: object) -> Array:
     if place.shape not in ((2,), (3,)) or not np.isfinite(place).all():
         raise DataError(f"center {center}, expected two or three finite numbers: u, v in px or u, v, d in px, px, mm")
     return place
+
+
+def depth_around(depth: NDArray[np.generic], u: float, v: float, reach: int = 8) -> Array:
+    """Centre (3,) at pixel u, v with the median depth around it: u, v in px and d in mm. Raises DataError."""
+    image = depth_image(depth)
+    row, column = round(v), round(u)
+    if not (0 <= row < image.shape[0] and 0 <= column < image.shape[1]):
+        raise DataError(f"pixel {u:g}, {v:g} lies outside the image of {image.shape[1]} x {image.shape[0]}")
+    around = image[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1]
+    seen = around[np.isfinite(around) & (around > 0)]
+    if not len(seen):
+        raise DataError(f"no depth around pixel {u:g}, {v:g}")
+    return np.array([u, v, np.median(seen) + PALM_MM])

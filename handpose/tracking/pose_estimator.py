@@ -17,8 +17,8 @@ from handpose.body.render import Capsules, in_front, normalise_depth, render_cro
 from handpose.body.sides import Side, mirror_of
 from handpose.estimate.estimator import Candidate, HandEstimator, SearchRegion
 from handpose.estimate.hand import Hand
+from handpose.estimate.pipeline import recenter
 from handpose.estimate.predictor import Predictor
-from handpose.estimate.starts import recenter
 from handpose.fit.body import WorldPose, crop_variables, world_pose
 from handpose.fit.search import Plan
 from handpose.fit.support import APART_MM, support

@@ -77,7 +77,7 @@ def test_before_it_is_judged(model: CapsuleModel) -> None:
     found, empty = fitted(model, "right"), fitted(model, "right", cost=np.inf)
     assert np.isnan([found.confidence, found.error_mm, *found.finger_error_mm]).all()
     assert found.chance == 1 and found.selection_cost == found.cost and empty.chance == 0
-    assert as_one_side(replace(found, other=found)).quality is None
+    assert np.isnan(as_one_side(replace(found, other=found)).confidence)
     [known] = judge([found], np.full((NYU.height, NYU.width), 700.0))
     assert known.chance == known.confidence and known.selection_cost == known.error_mm
 

@@ -12,8 +12,7 @@ import netlib
 from handpose.body.nyu import CUBE_MM
 from handpose.estimate.nets import best_fit, skeleton_to_fit
 from handpose.estimate.packaged import load_predictor
-from handpose.estimate.predictor import Predictor
-from handpose.estimate.starts import depth_around
+from handpose.estimate.predictor import Predictor, depth_around
 from handpose.frames.cameras import KINECT2, NYU, Camera
 from handpose.frames.crops import clear_crop
 from handpose.frames.images import UnitError

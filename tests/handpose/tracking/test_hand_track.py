@@ -70,7 +70,7 @@ class AtPlace(Hand):
     ) -> None:
         crop = np.zeros((128, 128), np.float32)
         super().__init__(side, crop, body.place, 300.0, NYU, np.zeros((1, 3)), fit, is_tracked=is_tracked,
-                         quality=quality)
+                         error_mm=quality[0], confidence=quality[1])
         vars(self).update(body=body, center_mm=body.place)
 
 

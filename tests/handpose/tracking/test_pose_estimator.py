@@ -108,7 +108,6 @@ def test_from_the_pose_before(
     near, far, aside = estimator.estimate(depth, regions)
     assert near is not None and far is not None and aside is not None
     assert not first.is_tracked and near.is_tracked and far.is_tracked and aside.is_tracked
-    assert first.is_predicted and not near.is_predicted
     assert max(error(estimate, shown) for estimate in (near, far, aside)) < 15
     assert near.moved_mm >= 1 and far.moved_mm >= 25 and far.error_mm > near.error_mm
     with pytest.raises(TypeError):

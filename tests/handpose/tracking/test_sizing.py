@@ -52,7 +52,8 @@ def estimates(
         if side == "left":
             crop, uvd = crop[:, ::-1], np.array([2 * NYU.u0 - uvd[0], *uvd[1:]])
         fit: Any = SimpleNamespace(x=x[None], uncertainty=np.ones(1))
-        found.append(Hand(side, crop, uvd, 300.0, NYU, np.zeros((31, 3)), fit, model, quality=(1.0, confidence)))
+        found.append(Hand(side, crop, uvd, 300.0, NYU, np.zeros((31, 3)), fit, model, error_mm=1.0,
+                          confidence=confidence))
     return found
 
 

@@ -206,7 +206,7 @@ def test_what_does_not_look_like_a_hand_is_dropped(
     monkeypatch.setattr(tracker.finder, "hands", lambda *what: [])
 
     def doubtful(hands: list[Hand], readings: np.ndarray | None) -> list[Hand]:
-        return [dataclasses.replace(hand, quality=(60.0, 0.2)) for hand in hands]
+        return [dataclasses.replace(hand, error_mm=60.0, confidence=0.2) for hand in hands]
 
     monkeypatch.setattr(estimator, "judge", doubtful)
     assert tracker.step(shown.frames[6]).lost[0].reason == f"{NO_HAND} (confidence 20%)"
