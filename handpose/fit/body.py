@@ -227,7 +227,8 @@ class RootMotion:
         if set(slides) != {0, 1, 2} or {m.axis for m in turns} != {0, 1, 2} or len(motions) != 6 or len(free) != 6:
             raise NetlibError(
                 f"skeleton {model.skeleton.name!r}: its root does not translate along x, y, z and turn about three "
-                "axes, by a free DoF each, so that it cannot be followed through space"
+                "axes, by a free DoF each, so that it can neither be followed through space nor turned with the "
+                "picture; expected a plan without quarter turns (fast)"
             )
         ordered = [slides[axis] for axis in range(3)] + turns
         self.columns = np.array([column[m.dof] for m in ordered])

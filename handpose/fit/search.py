@@ -27,8 +27,8 @@ from handpose.fit.body import CapsuleModel
 from handpose.fit.objective import Cost, Objective, Prior
 from handpose.fit.observation import Observation
 from handpose.fit.rounding import FIT_STEP, rounded
+from layers.hand.kinematics import rotation
 from netlib.blob import Array
-from netlib.errors import NetlibError
 
 # TRUST and DISTRUST are the factors of mu after an accepted and a rejected step. The results depend little on them:
 # with 1/2 and 2, or 1/10 and 10, the same minima are found (to 0.01%) with up to a third more work. FIRST_MU from 0.001
@@ -225,27 +225,10 @@ def drawn(model: CapsuleModel, x: Array, covariance: Array, count: int, seed: in
 def turned_back(model: CapsuleModel, x: Array, quarter: int) -> Array:
     """Variables (N, V) found in crops turned counter-clockwise by quarter turns, for the unturned crops.
 
-    A rotation about the line of sight rotates the root's position and is added to its outermost angle. Raises
-    NetlibError for a skeleton whose root does not translate along x and y and turn about z first.
+    Bodies turn as a whole about the line of sight. Raises NetlibError for a root that ``RootMotion`` does not accept.
     """
     if quarter % 4 == 0:
         return x
-    skeleton = model.skeleton
-    motions = skeleton.motions[int(np.flatnonzero(skeleton.parents < 0)[0])]
-    slides = {m.axis: m for m in motions if m.kind == "translate"}
-    turns = [m for m in motions if m.kind == "rotate"]
-    if not {0, 1} <= set(slides) or not turns or turns[0].axis != 2:
-        raise NetlibError(
-            f"skeleton {skeleton.name!r}: its root does not translate along x and y and turn about z first, so it "
-            "cannot be turned with the picture; expected a plan without quarter turns"
-        )
-    column = {int(dof): i for i, dof in enumerate(model.free)}
-    right, up = (slides[a].sign * (x[:, column[slides[a].dof]] + skeleton.initial[slides[a].dof]) for a in (0, 1))
-    c, s = [(0, -1), (-1, 0), (0, 1)][quarter % 4 - 1]  # cosine and sine of -quarter * 90 degrees
-    result = x.copy()
-    for axis, value in ((0, c * right - s * up), (1, s * right + c * up)):
-        m = slides[axis]
-        result[:, column[m.dof]] = m.sign * value - skeleton.initial[m.dof]
-    angle = result[:, column[turns[0].dof]] - turns[0].sign * quarter * np.pi / 2
-    result[:, column[turns[0].dof]] = (angle + np.pi) % (2 * np.pi) - np.pi
-    return result
+    root, turn, back = model.root_motion, rotation(2, np.array(-quarter * np.pi / 2)), x.copy()
+    back[:, root.columns] = root.variables(root.place(x) @ turn.T, turn @ root.rotation(x))
+    return back

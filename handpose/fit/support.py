@@ -126,9 +126,11 @@ def support_of_parts(
 
     All shares of a part that others cover entirely are 0.
     """
-    own, spheres, reading, inside, bare = _surface(capsules, limbs, depth, camera)
+    every, own = Samples.of(capsules), _samples_of(~limbs, capsules.facets)
+    spheres = every.chosen(own)
+    reading, inside = _readings(spheres.nearest, depth, camera)
     behind, missing = reading - spheres.front, inside & ~(reading > 0)  # NaN, which some drivers write, is missing
-    weight = spheres.area * bare
+    weight = spheres.area * ~every.covers(spheres.center, spheres.front)
     read = inside & ~missing
     hidden, empty = read & (behind < -APART_MM), read & (behind > APART_MM)
     areas = weight * np.stack([read & ~(hidden | empty), hidden, empty, missing, ~inside])
@@ -138,17 +140,6 @@ def support_of_parts(
         whole = np.maximum(weight[:, within].sum(axis=1), 1e-9)
         found.append(Support(*(areas[:, :, within].sum(axis=2) / whole)))
     return found
-
-
-def _surface(
-    capsules: Capsules, limbs: NDArray[np.bool_], depth: NDArray[np.floating], camera: Camera
-) -> tuple[NDArray[np.bool_], Samples, NDArray[np.floating], NDArray[np.bool_], NDArray[np.bool_]]:
-    """The samples of hands' own surfaces, which of all (P,), their readings, and True in the image and if uncovered."""
-    every = Samples.of(capsules)
-    own = _samples_of(~limbs, capsules.facets)
-    spheres = every.chosen(own)
-    reading, inside = _readings(spheres.nearest, depth, camera)
-    return own, spheres, reading, inside, ~every.covers(spheres.center, spheres.front)
 
 
 def _samples_of(some: NDArray[np.bool_], facets: NDArray[np.int_]) -> NDArray[np.bool_]:

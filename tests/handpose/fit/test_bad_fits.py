@@ -39,7 +39,7 @@ def poses(*shape: int, value: float = 0, joints: Any = None) -> Callable[[], obj
     **{f"root {parts}": (lambda parts=parts: RootMotion(test_root_motion.body(*parts)), NetlibError, ROOT)
        for parts in PARTS},  # two slides or turns, one twice, a fixed DoF, one DoF for two
     "a body that cannot turn": (lambda: turned_back(body(PIPE % (1, 1)), np.zeros((1, 4)), 1), NetlibError,
-        "skeleton 'pipe': its root does not translate along x and y and turn about z first, so it cannot be ..."),
+                                ROOT.replace("made up", "pipe")),
     **{name: (lambda text=text: body(text), NetlibError,
               "skeleton 'arm': expected one root, without a bone, that alone translates") for name, text in (
         ("slides", ARM.replace('"end" parent: "root"', '"end" parent: "root" translate { axis: Y dof: "x" }')),
