@@ -102,50 +102,39 @@ def finger_errors(whole_mm: Array, behind: Array, before: Array, lag_mm: Array, 
     return np.minimum(np.exp(signs @ FINGER_WEIGHTS + FINGER_CONSTANT + FINGER_SPREAD**2 / 2), LOST_MM)
 
 
-class OfFingers(NamedTuple):
-    """What an image shows of the fingers of N poses, (N, 5) each (``finger_errors``)."""
-
-    behind: Array
-    before: Array
-    lag_mm: Array
-    seen: Array
-
-
 class Evidence(NamedTuple):
     """What an image shows of N poses.
 
     signs    (N, 9), those of ``SIGNS``
     lag_mm   (N,) distance of the joints from those of the fit
-    support  of the whole hand
-    fingers  None for bodies without fingers
+    unseen   (N,) share of the hand's surface that was not seen at its place; what is covered or unread counts more
+    behind, before, finger_lag_mm, seen  (N, 5) of the fingers (``finger_errors``); (N, 0) of bodies without fingers
     """
 
     signs: Array
     lag_mm: Array
-    support: Support
-    fingers: OfFingers | None
+    unseen: Array
+    behind: Array
+    before: Array
+    finger_lag_mm: Array
+    seen: Array
 
     @classmethod
     def concatenate(cls, parts: Sequence[Evidence]) -> Evidence:
         """What images show of the poses of all parts, of one body."""
-        signs, lags, supports, fingers = zip(*parts)
-        of_fingers = None if fingers[0] is None else OfFingers(*map(np.concatenate, zip(*fingers)))
-        support = Support(*map(np.concatenate, zip(*supports)))
-        return cls(np.concatenate(signs), np.concatenate(lags), support, of_fingers)
+        return cls(*map(np.concatenate, zip(*parts)))
 
     def lagging(self, model: CapsuleModel, joints: Array, fit_joints: Array) -> Evidence:
         """The same for poses with joints (N, K, 3) in mm instead of those of the fits, in one system of axes."""
-        lag = np.linalg.norm(joints - fit_joints, axis=2).mean(axis=1)
-        if model.fingers is None or self.fingers is None:
-            return self._replace(lag_mm=lag)
-        apart = model.fingers.joints(joints) - model.fingers.joints(fit_joints)
-        fingers = self.fingers._replace(lag_mm=np.linalg.norm(apart, axis=3).mean(axis=2))
-        return self._replace(lag_mm=lag, fingers=fingers)
+        lag, of_fingers = np.linalg.norm(joints - fit_joints, axis=2).mean(axis=1), self.finger_lag_mm
+        if model.fingers is not None:
+            apart = model.fingers.joints(joints) - model.fingers.joints(fit_joints)
+            of_fingers = np.linalg.norm(apart, axis=3).mean(axis=2)
+        return self._replace(lag_mm=lag, finger_lag_mm=of_fingers)
 
     def take(self, rows: slice) -> Evidence:
         """What is shown of some of the poses."""
-        of_fingers = None if self.fingers is None else OfFingers(*(part[rows] for part in self.fingers))
-        return Evidence(self.signs[rows], self.lag_mm[rows], Support(*(p[rows] for p in self.support)), of_fingers)
+        return Evidence(*(values[rows] for values in self))
 
 
 class Judged(NamedTuple):
@@ -163,17 +152,21 @@ class Judged(NamedTuple):
 
 def judged(evidence: Evidence) -> Judged:
     """Errors and confidence of N poses of which this is seen."""
-    signs, lag_mm, support, fingers = evidence
+    signs, lag_mm, unseen, *fingers = evidence
     mean = mean_log_error(signs, lag_mm)
-    unseen = 1 - support.seen + COVERED * np.maximum(support.covered - MIN_COVERED, 0)
     whole = np.exp(mean + SPREAD**2 / 2) * np.interp(unseen, UNSEEN, UNSEEN_ERROR)
     confidence = _normal((np.log(GOOD_MM) - mean) / SPREAD) * np.interp(unseen, UNSEEN, UNSEEN_CONFIDENCE)
     least = least_error(confidence)
     whole = np.clip(whole, least, LOST_MM)
-    if fingers is None:
+    if not evidence.seen.size:
         return Judged(whole, confidence, np.tile(unknown_finger_errors(), (len(signs), 1)))
     of_fingers = finger_errors(whole, *fingers)
     return Judged(np.maximum(np.sqrt(whole * of_fingers.mean(axis=1)), least), confidence, of_fingers)
+
+
+def unseen_share(support: Support) -> Array:
+    """The share (N,) of hands' surfaces that was not seen at its place; what is covered or unread counts more."""
+    return np.asarray(1 - support.seen + COVERED * np.maximum(support.covered - MIN_COVERED, 0))
 
 
 def evidence_of(
@@ -191,18 +184,18 @@ def evidence_of(
     joints, fingers = model.joints(x), model.fingers
     capsules = model.capsules(x, center_mm).mirrored(mirror)
     parts = () if fingers is None else tuple(fingers.capsules)
-    whole, *seen = support_of_parts(capsules, model.surface.limbs, parts, readings, camera)
-    lag = np.linalg.norm(joints - fit_joints, axis=2).mean(axis=1)
+    whole, *of_fingers = support_of_parts(capsules, model.surface.limbs, parts, readings, camera)
+    seen = np.array([part.seen for part in of_fingers]).reshape(len(parts), len(x)).T
+    guessed = 1 - seen.mean(axis=1) if parts else np.zeros(len(x))
     in_camera = (joints + center_mm[:, None]) * mirror[:, None]
     depths = joint_depths(in_camera, readings, camera)
-    shares = np.stack([part.seen for part in seen], axis=1) if seen else np.ones((len(x), 1))
-    signs = pose_signs(fit_signs, depths, model.surface.mean_penetration(capsules), 1 - shares.mean(axis=1))
-    if fingers is None:
-        return Evidence(signs, lag, whole, None)
-    shape = len(x), len(seen)
-    behind, before = joint_depths(fingers.joints(in_camera).reshape(-1, 3, 3), readings, camera)
-    lags = np.linalg.norm(fingers.joints(joints) - fingers.joints(fit_joints), axis=3).mean(axis=2)
-    return Evidence(signs, lag, whole, OfFingers(behind.reshape(shape), before.reshape(shape), lags, shares))
+    signs = pose_signs(fit_signs, depths, model.surface.mean_penetration(capsules), guessed)
+    behind = before = np.zeros(seen.shape)
+    if fingers is not None:
+        of_joints = joint_depths(fingers.joints(in_camera).reshape(-1, 3, 3), readings, camera)
+        behind, before = (depth.reshape(seen.shape) for depth in of_joints)
+    evidence = Evidence(signs, np.zeros(len(x)), unseen_share(whole), behind, before, np.zeros(seen.shape), seen)
+    return evidence.lagging(model, joints, fit_joints)
 
 
 def side_evidence(cost: float, other_cost: float) -> float:
