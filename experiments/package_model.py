@@ -15,14 +15,18 @@ import argparse
 import hashlib
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from experiments.fit import Figures, measure, scenes_of
 from handpose.estimate.nets import hand_layer, refuse_other_bodies, skeleton_to_fit, trained
-from handpose.estimate.packaged import net_content, rounded, write_model
+from handpose.estimate.packaged import net_content
 from handpose.fit.body import CapsuleModel
 from handpose.fit.depth_fit import DepthFitter
-from handpose.fit.network_errors import NetworkErrors, Poses, covariance
+from handpose.fit.network_errors import GROUP, NetworkErrors, Poses, arrays_of, covariance
 from handpose.synthetic import recipes
 from handpose.synthetic.generator import Generator
+from netlib.files import hdf5
 from netlib.net import Net
 from tools.common import outputs
 from tools.common.arguments import count, seed, whole
@@ -82,3 +86,25 @@ def _measure(net: Net, args: argparse.Namespace) -> None:
     write_model(net, NetworkErrors(covariance(found.limbs), Poses.of(found.poses)), args.out)
     say(f"{len(found.network)} frames of the recipe {args.recipe}: network {exact.network.mean():.2f} mm, with "
         f"{args.bits} bits {found.network.mean():.2f} mm")
+
+
+def rounded(values: NDArray[np.float32], bits: int) -> NDArray[np.float32]:
+    """The values with ``bits`` of the 23 bits of a mantissa, rounded to nearest, ties to even."""
+    drop = np.uint32(23 - bits)
+    raw = np.ascontiguousarray(values, np.float32).view(np.uint32)
+    odd = (raw >> drop) & np.uint32(1) if bits else np.uint32(1)  # without bits, the leading one that is not stored
+    half = (np.uint32(1) << drop >> np.uint32(1)) - np.uint32(drop > 0) + odd
+    kept = (raw + np.where(drop > 0, half, 0).astype(np.uint32)) >> drop << drop
+    return np.asarray(kept.view(np.float32))
+
+
+def write_model(net: Net, errors: NetworkErrors | None, path: Path) -> None:
+    """Write the net's weights in Caffe's HDF5 format (float32), shuffled and compressed, with the network's errors."""
+    with hdf5.created(path) as file:
+        for layer, blobs in net.params.items():
+            for i, blob in enumerate(blobs):
+                values = np.asarray(blob.data, np.float32)
+                file.create_dataset(f"data/{layer}/{i}", data=values, compression="gzip", compression_opts=9,
+                                    shuffle=True)
+        for name, values in arrays_of(errors).items() if errors else ():
+            file.create_dataset(f"{GROUP}/{name}", data=values)

@@ -7,7 +7,7 @@ overhead.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -147,7 +147,6 @@ def fit_crops(
     *,
     size: float | Array | None = None,
     before: Array | None = None,
-    progress: Callable[[int], None] = lambda done: None,
 ) -> DepthFit:
     """Predict the hands in crops and fit them to the depth; results are in mirrored axes for left hands.
 
@@ -156,7 +155,6 @@ def fit_crops(
     hands     with cubes of twice the fitter's unit
     size      of the hands relative to the skeleton, one or (N,), if it is known
     before    x (N, V) expected from earlier frames, as for ``DepthFitter.fit``
-    progress  called with the number of further crops that are done
     """
     found = []
     for rows in blocks(len(hands), MAX_CROPS):
@@ -171,7 +169,6 @@ def fit_crops(
                 before=None if before is None else before[rows],
             )
         )
-        progress(len(part))
     return DepthFit.concatenate(found)
 
 

@@ -1,4 +1,4 @@
-"""The packaged weights, the cards that describe models, and the writing of their small weights files.
+"""The packaged weights, and the cards that describe models.
 
 A model is a folder, as in Caffe's model zoo. Its ``readme.md`` begins with front matter, lines ``key: value`` between
 two lines ``---``: name, caffemodel (the weights file), license, sha256 (its checksum), net_sha256 (the checksum of
@@ -13,21 +13,17 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from handpose.body.sides import SoughtSide
 from handpose.estimate.finder import Finder
 from handpose.estimate.hand import MIN_CONFIDENCE
 from handpose.estimate.nets import Unfilled, best_fit, cube_of, hand_layer, trained
 from handpose.estimate.predictor import Predictor, check_options
 from handpose.fit.depth_fit import DepthFitter
-from handpose.fit.network_errors import GROUP, NetworkErrors, arrays_of
 from handpose.fit.search import Fit
 from handpose.frames.cameras import NYU, Camera
 from netlib import files
 from netlib.errors import NetlibError, WeightsError
-from netlib.files import Content, hdf5
+from netlib.files import Content
 from netlib.files.paths import ROOT, find
 from netlib.layer import TEST
 from netlib.net import Net
@@ -136,25 +132,3 @@ def predictor_of(
         fitter = DepthFitter.of_file(layer.skeleton, content, cube_of(layer.skeleton, cube_mm) / 2, seed=seed)
     return Predictor(net, camera, cube_mm=cube_mm, hand=hand, refine=refine, fit=fit, fitter=fitter,
                      finder=functools.partial(load_finder, engine=engine), min_confidence=min_confidence)
-
-
-def rounded(values: NDArray[np.float32], bits: int) -> NDArray[np.float32]:
-    """The values with ``bits`` of the 23 bits of a mantissa, rounded to nearest, ties to even."""
-    drop = np.uint32(23 - bits)
-    raw = np.ascontiguousarray(values, np.float32).view(np.uint32)
-    odd = (raw >> drop) & np.uint32(1) if bits else np.uint32(1)  # without bits, the leading one that is not stored
-    half = (np.uint32(1) << drop >> np.uint32(1)) - np.uint32(drop > 0) + odd
-    kept = (raw + np.where(drop > 0, half, 0).astype(np.uint32)) >> drop << drop
-    return np.asarray(kept.view(np.float32))
-
-
-def write_model(net: Net, errors: NetworkErrors | None, path: Path) -> None:
-    """Write the net's weights in Caffe's HDF5 format (float32), shuffled and compressed, with the network's errors."""
-    with hdf5.created(path) as file:
-        for layer, blobs in net.params.items():
-            for i, blob in enumerate(blobs):
-                values = np.asarray(blob.data, np.float32)
-                file.create_dataset(f"data/{layer}/{i}", data=values, compression="gzip", compression_opts=9,
-                                    shuffle=True)
-        for name, values in arrays_of(errors).items() if errors else ():
-            file.create_dataset(f"{GROUP}/{name}", data=values)

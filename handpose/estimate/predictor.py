@@ -120,8 +120,9 @@ class Predictor:
     def in_frame(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> Hand:
         """The hand in a depth frame (height, width) in mm, 0 or masked where there is no reading.
 
-        center  where to start, as for ``start``. Without it, of up to ``MOST`` hands that the finder finds, the one
-                with the highest product of presence and confidence is given
+        center  where the first crop is: u, v in px and d in mm, or u, v, where the depth is measured. Without it, of up
+                to ``MOST`` hands that the finder finds, the one with the highest product of presence and confidence is
+                given
 
         Raises UnitError for depths that cannot be mm, DataError, also if no hand is found, NetlibError.
         """
@@ -130,7 +131,9 @@ class Predictor:
         if center is None and not self.is_hand:
             raise DataError(f"skeleton {self.skeleton.name!r} is not a hand, and only hands are searched for")
         if center is not None:
-            return self._judged(depth, camera, self._start(depth, center), False).given(self.min_confidence)
+            place = _center(center)
+            start = place if len(place) == 3 else depth_around(depth, *place)
+            return self._judged(depth, camera, start, False).given(self.min_confidence)
         found = self._found(depth, camera)
         hands = [self._judged(depth, camera, camera.project(one.middle), True, one.presence)
                  for one in (found if self.plan is not None else found[:1])]
@@ -142,22 +145,6 @@ class Predictor:
         """The hand at a start (3,), px, px, mm, as one side."""
         found = self.pipeline.in_frame(depth, camera, start, unmoved_too=unmoved_too)
         return dataclasses.replace(as_one_side(found), presence=presence)
-
-    def start(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> Array:
-        """The centre (3,) of the first crop: u, v in px and d in mm. Raises DataError.
-
-        center  (u, v, d) is returned; (u, v) gets the depth measured there; None is the hand of the finder with the
-                highest presence
-        """
-        return self._start(self._readings(depth), center)
-
-    def _start(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None) -> Array:
-        """``start`` in a checked frame."""
-        if center is None:
-            camera = self._camera_of(depth)
-            return camera.project(self._found(depth, camera)[0].middle)
-        place = _center(center)
-        return place if len(place) == 3 else depth_around(depth, *place)
 
     def _found(self, depth: NDArray[np.generic], camera: Camera) -> list[FoundHand]:
         """The hands that the finder finds, the most certain first. Raises DataError without any, or a finder."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from handpose.body.render import Capsules, in_front, normalise_depth, render_crop
 from handpose.body.sides import Side, mirror_of
-from handpose.estimate.estimator import Candidate, HandEstimator, SearchRegion
+from handpose.estimate.estimator import Candidate, SearchRegion
 from handpose.estimate.hand import Hand
 from handpose.estimate.pipeline import recenter
 from handpose.estimate.predictor import Predictor
@@ -24,7 +24,7 @@ from handpose.fit.search import Plan
 from handpose.fit.support import APART_MM, support
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import BACKGROUND, SIZE, clear_crop, unread, with_hidden
-from handpose.tracking.reasons import LEAVING, Expected
+from handpose.tracking.reasons import LEAVING, reason
 from netlib.blob import Array
 from netlib.errors import DataError
 
@@ -46,7 +46,6 @@ class PoseEstimator:
         self.fitter, self.model, self.camera = predictor.fitter, predictor.fitter.model, camera
         self.cube_mm, self.plan, self.sides = predictor.cube_mm, predictor.plan, predictor.sides
         self._pipeline = predictor.pipeline
-        self.hands = HandEstimator(predictor.net, self.cube_mm, self.fitter)
         self._middle = self._middle_of_crops()
         reach = 2 * round(AROUND_MM * SIZE / self.cube_mm) + 1
         self._around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
@@ -66,7 +65,7 @@ class PoseEstimator:
             with contextlib.suppress(DataError):  # outside the image
                 candidates[i] = self._candidate(depth, region, readings)
         judging = depth if readings is None else readings
-        hands = self.hands.estimate(list(candidates.values()), self.camera, plan or self.plan, judging)
+        hands = self._pipeline.estimator.estimate(list(candidates.values()), self.camera, plan or self.plan, judging)
         found = dict(zip(candidates, hands))
         return [found.get(i) for i in range(len(regions))]
 
@@ -115,14 +114,15 @@ class PoseEstimator:
         center = body.place + body.rotation @ self._middle
         return self.camera.project(center * mirror_of(side))
 
-    def expected(self, depth: NDArray[np.float32], body: WorldPose, side: Side) -> Expected:
-        """A body as a hand that is expected in an image, with all readings, mm."""
+    def reason(self, depth: NDArray[np.float32], body: WorldPose, side: Side, confidence: float) -> str:
+        """The reason why a hand that was expected as this body is not in an image, with all readings, mm.
+
+        confidence  of the best pose found there
+        """
         joints = self.model.joints(crop_variables(self.model, body, body.place)[None])[0]
-        return Expected(
-            (joints + body.place) * mirror_of(side),
-            self.center_of(body, side),
-            support(self._capsules(body, side), self.model.surface.limbs, depth, self.camera),
-        )
+        seen = support(self._capsules(body, side), self.model.surface.limbs, depth, self.camera)
+        xyz, center = (joints + body.place) * mirror_of(side), self.center_of(body, side)
+        return reason(depth, self.camera, xyz, center, self.cube_mm, seen, confidence)
 
     def _capsules(self, body: WorldPose, side: Side) -> Capsules:
         """The surface of a body in camera axes."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,45 +28,35 @@ PART = 0.25
 LEAVING = 0.05  # share of the surface outside the image: what is not read of the hand may be there, too
 
 
-class Expected(NamedTuple):
-    """A hand at its expected place.
-
-    xyz         (K, 3) joints in mm, camera axes
-    center_uvd  (3,) px, px, mm: centre of its crop
-    support     of this pose by the frame
-    """
-
-    xyz: Array
-    center_uvd: Array
-    support: Support
-
-
 def reason(
-    depth: NDArray[np.float32], camera: Camera, cube_mm: float, hand: Expected, confidence: float = 0.0
+    depth: NDArray[np.float32], camera: Camera, xyz: Array, center_uvd: Array, cube_mm: float, support: Support,
+    confidence: float,
 ) -> str:
-    """The reason why a hand was not found at its expected place.
+    """The reason why a hand was not found where it was expected, with joints (K, 3) in mm, camera axes.
 
     depth       mm, with the readings that are nearer than the camera measures
+    center_uvd  (3,) px, px, mm: centre of its crop, with an edge of ``cube_mm``
+    support     of the expected pose by the frame
     confidence  of the best pose found there
     """
     if not (depth > 0).any():
         return "no depth in this frame"
-    edges = _edges_left(camera, hand.xyz)
+    edges = _edges_left(camera, xyz)
     if edges is not None:
         return f"{LEFT}{edges}"
     try:
-        shown = crop(depth, hand.center_uvd, cube_mm, camera)
+        shown = crop(depth, center_uvd, cube_mm, camera)
     except DataError:
         return LEFT
-    if hand.support.hidden[0] > PART or (shown <= -BACKGROUND).mean() > PART:
+    if support.hidden[0] > PART or (shown <= -BACKGROUND).mean() > PART:
         return f"{HIDDEN} by a nearer object"
-    d = hand.center_uvd[2]
+    d = center_uvd[2]
     if (np.abs(shown) < BACKGROUND).mean() < MIN_VISIBLE:
         return f"only background at its last position, {d:.0f} mm away"
-    edges = _edges_left(camera, hand.xyz, 0.0) if hand.support.outside[0] > LEAVING else None
+    edges = _edges_left(camera, xyz, 0.0) if support.outside[0] > LEAVING else None
     if edges:
         return f"{LEFT}{edges}"
-    if hand.support.missing[0] > PART:
+    if support.missing[0] > PART:
         return f"no depth at its last position, {d:.0f} mm away"
     return f"{NO_HAND} (confidence {confidence:.0%})"
 

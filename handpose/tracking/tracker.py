@@ -35,7 +35,7 @@ from handpose.tracking.hand_track import AHEAD_S, ENOUGH, SURE, FrameHands, Hand
 from handpose.tracking.output import tracked_hand
 from handpose.tracking.pose_estimator import PoseEstimator
 from handpose.tracking.present_hands import LATER_S, SOON_S, STILL, PresentHands, PresentPlace, Taken
-from handpose.tracking.reasons import NO_POSE, reason
+from handpose.tracking.reasons import NO_POSE
 from handpose.tracking.reporting import SureHands
 from handpose.tracking.sizing import checked
 from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackHeader
@@ -149,8 +149,7 @@ class Tracker:
             seen, more = estimates[track.id], again[track.id]
             if not track.take(seen, more, time):
                 confidence = max((one.chance for one in [*seen, *more]), default=0.0)
-                expected = self.estimator.expected(readings, track.best.expected(time), track.hand)
-                track.reason = reason(readings, self.camera, self.estimator.cube_mm, expected, confidence=confidence)
+                track.reason = self.estimator.reason(readings, track.best.expected(time), track.hand, confidence)
                 if track.credit <= 0:
                     track.end(track.reason)
 

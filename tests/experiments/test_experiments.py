@@ -16,8 +16,9 @@ import netlib
 from experiments import bench, fit, parts
 from experiments.__main__ import NAMES
 from experiments.example_nets import NETS, Example, Text, Workload, hand_deploy, hand_training, ordinary
+from experiments.package_model import rounded
 from experiments.tracking import cells_of, follow
-from handpose.estimate.packaged import HAND_FINDER, SYNTHETIC_HAND, read_card, rounded
+from handpose.estimate.packaged import HAND_FINDER, SYNTHETIC_HAND, read_card
 from handpose.frames.recording import DepthFrame
 from handpose.sequences.recordings import SyntheticRecording
 from handpose.synthetic import generator

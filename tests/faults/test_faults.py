@@ -30,7 +30,7 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose.estimate.packaged import write_model
+from experiments.package_model import write_model
 from handpose.frames.cameras import Camera
 from handpose.frames.recording import DepthFrame
 from handpose.frames.writing import RecordingWriter

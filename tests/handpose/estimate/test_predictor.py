@@ -221,10 +221,10 @@ def test_a_finder_is_loaded_when_it_is_used(seeing: netlib.Net, frame: np.ndarra
 def test_where_to_start(seeing: netlib.Net, frame: np.ndarray) -> None:
     """The start is a pixel with the depth around it, or a given place; without a finder one must be given."""
     predictor = Predictor(seeing, KINECT2, refine=0)
-    np.testing.assert_array_equal(predictor.start(frame, (260, 210)), depth_around(frame, 260, 210))
-    np.testing.assert_array_equal(predictor.start(frame, (1, 2, 3)), [1, 2, 3])
+    np.testing.assert_array_equal(predictor.in_frame(frame, (260, 210)).center_uvd, depth_around(frame, 260, 210))
+    np.testing.assert_array_equal(predictor.in_frame(frame, (260, 210, 700)).center_uvd, [260, 210, 700])
     with pytest.raises(DataError, match=r"^this predictor has no finder; give the hand's place \(center\)$"):
-        predictor.start(frame)
+        predictor.in_frame(frame)
 
 
 def test_frames_of_other_sizes(seeing: netlib.Net, frame: np.ndarray) -> None:
@@ -239,10 +239,9 @@ def test_frames_of_other_sizes(seeing: netlib.Net, frame: np.ndarray) -> None:
 
 
 def test_the_hand_with_the_highest_presence(seeing: netlib.Net, frame: np.ndarray) -> None:
-    """Without a fit it is the start; a given place is not looked for."""
+    """Without a fit it is taken; a given place is not looked for."""
     said = Said(found_at(frame, (30.0, -20, 700)), found_at(frame, (0, 0, 900), 0.5))
     predictor = Predictor(seeing, KINECT2, refine=0, finder=said)
-    np.testing.assert_allclose(predictor.start(frame), KINECT2.project(said.said[0].middle))
     found = predictor.in_frame(frame)
     np.testing.assert_allclose(found.center_mm, said.said[0].middle)
     assert found.presence == 0.9
@@ -252,9 +251,8 @@ def test_the_hand_with_the_highest_presence(seeing: netlib.Net, frame: np.ndarra
 
 def test_where_nothing_is_found(seeing: netlib.Net, frame: np.ndarray) -> None:
     predictor = Predictor(seeing, KINECT2, refine=0, finder=Said())
-    for find in (predictor.in_frame, predictor.start):
-        with pytest.raises(DataError, match=r"no hand is seen in this frame; .* give its place \(center\)"):
-            find(frame)
+    with pytest.raises(DataError, match=r"no hand is seen in this frame; .* give its place \(center\)"):
+        predictor.in_frame(frame)
 
 
 def test_of_found_hands_the_one_with_a_sure_pose(frame: np.ndarray) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from handpose.fit.support import Support
 from handpose.frames.cameras import Camera
-from handpose.tracking.reasons import NO_HAND, Expected, reason
+from handpose.tracking.reasons import NO_HAND, reason
 from handpose.tracking.track import HIDDEN, LEFT
 
 CAMERA = Camera("small", 147.0, 147.0, 80.0, 60.0, 160, 120)
@@ -19,8 +19,8 @@ def why(
 ) -> str:
     """The reason for a hand 120 mm wide that was expected at this place."""
     shares = Support(*(np.array([one]) for one in (1 - hidden - missing, hidden, 0.0, missing, 0.0)))
-    hand = Expected(CAMERA.unproject(np.array([u, v, d])) + OFFSETS, np.array([u, v, d]), shares)
-    return reason(depth.astype(np.float32), CAMERA, 300.0, hand, 0.2)
+    xyz = CAMERA.unproject(np.array([u, v, d])) + OFFSETS
+    return reason(depth.astype(np.float32), CAMERA, xyz, np.array([u, v, d]), 300.0, shares, 0.2)
 
 
 def wall(mm: float = 1500) -> np.ndarray:
