@@ -9,13 +9,11 @@ import numpy as np
 import pytest
 
 import netlib
-from handpose.body.nyu import CUBE_MM
 from handpose.estimate.nets import best_fit, skeleton_to_fit
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor
 from handpose.estimate.starts import depth_around
 from handpose.frames.cameras import KINECT2, NYU, Camera
-from handpose.frames.crops import clear_crop
 from handpose.frames.images import UnitError
 from layers.hand import skeleton
 from netlib.errors import DataError, NetlibError
@@ -139,18 +137,6 @@ def test_frames_that_are_refused(seeing: netlib.Net, frame: np.ndarray, given: A
     change, camera, center = given
     with rejected:
         Predictor(seeing, camera).in_frame(change(frame), center)
-
-
-def test_a_frame_with_its_centre(seeing: netlib.Net, frame: np.ndarray) -> None:
-    """Without refinement the joints are those of the crop at this centre, also relative to the camera."""
-    center = [260.0, 210.0, 690.0]
-    found = Predictor(seeing, KINECT2, refine=0).in_frame(frame, center)
-    np.testing.assert_array_equal(found.crop, clear_crop(frame, center, CUBE_MM, KINECT2))
-    np.testing.assert_array_equal(found.joints, Predictor(seeing).in_crop(found.crop).joints)
-    np.testing.assert_array_equal(found.center_uvd, center)
-    np.testing.assert_allclose(found.center_mm, KINECT2.unproject(center))
-    np.testing.assert_allclose(found.xyz, KINECT2.unproject(center) + found.joints * 150)
-    assert found.camera == KINECT2
 
 
 def test_a_finder_is_loaded_when_it_is_used(seeing: netlib.Net, frame: np.ndarray) -> None:
