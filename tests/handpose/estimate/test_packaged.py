@@ -31,6 +31,7 @@ from handpose.fit.network_errors import NetworkErrors, read_errors
 from handpose.fit.search import PLANS
 from netlib.errors import NetlibError, WeightsError
 from netlib.snapshots import snapshot
+from tests.handpose.estimate.conftest import assert_same_weights
 from tests.support.bad_input import bad_inputs
 
 
@@ -143,9 +144,7 @@ def test_a_model_file(tmp_path: Path, model: CapsuleModel) -> None:
     errors = NetworkErrors(np.eye(20) * 0.1)
     write_model(net, errors, path)
     again = netlib.Net(HAND_FINDER / "deploy.prototxt", path, netlib.TEST)
-    for name, blobs in net.params.items():
-        for one, other in zip(blobs, again.params[name]):
-            np.testing.assert_array_equal(one.data, other.data)
+    assert_same_weights(net, again)
     np.testing.assert_array_equal(read_errors(path, model).limbs, errors.limbs)
     numbers = sum(blob.count for blobs in net.params.values() for blob in blobs)
     assert numbers > 10_000 and path.stat().st_size < 0.7 * 4 * numbers
