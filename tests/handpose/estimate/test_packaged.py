@@ -126,6 +126,7 @@ def test_cards_with_something_wrong(copy: Path, given: str | None, rejected: Any
 
 
 @example(12.0, 0, False)
+@example(1.25, 1, False)
 @given(st.floats(2.0**-100, 2.0**100, width=32), st.integers(0, 23), st.booleans())
 def test_rounding(value: float, bits: int, negative: bool) -> None:
     """Mantissas are rounded to nearest, ties to even, as by NumPy's rounding; the shape is unchanged."""
