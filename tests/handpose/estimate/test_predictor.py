@@ -153,7 +153,7 @@ def test_a_finder_is_loaded_when_it_is_used(seeing: netlib.Net, frame: np.ndarra
 
 
 def test_where_to_start(seeing: netlib.Net, frame: np.ndarray) -> None:
-    """The start is a pixel with the depth around it, or a given place; without a finder one must be given."""
+    """The start is a pixel with the depth around it, or a given place."""
     predictor = Predictor(seeing, KINECT2, refine=0)
     np.testing.assert_array_equal(predictor.start(frame, (260, 210)), depth_around(frame, 260, 210))
     np.testing.assert_array_equal(predictor.start(frame, (1, 2, 3)), [1, 2, 3])
