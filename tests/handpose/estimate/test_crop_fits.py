@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 import netlib
 from handpose.estimate.estimator import fit_crops, fit_starts
-from handpose.estimate.nets import hand_layer, hand_poses
+from handpose.estimate.nets import best_fit, hand_poses
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor
 from handpose.fit.body import SIZE, CapsuleModel
+from handpose.fit.depth_fit import DepthFit
 from handpose.fit.observation import HandCrops
 from handpose.fit.search import FAST
 from handpose.frames.cameras import NYU
 from handpose.synthetic.generator import Generator, Scene
-from layers.hand.skeleton import load
 from netlib.net import Net
 from tests.handpose.estimate.conftest import NetOf
 
@@ -40,17 +42,17 @@ def scene() -> Scene:
     return Generator(9).scene(0)
 
 
+def fits(predictor: Predictor, scene: Scene, count: int, **options: Any) -> DepthFit:
+    """The fits of the first frames."""
+    hands = HandCrops.of_sides(scene.depth[:count], scene.center_uvd[:count], NYU, 300.0)
+    return fit_crops(predictor.net, predictor.fitter, hands, FAST, **options)
+
+
 def test_blocks_change_nothing(predictor: Predictor, scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     """Ten crops at once or four at a time give the same fits to rounding, which may lead a few fits to other minima."""
-    args = (
-        predictor.net,
-        predictor.fitter,
-        HandCrops.of_sides(scene.depth[:10], scene.center_uvd[:10], NYU, 300.0),
-        FAST,
-    )
-    whole = fit_crops(*args)
+    whole = fits(predictor, scene, 10)
     monkeypatch.setattr("handpose.estimate.estimator.MAX_CROPS", 4)
-    parts = fit_crops(*args)
+    parts = fits(predictor, scene, 10)
     apart = np.linalg.norm(parts.joints - whole.joints, axis=2).max(axis=1)  # mm
     assert np.median(apart) < 0.1 and (apart < 1).mean() >= 0.7
     assert whole.inputs.shape == (10, 47)
@@ -58,22 +60,15 @@ def test_blocks_change_nothing(predictor: Predictor, scene: Scene, monkeypatch: 
 
 def test_left_hands_in_the_mirror(predictor: Predictor, scene: Scene) -> None:
     """A mirrored crop, taken as a left hand, gives nearly the same pose; the crops differ by a pixel."""
-    fitter = predictor.fitter
-    right = fit_crops(
-        predictor.net, fitter, HandCrops.of_sides(scene.depth[:8], scene.center_uvd[:8], NYU, 300.0), FAST
-    )
     uvd = scene.center_uvd[:8] * (-1, 1, 1) + (2 * NYU.u0, 0, 0)
     mirrored = HandCrops.of_sides(scene.depth[:8, :, ::-1], uvd, NYU, 300.0, "left")
-    left = fit_crops(predictor.net, fitter, mirrored, FAST)
-    apart = np.linalg.norm(left.joints - right.joints, axis=2).mean(axis=1)
+    left = fit_crops(predictor.net, predictor.fitter, mirrored, FAST)
+    apart = np.linalg.norm(left.joints - fits(predictor, scene, 8).joints, axis=2).mean(axis=1)
     assert np.median(apart) < 8
 
 
 def test_a_known_size(predictor: Predictor, scene: Scene) -> None:
-    """A known size is kept."""
-    hands = HandCrops.of_sides(scene.depth[:2], scene.center_uvd[:2], NYU, 300.0)
-    found = fit_crops(predictor.net, predictor.fitter, hands, FAST, size=0.95)
-    assert found.size == pytest.approx(0.95, abs=3e-3)
+    assert fits(predictor, scene, 2, size=0.95).size == pytest.approx(0.95, abs=3e-3)
 
 
 def crops(count: int) -> np.ndarray:
@@ -83,42 +78,34 @@ def crops(count: int) -> np.ndarray:
 
 @pytest.fixture
 def net(net_of: NetOf) -> Net:
-    """A net with a constant output: the initial pose, scaled by 0.9, and joints that the test sets."""
+    """A net with a constant output: the initial pose, scaled by 0.9, and the joints of its hand model."""
     net = net_of(HEADS, netlib.TEST)
     for name in ("DoF", "size", "joints"):
         net.params[name][0].data[...] = 0
     net.params["size"][1].data[...] = 0.9
+    net.params["joints"][1].data[...] = net.forward(depth=crops(1)[:, None])["pred"][0]
     return net
 
 
-def test_of_a_net_with_sizes(net: Net) -> None:
+def test_of_a_net_with_sizes(net: Net, model: CapsuleModel) -> None:
     """The start has the size that the net predicts, and the joints of its hand model."""
-    model = CapsuleModel(load(), 150.0)
-    net.params["joints"][1].data[...] = net.forward(depth=crops(1)[:, None])["pred"][0]
     (x,) = fit_starts(net, model, crops(2), (0,))
-    assert x.shape == (2, model.variables)
+    assert x.shape == (2, model.variables) and best_fit(net) == "accurate"
     np.testing.assert_allclose(np.exp(x[:, SIZE]), 0.9, atol=0.003)
-    found = model.joints(x) / 150
-    np.testing.assert_allclose(found[0], net.blobs["pred"].data[0].reshape(31, 3), atol=0.02)
+    np.testing.assert_allclose(model.joints(x)[0] / 150, net.blobs["pred"].data[0].reshape(31, 3), atol=0.02)
 
 
-def test_moved_to_the_joints(net: Net) -> None:
+def test_moved_to_the_joints(net: Net, model: CapsuleModel) -> None:
     """If the net predicts joints in addition to its hand model, the start is near them."""
-    model = CapsuleModel(load(), 150.0)
-    aim = net.forward(depth=crops(1)[:, None])["pred"][0].reshape(31, 3) + (0.2, 0, 0)
-    net.params["joints"][1].data[...] = aim.reshape(-1)
-    poses = hand_poses(net, crops(1))
+    net.params["joints"][1].data.reshape(31, 3)[:, 0] += 0.2
+    poses, (x,) = hand_poses(net, crops(1)), fit_starts(net, model, crops(1), (0,))
     assert poses.joints is not None
-    np.testing.assert_allclose(poses.joints[0], aim, atol=1e-6)
-    (x,) = fit_starts(net, model, crops(1), (0,))
-    assert np.linalg.norm(model.joints(x)[0] / 150 - aim, axis=1).max() < 0.02
+    np.testing.assert_allclose(poses.joints[0].ravel(), net.params["joints"][1].data, atol=1e-6)
+    assert np.linalg.norm(model.joints(x)[0] / 150 - poses.joints[0], axis=1).max() < 0.02
 
 
-def test_turned_crops(net: Net) -> None:
+def test_turned_crops(net: Net, model: CapsuleModel) -> None:
     """A net with a constant output gives starts that are turned back with the crops by quarter turns."""
-    model, layer = CapsuleModel(load(), 150.0), hand_layer(net)
-    assert layer is not None
-    net.params["joints"][1].data[...] = net.forward(depth=crops(1)[:, None])["pred"][0]
     plain, turned = (model.joints(x)[0] for x in fit_starts(net, model, crops(1), (0, 1)))
     clockwise = np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1.0]])
     np.testing.assert_allclose(turned, plain @ clockwise.T, atol=1.0)

@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handpose.body.render import render
 from handpose.body.sides import MIRROR, SIDES, Side, mirror_of
 from handpose.estimate.hand import Hand, as_one_side, judge
 from handpose.fit.body import SIZE, THICKNESS, CapsuleModel
 from handpose.fit.depth_fit import DepthFit
 from handpose.frames.cameras import NYU
 from handpose.frames.crops import crop
+from tests.handpose.whole_images import render_image
 
 CENTER = np.array([NYU.u0 + 40, NYU.v0, 700.0])
-CROP = np.zeros((128, 128), np.float32)
+CROP, WALL = np.zeros((128, 128), np.float32), np.full((NYU.height, NYU.width), 700.0)
 
 
 def fitted(model: CapsuleModel, side: Side, cost: float = 2.5) -> Hand:
@@ -67,9 +67,8 @@ def test_a_left_hand_is_mirrored_back(model: CapsuleModel, side: Side) -> None:
     np.testing.assert_allclose(found.capsules().a, right.capsules().a * mirror)
     np.testing.assert_allclose(found.capsules(in_space=True).a, found.capsules().a + found.center_mm, atol=1e-6)
     np.testing.assert_allclose(found.body.others, right.body.others)
-    np.testing.assert_allclose(
-        (found.body.place - found.mirrored_center_mm), right.body.place - right.center_mm, atol=1e-9
-    )
+    moved = found.body.place - found.mirrored_center_mm
+    np.testing.assert_allclose(moved, right.body.place - right.center_mm, atol=1e-9)
 
 
 def test_before_it_is_judged(model: CapsuleModel) -> None:
@@ -78,33 +77,32 @@ def test_before_it_is_judged(model: CapsuleModel) -> None:
     assert np.isnan([found.confidence, found.error_mm, *found.finger_error_mm]).all()
     assert found.chance == 1 and found.selection_cost == found.cost and empty.chance == 0
     assert np.isnan(as_one_side(replace(found, other=found)).confidence)
-    [known] = judge([found], np.full((NYU.height, NYU.width), 700.0))
+    known, same = judge([found, found], WALL)
     assert known.chance == known.confidence and known.selection_cost == known.error_mm
+    assert known.evidence is not None and len(known.evidence.signs) == 1
+    assert (same.error_mm, same.confidence) == (known.error_mm, known.confidence)
 
 
-def test_the_side_lowers_the_confidence(model: CapsuleModel) -> None:
+@pytest.mark.parametrize(("cost", "chance"), [(2.5, 0.5), (3.0, 1 / (1 + (2.5 / 3) ** 8))])
+def test_the_side_lowers_the_confidence(model: CapsuleModel, cost: float, chance: float) -> None:
     """A side no cheaper than the other is at most half as sure, and may be as wrong as the other is far away."""
-    hand, other = fitted(model, "right"), fitted(model, "left")
-    readings = np.full((NYU.height, NYU.width), 700.0)
-    [alone] = judge([hand], readings)
+    other = fitted(model, "left", cost)
+    [alone] = judge([fitted(model, "right")], WALL)
     assert as_one_side(alone) is alone
     doubtful = as_one_side(replace(alone, other=other))
-    assert doubtful.confidence == pytest.approx(alone.confidence / 2)
-    apart = np.linalg.norm(hand.xyz - other.xyz, axis=1).mean()
-    assert doubtful.error_mm == pytest.approx((alone.error_mm + max(apart, alone.error_mm)) / 2)
+    assert doubtful.confidence == pytest.approx(chance * alone.confidence)
+    apart = np.linalg.norm(alone.xyz - other.xyz, axis=1).mean()
+    assert doubtful.error_mm == pytest.approx(chance * alone.error_mm + (1 - chance) * max(apart, alone.error_mm))
     assert model.fingers is not None
-    own, others = model.fingers.joints(np.stack([hand.xyz, other.xyz]))
-    distances = np.linalg.norm(own - others, axis=2).mean(axis=1)
-    expected = (alone.finger_error_mm + np.maximum(distances, alone.finger_error_mm)) / 2
-    np.testing.assert_allclose(doubtful.finger_error_mm, expected)
+    own, others = model.fingers.joints(np.stack([alone.xyz, other.xyz]))
+    apart = np.maximum(np.linalg.norm(own - others, axis=2).mean(axis=1), alone.finger_error_mm)
+    np.testing.assert_allclose(doubtful.finger_error_mm, chance * alone.finger_error_mm + (1 - chance) * apart)
 
 
 def test_a_crop_alone_shows_what_its_frame_shows(model: CapsuleModel) -> None:
     """A crop of a rendered frame judges a pose as the frame does, up to the rounding of its pixels."""
     hand = fitted(model, "right")
-    columns, rows = np.arange(NYU.width), np.arange(NYU.height)
-    x, y = (columns - NYU.u0) / NYU.fx, (rows - NYU.v0) / NYU.fy
-    frame = render(hand.capsules(in_space=True), x[None], y[None], np.array([1500.0]))[0]
+    frame = render_image(hand.capsules(in_space=True), NYU, background=1500.0)[0]
     shown = replace(hand, crop=crop(frame, CENTER, 300.0, NYU))
     [whole], [alone] = judge([shown], frame), judge([shown], None)
     assert alone.error_mm == pytest.approx(whole.error_mm, rel=0.1)

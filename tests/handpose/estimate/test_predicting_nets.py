@@ -14,6 +14,7 @@ from layers.hand.bodies import kinematics_of
 from netlib.errors import PrototxtError
 from netlib.layer import TEST
 from netlib.net import Net
+from tests.handpose.estimate.conftest import assert_same_weights
 
 
 @pytest.fixture
@@ -35,9 +36,7 @@ def test_weights_replace_initial_values(tmp_path: Path) -> None:
     """All parameters have the file's weights, although no filler ran; an unknown filler is still an error."""
     card = read_card(HAND_FINDER)
     found, expected = trained(card.net, card.weights), Net(card.net, card.weights, TEST)
-    for name, blobs in expected.params.items():
-        for one, other in zip(found.params[name], blobs, strict=True):
-            np.testing.assert_array_equal(one.data, other.data)
+    assert_same_weights(found, expected)
     (tmp_path / "net.prototxt").write_text(card.net.read_text(encoding="utf-8").replace("xavier", "xaver", 1))
     with pytest.raises(PrototxtError, match=r"unknown filler type 'xaver' \(did you mean 'xavier'\?\)"):
         trained(tmp_path / "net.prototxt", card.weights)
@@ -51,15 +50,3 @@ def test_the_hand_model_takes_them(net: Net, crops: np.ndarray) -> None:
     assert ((poses.size > 0.5) & (poses.size < 2)).all(), poses.size  # other sizes are clipped
     expected = net.forward(depth=crops[:, None])["pred"]
     np.testing.assert_allclose(posed.reshape(3, -1), expected, atol=1e-5)
-
-
-def test_a_net_computes_the_same_before_and_after(net: Net, crops: np.ndarray) -> None:
-    """The net's output and the inputs are equal bit for bit, regardless of earlier frames."""
-    depth = crops[:1, None]
-    net.blobs["depth"].reshape(*depth.shape)
-    before = net.forward(depth=depth)["pred"].copy()
-    inputs = hand_poses(net, crops[:1]).inputs
-    hand_poses(net, crops)
-    net.blobs["depth"].reshape(*depth.shape)
-    np.testing.assert_array_equal(net.forward(depth=depth)["pred"], before)
-    np.testing.assert_array_equal(hand_poses(net, crops[:1]).inputs, inputs)

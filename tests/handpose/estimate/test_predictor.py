@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
 
 import netlib
-from handpose.body.nyu import CUBE_MM
 from handpose.estimate.nets import best_fit, skeleton_to_fit
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor, depth_around
 from handpose.frames.cameras import KINECT2, NYU, Camera
-from handpose.frames.crops import clear_crop
 from handpose.frames.images import UnitError
 from layers.hand import skeleton
-from layers.hand.bodies import kinematics_of
 from netlib.errors import DataError, NetlibError
 from tests.handpose.estimate.conftest import NET, NetOf, Said, found_at, some_crop
 from tests.support.bad_input import bad_inputs
@@ -28,25 +25,16 @@ HAND = skeleton.load()
 # ------------------------------------------------------------------------------------------------- crops
 
 
-def test_a_crop(fixed: Callable[..., netlib.Net]) -> None:
-    """The joints are those of the hand model, in half-cubes and in mm of the cube; the crop is returned as well."""
-    net = fixed(10, -20, 30)
-    inputs = net.params["DoF"][1].data[None].astype(np.float64)
-    for cube in (300.0, 261.0):
-        found = Predictor(net, cube_mm=cube).in_crop(some_crop())
-        np.testing.assert_allclose(found.joints, kinematics_of(HAND).joints(inputs)[0], atol=1e-6)
-        np.testing.assert_allclose(found.joints_mm, found.joints * cube / 2)
-        np.testing.assert_array_equal(found.crop, some_crop())
-        assert found.joints.dtype == np.float64 and found.joints.shape == (31, 3)
-
-
-@pytest.mark.parametrize("batch", [1, 5])
-def test_as_the_net_says(net_of: NetOf, batch: int) -> None:
-    """The joints equal those of the net's forward pass, for any batch size; crops may be float64."""
+@pytest.mark.parametrize(("batch", "cube"), [(1, 300.0), (5, 261.0)])
+def test_a_crop(net_of: NetOf, batch: int, cube: float) -> None:
+    """The joints are those of the net's forward pass, in half-cubes and in mm of the cube; crops may be float64."""
     net = net_of(NET % batch, netlib.TEST)
-    found = Predictor(net).in_crop(some_crop().astype(np.float64))
-    again = net.forward(depth=some_crop()[None, None])["pred"].reshape(31, 3)
-    np.testing.assert_array_equal(found.joints, again)
+    found = Predictor(net, cube_mm=cube).in_crop(some_crop().astype(np.float64))
+    expected = net.forward(depth=some_crop()[None, None])["pred"].reshape(31, 3)
+    np.testing.assert_array_equal(found.joints, expected)
+    np.testing.assert_allclose(found.joints_mm, expected * cube / 2)
+    np.testing.assert_array_equal(found.crop, some_crop())
+    assert found.joints.dtype == np.float64
     assert not np.array_equal(Predictor(net).in_crop(-some_crop()).joints, found.joints)
 
 
@@ -79,44 +67,27 @@ def test_crops_that_are_refused(seeing: netlib.Net, given: Any, rejected: Any) -
         Predictor(seeing).in_crop(given)
 
 
-SIZED = NET.replace('bottom: "DoF" top: "pred"', 'bottom: "DoF" bottom: "size" top: "pred"').replace(
-    'layer { name: "hand"',
-    """layer { name: "size" type: "InnerProduct" bottom: "depth" top: "size"
-        inner_product_param { num_output: 1 bias_filler { type: "constant" value: 1.5 } } }
-layer { name: "hand\"""",
-)
-
-
-def test_a_net_that_predicts_the_size(net_of: NetOf) -> None:
-    """The joints are those of the net's hand model, in the predicted size."""
-    net = net_of(SIZED % 1, netlib.TEST)
-    bias = net.params["DoF"][1].data
-    net.params["DoF"][0].data[...], bias[...] = 0, -HAND.initial * HAND.slides * 1.5  # the palm in the middle
-    found = Predictor(net).in_crop(some_crop())
-    usual = HAND.scaled(1.5)
-    assert np.allclose(found.joints, kinematics_of(usual).joints(bias[None].astype(float))[0], atol=1e-5)
-    assert best_fit(net) == "accurate"
-
-
 def test_a_net_that_predicts_bones(net_of: NetOf) -> None:
     """A fit does not support predicted bones, which raises an error."""
-    boned = SIZED.replace("num_output: 1 ", "num_output: 31 ") % 1
-    net = net_of(boned, netlib.TEST)
-    message = "layer 'hand' takes the bones of each hand from blob 'size', which a fit does not know; do without a fit"
-    with pytest.raises(NetlibError, match=message):
-        Predictor(net, fit="fast").in_crop(some_crop())
-    with pytest.raises(NetlibError, match=message):
-        skeleton_to_fit(net)
+    bones = 'layer { name: "b" type: "InnerProduct" bottom: "depth" top: "b" inner_product_param { num_output: 31 } }'
+    net = net_of(NET.replace('bottom: "DoF" top: "pred"', 'bottom: "DoF" bottom: "b" top: "pred"').replace(
+        'layer { name: "hand"', bones + 'layer { name: "hand"') % 1, netlib.TEST)
+    for refused in (lambda: Predictor(net, fit="fast").in_crop(some_crop()), lambda: skeleton_to_fit(net)):
+        with pytest.raises(NetlibError, match="layer 'hand' takes the bones of each hand from blob 'b'"):
+            refused()
     assert best_fit(net) == "no"
 
 
-def test_a_masked_crop(seeing: netlib.Net) -> None:
-    """Masked pixels of a crop are background."""
-    shown = some_crop()
+def test_what_is_masked(seeing: netlib.Net, frame: np.ndarray) -> None:
+    """Masked pixels of a crop are background, those of a frame have no reading."""
+    shown, predictor = some_crop(), Predictor(seeing, KINECT2, refine=0)
     shown[:20] = 1
     hidden = np.ma.array(some_crop(), mask=np.arange(128)[:, None] < np.full(128, 20))
-    predictor = Predictor(seeing)
     np.testing.assert_array_equal(predictor.in_crop(hidden).joints, predictor.in_crop(shown).joints)
+    holes, predictor = np.where(frame > 1000, 0, frame), load_predictor(KINECT2, fit="fast", hand="right")
+    for center in (None, (270, 215)):
+        found, same = (predictor.in_frame(depth, center) for depth in (np.ma.masked_equal(holes, 0), holes))
+        np.testing.assert_array_equal(found.xyz, same.xyz)
 
 
 # ------------------------------------------------------------------------------------------------ frames
@@ -126,17 +97,16 @@ def test_a_hand_below_the_minimum_confidence(frame: np.ndarray) -> None:
     """It has its place, side, confidence and expected error, but nothing of a pose, in a frame and in a crop."""
     predictor = load_predictor(KINECT2, fit="fast", hand="right", min_confidence=0)
     crop = predictor.in_frame(frame).crop
-    for predict, image in ((predictor.in_frame, frame), (predictor.in_crop, crop)):
+    for predict, image, in_frame in ((predictor.in_frame, frame, True), (predictor.in_crop, crop, False)):
         predictor.min_confidence = 0
         whole = predict(image)
         predictor.min_confidence = whole.confidence
-        assert whole.has_joints and predict(image).has_joints
+        assert whole.has_joints and predict(image).has_joints and whole.in_frame == in_frame
         predictor.min_confidence = np.nextafter(whole.confidence, 1)
         found = predict(image)
-        assert not found.has_joints and (found.hand, found.confidence, found.error_mm, found.in_frame) == (
-            whole.hand, whole.confidence, whole.error_mm, whole.in_frame)
-        np.testing.assert_array_equal(found.center_uvd, whole.center_uvd)
-        assert all(np.isnan(values).all() for values in (found.xyz, found.joints, found.joints_mm, found.size))
+        assert not found.has_joints and np.isnan([found.size, *found.xyz.ravel()]).all()
+        for name in ("hand", "confidence", "error_mm", "in_frame", "center_uvd"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(whole, name))
         with pytest.raises(AssertionError, match="a hand without a fit"):
             found.inputs  # noqa: B018
 
@@ -147,19 +117,6 @@ def test_a_confidence_that_was_not_measured_is_not_below(seeing: netlib.Net) -> 
     assert np.isnan(found.confidence) and found.has_joints
 
 
-def test_a_masked_frame(seeing: netlib.Net, frame: np.ndarray) -> None:
-    """Masked pixels of a frame have no reading."""
-    holes = np.where(frame > 1000, 0, frame)
-    predictor = load_predictor(KINECT2, fit="fast", hand="right")
-    for center in (None, (270, 215)):
-        found, same = (predictor.in_frame(depth, center) for depth in (np.ma.masked_equal(holes, 0), holes))
-        np.testing.assert_array_equal(found.xyz, same.xyz)
-    hidden = np.ma.array(frame, mask=frame > 1000)
-    np.testing.assert_array_equal(
-        clear_crop(hidden, (270, 215, 700), 300, KINECT2), clear_crop(holes, (270, 215, 700), 300, KINECT2)
-    )
-
-
 SHAPE = "depth image of shape {}, expected {}"
 
 
@@ -167,11 +124,8 @@ SHAPE = "depth image of shape {}, expected {}"
     **{f"center {center}": ((lambda frame: frame, KINECT2, center), f"center {center}, expected two or three finite "
                             "numbers: u, v in px or u, v, d in px, px, mm")
        for center in ((np.nan, 200), (300,), (1, 2, 3, 4), (1, 2, np.inf), "palm", ((1, 2), (3, 4)))},
-    **{f"{unit}, {center}": ((lambda frame, factor=factor: frame * factor, KINECT2, center), UnitError, line)
-       for center in (None, (260, 210, 700)) for unit, factor, line in (
-           ("metres", 0.001, "depths from 0.579 to 1.5, expected mm; they may be metres"),
-           ("micrometres", 1000, "depths from 579424 to 1.5e+06, expected mm, nearer than 20000; check the unit"),
-           ("negative", -1, "depths from -1500 to -579.424, expected mm, growing away from the camera"))},
+    **{f"metres, {center}": ((lambda frame: frame * 0.001, KINECT2, center), UnitError, "depths from 0.579 to 1.5, ...")
+       for center in (None, (260, 210, 700))},
     "nothing": ((np.zeros_like, KINECT2, (260, 210)), "no depth around pixel 260, 210"),
     "another camera": ((lambda frame: frame, NYU, (260, 210)),
                        SHAPE.format("(424, 512)", "(480, 640) of camera 'nyu'")),
@@ -184,46 +138,30 @@ def test_frames_that_are_refused(seeing: netlib.Net, frame: np.ndarray, given: A
         Predictor(seeing, camera).in_frame(change(frame), center)
 
 
-def test_frames_of_other_sizes_with_a_finder(frame: np.ndarray) -> None:
-    with pytest.raises(DataError, match="depth image of 512 x 424 px, expected 640 x 480 px of the camera nyu"):
-        load_predictor(NYU).in_frame(frame)
-
-
-def test_a_frame_with_its_centre(seeing: netlib.Net, frame: np.ndarray) -> None:
-    """Without refinement the joints are those of the crop at this centre, also relative to the camera."""
-    center = [260.0, 210.0, 690.0]
-    found = Predictor(seeing, KINECT2, refine=0).in_frame(frame, center)
-    np.testing.assert_array_equal(found.crop, clear_crop(frame, center, CUBE_MM, KINECT2))
-    np.testing.assert_array_equal(found.joints, Predictor(seeing).in_crop(found.crop).joints)
-    np.testing.assert_array_equal(found.center_uvd, center)
-    np.testing.assert_allclose(found.center_mm, KINECT2.unproject(center))
-    np.testing.assert_allclose(found.xyz, KINECT2.unproject(center) + found.joints * 150)
-    assert found.camera == KINECT2
-
-
 def test_a_finder_is_loaded_when_it_is_used(seeing: netlib.Net, frame: np.ndarray) -> None:
     """The finder is loaded once, by the first frame without a centre."""
-    loads: list[Said] = []
-
-    def load() -> Said:
-        loads.append(Said(found_at(frame, (30.0, -20, 700))))
-        return loads[-1]
-
+    load = mock.Mock(return_value=Said(found_at(frame, (30.0, -20, 700))))
     predictor = Predictor(seeing, KINECT2, refine=0, finder=load)
     predictor.in_crop(some_crop())
     predictor.in_frame(frame, (260, 210, 690))
-    assert not loads
+    load.assert_not_called()
     for _ in range(2):
         np.testing.assert_allclose(predictor.in_frame(frame).center_mm, (30, -20, 700))
-    assert len(loads) == 1 and predictor.finder is loads[0]
+    load.assert_called_once_with()
+    assert predictor.finder is load.return_value
 
 
 def test_where_to_start(seeing: netlib.Net, frame: np.ndarray) -> None:
-    """The start is a pixel with the depth around it, or a given place; without a finder one must be given."""
+    """The start is a pixel with the depth around it, or a given place."""
     predictor = Predictor(seeing, KINECT2, refine=0)
     np.testing.assert_array_equal(predictor.in_frame(frame, (260, 210)).center_uvd, depth_around(frame, 260, 210))
     np.testing.assert_array_equal(predictor.in_frame(frame, (260, 210, 700)).center_uvd, [260, 210, 700])
-    with pytest.raises(DataError, match=r"^this predictor has no finder; give the hand's place \(center\)$"):
+
+
+@pytest.mark.parametrize(("finder", "said"), [(None, "this predictor has no finder"), (Said(), "no hand is seen")])
+def test_where_nothing_is_found(seeing: netlib.Net, frame: np.ndarray, finder: Said | None, said: str) -> None:
+    predictor = Predictor(seeing, KINECT2, refine=0, finder=finder)
+    with pytest.raises(DataError, match=rf"^{said}.* give .* place \(center\)$"):
         predictor.in_frame(frame)
 
 
@@ -239,7 +177,7 @@ def test_frames_of_other_sizes(seeing: netlib.Net, frame: np.ndarray) -> None:
 
 
 def test_the_hand_with_the_highest_presence(seeing: netlib.Net, frame: np.ndarray) -> None:
-    """Without a fit it is taken; a given place is not looked for."""
+    """Without a fit it is the start; a given place is not looked for."""
     said = Said(found_at(frame, (30.0, -20, 700)), found_at(frame, (0, 0, 900), 0.5))
     predictor = Predictor(seeing, KINECT2, refine=0, finder=said)
     found = predictor.in_frame(frame)
@@ -247,12 +185,6 @@ def test_the_hand_with_the_highest_presence(seeing: netlib.Net, frame: np.ndarra
     assert found.presence == 0.9
     given = predictor.in_frame(frame, (260, 210, 690))
     assert given.center_uvd.tolist() == [260, 210, 690] and np.isnan(given.presence)
-
-
-def test_where_nothing_is_found(seeing: netlib.Net, frame: np.ndarray) -> None:
-    predictor = Predictor(seeing, KINECT2, refine=0, finder=Said())
-    with pytest.raises(DataError, match=r"no hand is seen in this frame; .* give its place \(center\)"):
-        predictor.in_frame(frame)
 
 
 def test_of_found_hands_the_one_with_a_sure_pose(frame: np.ndarray) -> None:

@@ -7,17 +7,10 @@ from typing import Any
 
 import h5py
 import numpy as np
+import pytest
 
 from handpose.fit.body import CapsuleModel
-from handpose.fit.network_errors import (
-    POSE_STD,
-    UNKNOWN_STD,
-    NetworkErrors,
-    Poses,
-    arrays_of,
-    covariance,
-    read_errors,
-)
+from handpose.fit.network_errors import POSE_STD, UNKNOWN_STD, NetworkErrors, Poses, arrays_of, covariance, read_errors
 from netlib.errors import DataError
 from tests.support.bad_input import bad_inputs
 from tests.support.hdf5_files import write_hdf5
@@ -28,25 +21,24 @@ def write(path: Path, **arrays: object) -> Path:
     return write_hdf5(path, **{f"fit/{name}": values for name, values in arrays.items()}, **{"data/ip": 0})
 
 
-def test_read(model: CapsuleModel, tmp_path: Path) -> None:
-    """Other arrays, such as the tables of files of earlier versions, are not read."""
-    own = np.eye(20) * 0.04
-    found = read_errors(write(tmp_path / "w.h5", **{"limbs": own, "fast": np.ones((3, 3))}), model)
-    np.testing.assert_array_equal(found.limbs, own)
-    assert found.is_measured and found.poses is None
-
-
-def test_natural_poses(model: CapsuleModel, tmp_path: Path) -> None:
-    """Mean and covariance of poses are stored and read; a limb that never moves keeps the covariance invertible."""
+def test_natural_poses() -> None:
+    """Mean and covariance of poses; a limb that never moves keeps the covariance invertible."""
     limbs = np.random.default_rng(0).normal(0.5, 0.2, (1000, 20))
     limbs[:, 7] = 0.1
     poses = Poses.of(limbs)
     np.testing.assert_allclose(poses.mean, limbs.mean(axis=0))
     np.testing.assert_allclose(poses.covariance, np.cov(limbs.T, bias=True) + np.eye(20) * POSE_STD**2)
-    found = read_errors(write(tmp_path / "w.h5", **arrays_of(NetworkErrors(np.eye(20), poses))), model).poses
-    assert found is not None
-    np.testing.assert_array_equal(found.mean, poses.mean)
-    np.testing.assert_array_equal(found.covariance, poses.covariance)
+
+
+@pytest.mark.parametrize("poses", [None, Poses(np.linspace(0.1, 0.5, 20), np.diag(np.linspace(1.0, 2.0, 20)))])
+def test_what_is_stored_is_read(model: CapsuleModel, tmp_path: Path, poses: Poses | None) -> None:
+    """Other arrays, such as the tables of files of earlier versions, are not read."""
+    errors = NetworkErrors(np.eye(20) * 0.04, poses)
+    found = read_errors(write(tmp_path / "w.h5", **arrays_of(errors), fast=np.ones((3, 3))), model)
+    assert found.is_measured and (found.poses is None) == (poses is None)
+    np.testing.assert_array_equal(found.limbs, errors.limbs)
+    for one, other in zip(found.poses or (), poses or ()):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_weights_that_nobody_measured(model: CapsuleModel, tmp_path: Path) -> None:

@@ -26,14 +26,13 @@ def test_points_lie_on_the_surface(scene: Scene) -> None:
 
 
 def test_columns_and_rows(scene: Scene) -> None:
-    """``offset`` and ``factor`` map a point in space to its column and row in the crop."""
+    """``offset`` and ``factor`` map a point in space to its column and row in the crop, whose pixels begin at -0.5."""
     seen = scene.seen
     xyz = np.random.default_rng(0).uniform(-100, 100, (12, 7, 3)) + seen.center[:, None]
     x, y, z = np.moveaxis(xyz, -1, 0)
+    found = [seen.offset[:, [axis]] + seen.factor[:, [axis]] * way / z for axis, way in enumerate((x, y))]
     expected = crop_pixels(NYU.project(xyz), scene.center_uvd, 300.0)
-    column = seen.offset[:, :1] + seen.factor[:, :1] * x / z
-    row = seen.offset[:, 1:] + seen.factor[:, 1:] * y / z
-    np.testing.assert_allclose(np.stack([column, row], axis=-1) + 0.5 - 0.5, expected - 0.5, atol=0.51)
+    np.testing.assert_allclose(np.stack(found, axis=-1), expected - 0.5, atol=0.001)
 
 
 def test_outside_and_nearest() -> None:

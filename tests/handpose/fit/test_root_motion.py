@@ -43,44 +43,25 @@ ROOTS = [
 ]
 
 
-def any_x(model: CapsuleModel, seed: int, count: int = 30) -> np.ndarray:
-    """Variables (N, V) with the root's angles in all directions."""
-    x = np.random.default_rng(seed).uniform(-1, 1, (count, model.variables))
-    x[:, model.root] *= 4
-    return x
-
-
-def check_round_trip(model: CapsuleModel, x: np.ndarray) -> None:
-    """The joints are the same after a conversion and back; the angles are within half a turn."""
-    root, again = RootMotion(model), x.copy()
-    again[:, root.columns] = root.variables(root.place(x), root.rotation(x))
-    np.testing.assert_allclose(model.joints(again), model.joints(x), atol=1e-3)
-    assert (np.abs(again[:, root.columns[3:]]) <= np.pi).all()
-
-
 @pytest.mark.parametrize("made", [None, *ROOTS], ids=["hand", *(str(RootMotion(made)._axes) for made in ROOTS)])
-def test_there_and_back(model: CapsuleModel, made: CapsuleModel | None) -> None:
-    """The round trip holds for every order and sign of the axes, also where two of them coincide."""
+def test_place_and_rotation_there_and_back(model: CapsuleModel, made: CapsuleModel | None) -> None:
+    """Both are the root joint's, for any order and sign of its axes, and convert back, also where two axes coincide."""
     own = made or model
-    x = any_x(own, 0)
-    check_round_trip(own, x)
-    middle = RootMotion(own).columns[4]
-    for pole in (0.5, 1.5, -0.5):
-        for initial in (0.4, -0.4, 0.0):  # of the bodies here, and of the hand
-            x[:, middle] = pole * np.pi + initial
-            check_round_trip(own, x)
-
-
-@pytest.mark.parametrize("made", [None, *ROOTS[:2], ROOTS[-1]], ids=["hand", "a", "b", "c"])
-def test_place_and_rotation(model: CapsuleModel, made: CapsuleModel | None) -> None:
-    """Place and rotation equal those of the root joint in the kinematics."""
-    own = made or model
-    kinematics, root, x = kinematics_of(own.skeleton), RootMotion(own), any_x(own, 1)
+    kinematics, root = kinematics_of(own.skeleton), RootMotion(own)
+    x = np.random.default_rng(1).uniform(-1, 1, (30, own.variables))
+    x[:, own.root] *= 4  # angles in all directions
     x[:, SIZE] = 0
     pose = kinematics.forward(own.inputs_of(x))
     joint = int(np.flatnonzero(own.skeleton.parents < 0)[0])
     np.testing.assert_allclose(root.place(x), pose.joints[:, joint] * 150)
     np.testing.assert_allclose(root.rotation(x), kinematics.rotation_of(pose, joint), atol=1e-12)
+    poles = [pole * np.pi + initial for pole in (0.5, 1.5, -0.5) for initial in (0.4, -0.4, 0.0)]  # of all bodies here
+    for middle in (x[:, root.columns[4]], *poles):
+        x[:, root.columns[4]] = middle
+        again = x.copy()
+        again[:, root.columns] = root.variables(root.place(x), root.rotation(x))
+        np.testing.assert_allclose(own.joints(again), own.joints(x), atol=1e-3)
+        assert (np.abs(again[:, root.columns[3:]]) <= np.pi).all()
 
 
 CENTERS = st.tuples(*(st.floats(-500, 500),) * 3)

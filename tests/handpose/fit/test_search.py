@@ -2,27 +2,14 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pytest
 
 from handpose.fit.body import CapsuleModel
 from handpose.fit.objective import Objective, Prior, Weights
-from handpose.fit.observation import observe
-from handpose.fit.search import (
-    ACCURATE,
-    Stage,
-    damped_step,
-    data_cost,
-    descend,
-    drawn,
-    search,
-    turned_back,
-)
-from handpose.frames.cameras import NYU
+from handpose.fit.search import Stage, damped_step, descend, drawn, turned_back
 from layers.hand.bodies import kinematics_of
-from tests.handpose.fit.conftest import Scene, error, start_of
+from tests.handpose.fit.conftest import Scene, start_of
 
 RNG = np.random.default_rng(0)
 J, X = RNG.standard_normal((4, 9, 5)), RNG.standard_normal((4, 5))
@@ -67,39 +54,22 @@ def test_nothing_depends_on_a_variable() -> None:
     np.testing.assert_array_equal(damped_step(still, gradient, np.zeros(4), X, *WIDE, 1e-9)[:, 1], 0)
 
 
-STAGES = (Stage(30, 6), Stage(15, 6), Stage(10, 4))
-
-
 def prior_of(objective: Objective, x: np.ndarray) -> Prior:
     """The prior of a network whose angles have a standard error of 0.15 radians."""
     return objective.prior_of(x, np.eye(len(objective.model.limbs)) / 0.15**2)
 
 
-def test_it_comes_near_the_truth(model: CapsuleModel, scene: Scene) -> None:
-    """The error falls from more than 12 mm to less than 5 mm, and no frame gets more than 3 mm worse."""
-    objective, x = Objective(model, Weights()), start_of(scene, model)
-    found, cost = descend(objective, x, scene.seen, prior_of(objective, x), STAGES)
-    before, after = error(model, x, scene), error(model, found, scene)
-    assert before.mean() > 12 and np.median(after) < 5 and (after < before + 3).all()
-    assert (found >= model.lower).all() and (found <= model.upper).all()
-    again = objective.weigh(objective.measure(found, scene.seen, prior_of(objective, x)), scene.seen, 10.0)
-    np.testing.assert_allclose(again.total, cost.total, rtol=1e-4)
-
-
 def test_the_cost_never_rises_within_a_stage(model: CapsuleModel, scene: Scene) -> None:
-    """More iterations within a stage never give a higher cost."""
+    """More iterations in the last stage never give a higher cost, which is that of the result, within the limits."""
     objective, x = Objective(model, Weights()), start_of(scene, model)
-    costs = [descend(objective, x, scene.seen, prior_of(objective, x), (Stage(30, n),))[1].total for n in (0, 2, 5, 9)]
-    for earlier, later in itertools.pairwise(costs):
-        assert (later <= earlier + 1e-6 * earlier).all()
-
-
-def test_an_empty_picture_leaves_the_prediction(model: CapsuleModel, scene: Scene) -> None:
-    """Without depth readings the result equals the prior's centre."""
-    seen = observe(np.ones((1, 128, 128), np.float32), [[320, 240, 700]], NYU, 300.0)
-    objective, x = Objective(model, Weights(outline=0.0)), scene.truth[:1]
-    found, _ = descend(objective, x, seen, prior_of(objective, x), STAGES)
-    np.testing.assert_allclose(found, x, atol=1e-3)
+    prior, costs = prior_of(objective, x), []
+    for iterations in (0, 2, 5, 9):
+        found, cost = descend(objective, x, scene.seen, prior, (Stage(60, 1), Stage(30, iterations)))
+        costs.append(cost.total)
+        assert (found >= model.lower).all() and (found <= model.upper).all()
+        again = objective.weigh(objective.measure(found, scene.seen, prior), scene.seen, 30.0)
+        np.testing.assert_allclose(again.total, cost.total, rtol=1e-4)
+    assert (np.diff(costs, axis=0) <= 1e-6 * np.array(costs[:-1])).all()
 
 
 @pytest.mark.parametrize("quarter", [0, 1, 2, 3])
@@ -117,30 +87,14 @@ def test_a_pose_turned_with_its_picture(model: CapsuleModel, quarter: int) -> No
     assert (np.abs(found[:, 3:6]) <= np.pi + 1e-9).all()
 
 
-def test_drawn_starts(model: CapsuleModel, scene: Scene) -> None:
+def test_drawn_starts(model: CapsuleModel) -> None:
     """Only limbs vary, with the given covariance, within the limits, equally for the same seed and for every frame."""
-    L = len(model.limbs)
-    spread = np.linspace(0.01, 0.1, L)
-    starts = drawn(model, np.zeros((2, model.variables)), np.diag(spread**2), 500, 0)
+    x, spread = np.zeros((2, model.variables)), np.linspace(0.01, 0.1, len(model.limbs))
+    starts = drawn(model, x, np.diag(spread**2), 500, 0)
     others = np.setdiff1d(np.arange(model.variables), model.limbs)
     assert (starts[:, :, others] == 0).all()
     inner = (model.lower[model.limbs] < -0.3) & (model.upper[model.limbs] > 0.3)
     np.testing.assert_allclose(starts[:, 0, model.limbs].std(axis=0)[inner], spread[inner], rtol=0.15)
     assert (starts >= model.lower).all() and (starts <= model.upper).all()
-    np.testing.assert_array_equal(starts, drawn(model, np.zeros((2, model.variables)), np.diag(spread**2), 500, 0))
+    np.testing.assert_array_equal(starts, drawn(model, x, np.diag(spread**2), 500, 0))
     np.testing.assert_array_equal(starts[:, 0], starts[:, 1])
-
-
-def test_the_best_explained_start_wins(model: CapsuleModel, scene: Scene) -> None:
-    """Of the truth and two poses far from it, the truth wins in most frames and has a much lower cost."""
-    objective = Objective(model, Weights())
-    wrong = scene.truth.copy()
-    wrong[:, 5] += 2.0  # the palm turned in the picture
-    also = scene.truth.copy()
-    also[:, model.limbs] = model.lower[model.limbs]
-    starts = np.stack([wrong, scene.truth, also])
-    precision = np.eye(len(model.limbs)) * 20
-    found = search(objective, scene.seen, starts, starts, precision, ACCURATE)
-    assert (found.start == 1).mean() > 0.7
-    alone = search(objective, scene.seen, starts[:1], starts[:1], precision, ACCURATE)
-    assert data_cost(found.parts).mean() < 0.6 * data_cost(alone.parts).mean() and (alone.start == 0).all()

@@ -7,16 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handpose.body.render import render
 from handpose.fit.body import CapsuleModel
-from handpose.fit.support import (
-    FAR_MM,
-    Support,
-    joint_depths,
-    support,
-    support_of_parts,
-)
+from handpose.fit.support import FAR_MM, Support, joint_depths, support, support_of_parts
 from handpose.frames.cameras import KINECT2
+from tests.handpose.whole_images import render_image
 
 CAMERA = replace(KINECT2, width=512, height=424)
 CENTER = np.array([[0.0, 0.0, 500.0]])
@@ -25,8 +19,7 @@ CENTER = np.array([[0.0, 0.0, 500.0]])
 @pytest.fixture(scope="module")
 def image(model: CapsuleModel) -> np.ndarray:
     """The depth image of a hand at rest, in front of a wall."""
-    x, y = (np.arange(512) - CAMERA.u0) / CAMERA.fx, (np.arange(424) - CAMERA.v0) / CAMERA.fy
-    return render(model.capsules(np.zeros((1, model.variables)), CENTER), x[None], y[None], [1500.0])[0]
+    return render_image(model.capsules(np.zeros((1, model.variables)), CENTER), CAMERA, background=1500.0)[0]
 
 
 def of(model: CapsuleModel, image: np.ndarray, move: tuple[float, ...] = (0, 0, 0)) -> Support:
@@ -35,16 +28,12 @@ def of(model: CapsuleModel, image: np.ndarray, move: tuple[float, ...] = (0, 0, 
     return support(capsules, model.surface.limbs, image, CAMERA)
 
 
-def test_a_hand_at_its_place(model: CapsuleModel, image: np.ndarray) -> None:
-    """Nearly all of the surface is seen, although parts of the hand cover others."""
-    assert of(model, image).seen[0] > 0.97
-
-
 @pytest.mark.parametrize(
     ("value", "part"), [(30, "hidden"), (300, "hidden"), (0, "missing"), (np.nan, "missing"), (900, "empty")]
 )
 def test_covered(model: CapsuleModel, image: np.ndarray, value: float, part: str) -> None:
     """A part of the hand that is covered, not read, or farther than the pose counts in proportion to its area."""
+    assert of(model, image).seen[0] > 0.97  # although parts of the hand cover others
     half = image.copy()
     columns = np.flatnonzero((image < 700).any(axis=0))
     half[:, columns[0] : int(columns.mean())] = value

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from dataclasses import dataclass, field, replace
 
+import numpy as np
 import pytest
 
 from handpose.estimate.packaged import load_predictor
@@ -15,7 +16,7 @@ from handpose.scoring.tracks import TrackScores, score
 from handpose.sequences.acts import Act
 from handpose.sequences.recordings import Script, SyntheticRecording
 from handpose.tracking import sizing
-from handpose.tracking.track import TrackedFrame
+from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackedHand
 from handpose.tracking.tracker import Tracker
 
 RATE = 15.0
@@ -23,14 +24,13 @@ RATE = 15.0
 
 @dataclass
 class Take:
-    """A recording with its truth and its tracked frames; after each frame the known sizes, by id."""
+    """A recording with its truth and its tracked frames."""
 
     recording: SyntheticRecording
     frames: list[DepthFrame]
     truth: list[TrackedFrame]
     tracker: Tracker | None = None
     reported: list[TrackedFrame] = field(default_factory=list)
-    sizes: list[dict[int, float | None]] = field(default_factory=list)
 
     def score(self) -> TrackScores:
         """The scores of the tracked frames."""
@@ -48,13 +48,33 @@ def tracked(predictor: Predictor, take: Take, **options: object) -> Take:
     """The same take, with all hands that are followed. Sizes are determined from fewer frames than usual, because
     recordings are short."""
     tracker = Tracker(predictor, min_confidence=0, **options)  # type: ignore[arg-type]
-    done = replace(take, tracker=tracker, reported=[], sizes=[])
+    done = replace(take, tracker=tracker, reported=[])
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sizing, "FRAMES", 12)
-        for frame in take.frames:
-            done.reported.append(tracker.step(frame))
-            done.sizes.append({id: known.size for id, known in tracker.known.items()})
+        done.reported.extend(tracker.follow(take.frames))
     return done
+
+
+def frames_of(
+    *frames: tuple[TrackedHand | LostHand | PresentHand, ...], step: float = 1.0, first: float = 0.0
+) -> list[TrackedFrame]:
+    """Frames with these hands, one every ``step`` seconds from ``first`` on."""
+    return [
+        TrackedFrame(
+            number=n,
+            time=first + n * step,
+            hands=tuple(hand for hand in hands if isinstance(hand, TrackedHand)),
+            lost=tuple(hand for hand in hands if isinstance(hand, LostHand)),
+            present=tuple(hand for hand in hands if isinstance(hand, PresentHand)),
+        )
+        for n, hands in enumerate(frames)
+    ]
+
+
+def error_of(hand: TrackedHand, truth: TrackedFrame) -> float:
+    """The mean error in mm of a hand's joints from those of the true hand of its side."""
+    (true,) = (own for own in truth.hands if own.hand == hand.hand)
+    return float(np.linalg.norm(hand.xyz - true.xyz, axis=1).mean())
 
 
 def copied(tracker: Tracker) -> Tracker:
@@ -86,6 +106,4 @@ def leaving(predictor: Predictor) -> Take:
 @pytest.fixture(scope="session")
 def two(predictor: Predictor) -> Take:
     """Both hands of a person, at rest."""
-    return tracked(
-        predictor, played(Script(0.8, {"right": (Act("rest", 1),), "left": (Act("rest", 1),)}), 2)
-    )
+    return tracked(predictor, played(Script(0.8, {"right": (Act("rest", 1),), "left": (Act("rest", 1),)}), 2))

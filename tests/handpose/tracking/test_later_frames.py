@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handpose.body.sides import Side, mirror_of
+from handpose.body.sides import SIDES, Side, mirror_of
 from handpose.fit.body import SIZE, CapsuleModel, crop_variables, world_pose
 from handpose.fit.pose_confidence import GOOD_MM
 from handpose.tracking.later_frames import AHEAD, AHEAD_S, LASTING_S, MAX_UNDECIDED_S, LaterFrames
 from handpose.tracking.smoothing import PoseFilter
 from handpose.tracking.track import TrackedFrame, TrackedHand, TrackedPoses, joints_of
+from tests.handpose.tracking.conftest import frames_of
 from tests.support.tracked_hands import HEADER, tracked
 
 RATE = 30.0
@@ -24,16 +25,12 @@ def take(
     model: CapsuleModel, poses: np.ndarray, side: Side = "right", size: float | None = None, missing: Sequence[int] = ()
 ) -> list[TrackedFrame]:
     """A track of one hand with these variables (N, V), smoothed by a tracker; some frames are without it."""
-    one, frames, mirror = PoseFilter(), [], mirror_of(side)
-    for n, x in enumerate(poses):
-        hands: tuple[TrackedHand, ...] = ()
-        if n not in missing:
-            fitted = world_pose(model, x, ORIGIN * mirror)
-            smoothed = one(fitted, n / RATE)
-            hand = replace(tracked(side), origin_mm=ORIGIN, poses=TrackedPoses(fitted, smoothed, 5.0, size))
-            hands = (hand,)
-        frames.append(TrackedFrame(n, n / RATE, hands))
-    return frames
+    one, hands = PoseFilter(), {}
+    for n in (n for n in range(len(poses)) if n not in missing):
+        fitted = world_pose(model, poses[n], ORIGIN * mirror_of(side))
+        followed = TrackedPoses(fitted, one(fitted, n / RATE), 5.0, size)
+        hands[n] = replace(tracked(side), origin_mm=ORIGIN, poses=followed)
+    return frames_of(*((hands[n],) if n in hands else () for n in range(len(poses))), step=1 / RATE)
 
 
 def smoothed(model: CapsuleModel, frames: list[TrackedFrame]) -> list[TrackedFrame]:
@@ -44,38 +41,37 @@ def smoothed(model: CapsuleModel, frames: list[TrackedFrame]) -> list[TrackedFra
     return [frame for _, frame in released]
 
 
-def joints(frames: list[TrackedFrame]) -> np.ndarray:
-    """The joints (N, K, 3) in mm of the only hand."""
-    return np.stack([frame.hands[0].xyz for frame in frames])
+def variables_of(model: CapsuleModel, hand: TrackedHand) -> np.ndarray:
+    """The variables (1, V) of the smoothed pose of a hand."""
+    assert hand.poses is not None
+    return crop_variables(model, hand.poses.smoothed, ORIGIN * mirror_of(hand.hand))[None]
+
+
+def joints(model: CapsuleModel, frames: list[TrackedFrame]) -> tuple[np.ndarray, np.ndarray]:
+    """The joints (N, K, 3) in mm of the only hand as the tracker smoothed it, and with later frames."""
+    before = np.stack([model.joints(variables_of(model, frame.hands[0]))[0] + ORIGIN for frame in frames])
+    return before, np.stack([frame.hands[0].xyz for frame in smoothed(model, frames)])
 
 
 def swinging(model: CapsuleModel) -> np.ndarray:
-    """Variables (120, V) of fingers that close and open once per second, in a palm that swings by 100 mm."""
+    """Variables (120, V) of fingers that close and open once per second, in a palm that swings by 100 mm and turns."""
     phase = 2 * np.pi * np.arange(120) / RATE
     x = np.zeros((120, model.variables))
-    x[:, 0] = 0.05 / 0.15 * np.sin(phase)
+    x[:, 0], x[:, 5] = 0.05 / 0.15 * np.sin(phase), 0.2 * np.sin(phase)
     x[:, model.limbs] = np.clip(0.3 + 0.3 * np.sin(phase)[:, None], model.lower[model.limbs], model.upper[model.limbs])
     return x
 
 
 def undecided(right: float) -> TrackedHand:
     """A hand that is a right one with this probability, and its other side."""
-    sides = {
-        side: replace(tracked(side), confidence=0.8 * likely, side_confidence=likely)
-        for side, likely in (("right", right), ("left", 1 - right))
-    }
-    likely, other = ("right", "left") if right >= 0.5 else ("left", "right")
-    return replace(sides[likely], other=sides[other])
-
-
-def frames_with(*hands: TrackedHand | None, step: float = 0.1) -> list[TrackedFrame]:
-    """Frames with one hand or none."""
-    return [TrackedFrame(n, n * step, (hand,) if hand else ()) for n, hand in enumerate(hands)]
+    one, two = (replace(tracked(side), confidence=0.8 * likely, side_confidence=likely)
+                for side, likely in zip(SIDES, (right, 1 - right)))
+    return replace(one, other=two) if right >= 0.5 else replace(two, other=one)
 
 
 def test_a_later_decision_is_used(model: CapsuleModel) -> None:
     """Frames in which the other side was assumed get the pose of the decided one."""
-    frames = frames_with(undecided(0.8), undecided(0.4), tracked("left"))
+    frames = frames_of((undecided(0.8),), (undecided(0.4),), (tracked("left"),), step=0.1)
     for frame in smoothed(model, frames):
         (hand,) = frame.hands
         assert hand.known_side == "left" and hand.other is None
@@ -84,50 +80,37 @@ def test_a_later_decision_is_used(model: CapsuleModel) -> None:
 
 def test_frames_wait_for_a_decision(model: CapsuleModel) -> None:
     """Frames before it wait, also those of other hands; after some seconds they are released with an unknown side."""
-    step = MAX_UNDECIDED_S / 2
     one = LaterFrames[int](model)
-    given = frames_with(tracked("right"), *[undecided(0.5)] * 9, step=step)
+    given = frames_of((tracked("right"),), *[(undecided(0.5),)] * 9, step=MAX_UNDECIDED_S / 2)
     ready = [[found.number for _, found in one.add(0, frame)] for frame in given]
     assert ready == [[], [], [], [], [0], [1], [2], [3], [4], [5]]
     assert [hand.side_name for _, frame in one.finish() for hand in frame.hands] == ["unknown"] * 4
 
 
-def test_the_end_of_a_recording(model: CapsuleModel) -> None:
+@pytest.mark.parametrize(("right", "side"), [(0.95, "right"), (0.55, None)])
+def test_the_end_of_a_recording(model: CapsuleModel, right: float, side: Side | None) -> None:
     """At the end, a likely side is used for the frames that are still held; an unlikely one remains unknown."""
-    for right, side in ((0.95, "right"), (0.55, None)):
-        found = smoothed(model, frames_with(undecided(0.6), undecided(right)))
-        assert [hand.known_side for frame in found for hand in frame.hands] == [side, side]
+    found = smoothed(model, frames_of((undecided(0.6),), (undecided(right),), step=0.1))
+    assert [hand.known_side for frame in found for hand in frame.hands] == [side, side]
 
 
 def test_a_moving_hand_is_followed_without_lag(model: CapsuleModel) -> None:
     """The error of smoothing is less than half of that of the filter that knows earlier frames only."""
     x = swinging(model)
     true = model.joints(x) + ORIGIN
-    frames = take(model, x)
-    causal = np.stack([
-        model.joints(variables_of(model, frame.hands[0]))[0] + ORIGIN for frame in frames
-    ])
-    off, causal_off = (np.linalg.norm(found - true, axis=2)[30:-30].mean() for found in
-                       (joints(smoothed(model, frames)), causal))
-    assert off < 0.5 * causal_off
-
-
-def variables_of(model: CapsuleModel, hand: TrackedHand) -> np.ndarray:
-    """The variables (1, V) of the smoothed pose of a tracker."""
-    assert hand.poses is not None
-    return crop_variables(model, hand.poses.smoothed, ORIGIN * mirror_of(hand.hand))[None]
+    before, off = (np.linalg.norm(xyz - true, axis=2)[30:-30].mean() for xyz in joints(model, take(model, x)))
+    assert off < 0.5 * before
 
 
 def test_a_trembling_hand_becomes_steadier(model: CapsuleModel) -> None:
     """The deviation at rest is smaller than that of the tracker's smoothing."""
     off = np.random.default_rng(0).normal(0, 0.004, (120, model.variables))
     off[:, SIZE:] = 0
-    frames = take(model, 0.1 + off)
-    causal = np.stack([model.joints(variables_of(model, frame.hands[0]))[0] for frame in frames])
-    assert joints(smoothed(model, frames))[30:-30].std(axis=0).mean() < 0.9 * causal[30:-30].std(axis=0).mean()
+    before, after = (xyz[30:-30].std(axis=0).mean() for xyz in joints(model, take(model, 0.1 + off)))
+    assert after < 0.9 * before
 
 
-@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("side", SIDES)
 def test_the_values_of_a_hand_agree(model: CapsuleModel, side: Side) -> None:
     """Joints follow from inputs, bones and origin; bones keep the known size; the surface moves with the pose."""
     frames = smoothed(model, take(model, swinging(model), side, size=0.9))
@@ -167,25 +150,20 @@ def test_a_missing_hand_is_not_smoothed_across(model: CapsuleModel) -> None:
 
 def test_hands_that_were_not_smoothed_are_unchanged(model: CapsuleModel) -> None:
     """Raw poses, and those of other sources, pass."""
-    frames = [TrackedFrame(n, n / RATE, (tracked(),)) for n in range(5)]
-    for found, given in zip(smoothed(model, frames), frames):
-        assert found.hands[0] is given.hands[0]
+    frames = frames_of(*[(tracked(),)] * 5, step=1 / RATE)
+    assert all(found.hands[0] is given.hands[0] for found, given in zip(smoothed(model, frames), frames))
 
 
 def test_errors_last(model: CapsuleModel) -> None:
     """Expected errors are means over half a second before and after, and the confidence is that mean at most."""
-    frames, errors = take(model, np.zeros((90, model.variables))), np.full(90, 10.0)
-    errors[40:42] = 40.0
-    for n, frame in enumerate(frames):
-        (hand,) = frame.hands
-        bad = errors[n] > 10
-        own = replace(
-            hand, error_mm=errors[n], confidence=0.2 if bad else 0.9, finger_error_mm=np.full(5, 2 * errors[n])
-        )
-        other = replace(own, id=7, error_mm=90.0, confidence=0.0)  # another hand changes nothing
-        frames[n] = frame._replace(hands=(own, other))
-    found = [frame.hands[0] for frame in smoothed(model, frames)]
+    hands = []
+    for n, frame in enumerate(take(model, np.zeros((90, model.variables)))):
+        error, confidence = (40.0, 0.2) if 40 <= n < 42 else (10.0, 0.9)
+        own = replace(frame.hands[0], error_mm=error, confidence=confidence, finger_error_mm=np.full(5, 2 * error))
+        hands.append((own, replace(own, id=7, error_mm=90.0, confidence=0.0)))  # another hand changes nothing
+    found = [frame.hands[0] for frame in smoothed(model, frames_of(*hands, step=1 / RATE))]
     around = round(2 * LASTING_S * RATE) + 1
-    assert (found[20].error_mm, found[20].confidence) == pytest.approx((10, 0.9))
-    assert (found[38].error_mm, found[38].confidence) == pytest.approx((10 + 60 / around, 0.9 - 1.4 / around))
-    assert (found[40].error_mm, found[40].confidence) == pytest.approx((GOOD_MM * 0.8, 0.2))
+    expected = {20: (10, 0.9), 38: (10 + 60 / around, 0.9 - 1.4 / around), 40: (GOOD_MM * 0.8, 0.2)}
+    for n, values in expected.items():
+        assert (found[n].error_mm, found[n].confidence) == pytest.approx(values)
+    assert found[40].finger_error_mm.tolist() == [80] * 5

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,144 +12,92 @@ import pytest
 from handpose.body.render import normalise_depth, render_crop
 from handpose.body.sides import Side
 from handpose.estimate.hand import Hand
-from handpose.fit.body import MAX_SIZE, MIN_SIZE, SIZE, TYPICAL_SIZE, CapsuleModel
+from handpose.fit.body import SIZE, TYPICAL_SIZE, CapsuleModel
 from handpose.fit.depth_fit import DepthFitter
-from handpose.fit.observation import Observation, observe
 from handpose.frames.cameras import NYU
 from handpose.synthetic import prior_file
 from handpose.synthetic.generator import Generator, Recipe, View
 from handpose.synthetic.recipes import recipe
 from handpose.tracking import sizing
-from handpose.tracking.sizing import NEAR, POPULATION, SizeKeeper, lowest, size_of
+from handpose.tracking.sizing import FRAMES, POPULATION, SizeKeeper, lowest
 
-TRUE, COUNT = 0.93, 60
-
-
-@pytest.fixture(scope="module")
-def estimator(model: CapsuleModel) -> Any:
-    """The used attributes of an estimator."""
-    return SimpleNamespace(fitter=DepthFitter(model), camera=NYU, cube_mm=300.0)
+Poses = tuple[np.ndarray, np.ndarray]
 
 
 @pytest.fixture(scope="module")
-def hands(model: CapsuleModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Crops (N, 128, 128) of right hands of the true size, centres (N, 3), and variables (N, V) with small errors."""
+def poses(model: CapsuleModel) -> Poses:
+    """Variables (N, V) of right hands, and the centres (N, 3) of their crops."""
     exact = prior_file.load().but(scale_std=0, bone_std=0)
     drawn = Generator(5, "train", Recipe(prior=exact, views=(View(NYU, None),))).scene(0)
-    x, uvd = model.variables_of(drawn.bodies.inputs[:COUNT]), drawn.center_uvd[:COUNT]
-    x[:, SIZE] = np.log(TRUE)
-    depth = render_crop(model.capsules(x, NYU.unproject(uvd)), uvd, 300.0)
-    fitted = x + np.random.default_rng(0).normal(0, 0.03, x.shape)
-    fitted[:, SIZE] = np.random.default_rng(1).normal(0, 0.05, len(x))  # about 1 instead of the true size
-    return normalise_depth(depth, uvd[:, 2], 300.0), uvd, fitted
+    return model.variables_of(drawn.bodies.inputs[:60]), drawn.center_uvd[:60]
 
 
 def estimates(
-    model: CapsuleModel, hands: tuple[np.ndarray, np.ndarray, np.ndarray], side: Side, confidence: float = 1.0
+    model: CapsuleModel, poses: Poses, size: float = 0.93, side: Side = "right", fitted: float = 1.0,
+    confidence: float = 1.0,
 ) -> list[Hand]:
-    """Estimates of these hands, or of their mirror images."""
-    found = []
-    for crop, uvd, x in zip(*hands):
-        if side == "left":
-            crop, uvd = crop[:, ::-1], np.array([2 * NYU.u0 - uvd[0], *uvd[1:]])
-        fit: Any = SimpleNamespace(x=x[None], uncertainty=np.ones(1))
-        found.append(Hand(side, crop, uvd, 300.0, NYU, np.zeros((31, 3)), fit, model, error_mm=1.0,
-                          confidence=confidence))
-    return found
+    """Estimates of hands of this size, or of their mirror images, with small errors and sizes about ``fitted``."""
+    x, uvd = poses[0].copy(), poses[1]
+    x[:, SIZE] = np.log(size)
+    crops = normalise_depth(render_crop(model.capsules(x, NYU.unproject(uvd)), uvd, 300.0), uvd[:, 2], 300.0)
+    x += np.random.default_rng(0).normal(0, 0.03, x.shape)
+    x[:, SIZE] = np.log(fitted) + np.random.default_rng(1).normal(0, 0.05, len(x))
+    if side == "left":
+        crops, uvd = crops[:, :, ::-1], uvd * (-1, 1, 1) + (2 * NYU.u0, 0, 0)
+    fits: Any = [SimpleNamespace(x=row[None], uncertainty=np.ones(1)) for row in x]
+    return [Hand(side, crop, center, 300.0, NYU, np.zeros((31, 3)), fit, model, error_mm=1.0,
+                 confidence=confidence)
+            for crop, center, fit in zip(crops, uvd, fits)]
 
 
-# ---------------------------------------------------------------------------------------------- of some frames
+def kept(model: CapsuleModel, hands: Sequence[Hand], every: float = 0.2) -> list[tuple[int, float]]:
+    """The sizes that a keeper returns, with the number of poses until then."""
+    keeper = SizeKeeper(SimpleNamespace(fitter=DepthFitter(model), camera=NYU, cube_mm=300.0))  # type: ignore[arg-type]
+    sizes = [keeper.take(hand, n * every) for n, hand in enumerate(hands)]
+    return [(n, size) for n, size in enumerate(sizes, 1) if size is not None]
 
 
-def drawn(
-    model: CapsuleModel, hands: tuple[np.ndarray, np.ndarray, np.ndarray], size: float
-) -> tuple[Observation, np.ndarray]:
-    """Six of the hands with this size, and fits of them with another one."""
-    _, uvd, x = (values[:6] for values in hands)
-    truth = x.copy()
-    truth[:, SIZE] = np.log(size)
-    depth = render_crop(model.capsules(truth, NYU.unproject(uvd)), uvd, 300.0)
-    return observe(normalise_depth(depth, uvd[:, 2], 300.0), uvd, NYU, 300.0, 200), x
+@pytest.mark.parametrize(("side", "other"), [("right", "left"), ("left", "right")])
+def test_the_size_of_a_hand(model: CapsuleModel, poses: Poses, side: Side, other: Side) -> None:
+    """The size is returned once, after enough frames; earlier sights as the other side do not count."""
+    hands = estimates(model, poses, side=side)
+    [(count, size)] = kept(model, hands)
+    assert count == FRAMES and size == pytest.approx(0.93, abs=0.02)
+    [(later, same)] = kept(model, [*estimates(model, poses, side=other)[:20], *hands])
+    assert later == FRAMES + 20 and same == pytest.approx(size)
 
 
-@pytest.mark.parametrize("size", [0.92, 0.761, 1.329])
-def test_the_size_in_some_frames(model: CapsuleModel, hands: Any, size: float) -> None:
-    sizes = np.geomspace(MIN_SIZE, MAX_SIZE, 25)
-    assert size_of(DepthFitter(model), *drawn(model, hands, size), sizes) == pytest.approx(size, abs=0.012)
+@pytest.mark.parametrize(("size", "fitted"), [(0.761, 0.72), (0.93, 0.8), (1.329, 1.25)])
+def test_a_size_far_from_what_was_expected(
+    model: CapsuleModel, poses: Poses, size: float, fitted: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The true size is found although the hands were fitted with another one."""
+    monkeypatch.setattr(sizing, "POPULATION", np.inf)  # no prior
+    [(_, found)] = kept(model, estimates(model, poses, size, fitted=fitted))
+    assert found == pytest.approx(size, abs=0.015)
 
 
-def test_sizes_that_are_tried(model: CapsuleModel, hands: Any) -> None:
-    """One outside their range is not found; the prior pulls to the typical one."""
-    near, fitter, seen = np.exp(NEAR), DepthFitter(model), drawn(model, hands, 0.955)
-    alone = size_of(fitter, *seen, near)
-    assert alone == pytest.approx(0.955, abs=0.015)
-    assert size_of(fitter, *seen, 1.05 * near[-3:] / near[-3]) <= 1.05
-    assert TYPICAL_SIZE < size_of(fitter, *seen, near, deviation=0.01) < alone
-
-
-def test_the_least_of_few_costs() -> None:
-    """The minimum is that of a parabola, or the first or last size if the costs decrease towards it."""
-    sizes = np.exp([-0.1, 0.0, 0.1])
-    assert lowest(sizes, np.array([2.0, 1.0, 2.0])) == pytest.approx(1.0)
-    assert lowest(sizes, np.array([1.0, 1.0, 2.0])) == pytest.approx(np.exp(-0.05))
-    assert lowest(sizes, np.array([1.0, 3.0, 4.0])) == pytest.approx(sizes[0])
-    assert lowest(sizes, np.array([4.0, 3.0, 1.0])) == pytest.approx(sizes[2])
-
-
-# ---------------------------------------------------------------------------------------------- in a track
-
-
-@pytest.mark.parametrize("side", ["right", "left"])
-def test_the_size_of_a_hand(model: CapsuleModel, estimator: Any, hands: Any, side: Side) -> None:
-    """The size is returned once, after more than five frames."""
-    keeper, reported = SizeKeeper(estimator), []
-    for n, estimate in enumerate(estimates(model, hands, side)):
-        reported.append(keeper.take(estimate, n / 5))
-        if reported[-1] is not None:
-            break
-    assert len(reported) > 5 and reported[:-1] == [None] * (len(reported) - 1)
-    assert reported[-1] == pytest.approx(TRUE, abs=0.02)
-
-
-def test_the_population_is_that_of_the_training_frames() -> None:
-    """The recipe of the packaged weights samples sizes with this deviation."""
-    prior = recipe("people").prior
+def test_most_people_have_a_typical_size(model: CapsuleModel, poses: Poses, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The prior pulls to it; its deviation is that of the recipe of the packaged weights."""
+    hands, prior, found = estimates(model, poses, 0.99), recipe("people").prior, []
     assert prior.scale_std / prior.scale_mean == pytest.approx(POPULATION, abs=0.001)
+    for deviation in (0.01, 0.3, np.inf):
+        monkeypatch.setattr(sizing, "POPULATION", deviation)
+        found += [size for _, size in kept(model, hands)]
+    assert found[0] < found[1] < found[2]
+    assert (found[0], found[2]) == pytest.approx((TYPICAL_SIZE, 0.99), abs=0.015)
 
 
-@pytest.fixture
-def fewer(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The size is estimated from half as many poses, in less time."""
-    monkeypatch.setattr(sizing, "BEST", sizing.BEST // 2)
+@pytest.mark.parametrize(("costs", "step"), [
+    ([2.0, 1.0, 2.0], 0.0),
+    ([1.0, 1.0, 2.0], -0.05),  # the minimum of a parabola
+    ([1.0, 3.0, 4.0], -0.1), ([4.0, 3.0, 1.0], 0.1),  # the first or last size if the costs decrease towards it
+    ([1.0, 1.5, 2.1], -0.1),
+])
+def test_the_least_of_few_costs(costs: list[float], step: float) -> None:
+    assert lowest(np.exp([-0.1, 0.0, 0.1]), np.array(costs)) == pytest.approx(np.exp(step))
 
 
-@pytest.mark.usefixtures("fewer")
-def test_a_size_far_from_what_was_expected(model: CapsuleModel, estimator: Any, hands: Any) -> None:
-    """The true size is found although the hands were fitted with one a fifth smaller."""
-    crops, uvd, x = hands
-    wrong = x.copy()
-    wrong[:, SIZE] = np.log(0.8)
-    keeper, reported = SizeKeeper(estimator), []
-    for n, estimate in enumerate(estimates(model, (crops, uvd, wrong), "right")):
-        reported.append(keeper.take(estimate, n / 5))
-    assert [one for one in reported if one] == [pytest.approx(TRUE, abs=0.03)]
-
-
-@pytest.mark.usefixtures("fewer")
-def test_sights_as_the_other_hand_say_nothing(model: CapsuleModel, estimator: Any, hands: Any) -> None:
-    """After the side has changed, earlier estimates of the other side are ignored."""
-    keeper, reported = SizeKeeper(estimator), []
-    for n, estimate in enumerate([*estimates(model, hands, "left")[:20], *estimates(model, hands, "right")]):
-        reported.append(keeper.take(estimate, n / 5))
-        if reported[-1] is not None:
-            break
-    assert reported[-1] == pytest.approx(TRUE, abs=0.02)
-
-
-def test_frames_that_say_nothing(model: CapsuleModel, estimator: Any, hands: Any) -> None:
-    """Estimates that are uncertain, or follow one another too soon, are ignored."""
-    keeper = SizeKeeper(estimator)
-    doubtful = estimates(model, hands, "right", 0.3)
-    assert [keeper.take(estimate, n / 5) for n, estimate in enumerate(doubtful)] == [None] * COUNT
-    soon = estimates(model, hands, "right")
-    assert [keeper.take(estimate, 10 + n / 1000) for n, estimate in enumerate(soon)] == [None] * COUNT
+@pytest.mark.parametrize(("confidence", "every"), [(0.3, 0.2), (1.0, 0.001)], ids=["uncertain", "too soon"])
+def test_frames_that_say_nothing(model: CapsuleModel, poses: Poses, confidence: float, every: float) -> None:
+    assert kept(model, estimates(model, poses, confidence=confidence), every) == []
