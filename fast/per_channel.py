@@ -46,6 +46,9 @@ def each_block(shape: tuple[int, ...], job: Callable[[slice, slice], None]) -> N
     """Call ``job`` with slices of the first two axes, about ``BLOCK`` values each, on several threads if there are many
     blocks."""
     outer, count, inner = shape
+    if outer * count * inner <= BLOCK:
+        job(slice(0, outer), slice(0, count))
+        return
     if inner * count <= BLOCK:
         parts = [(own, slice(0, count)) for own in blocks(outer, max(1, BLOCK // max(inner * count, 1)))]
     else:
