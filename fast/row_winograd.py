@@ -103,14 +103,9 @@ def kernel_matrix(k: int) -> Array:
     return np.array([*rows, [0.0] * (k - 1) + [1.0]])
 
 
-@lru_cache
-def _factors(k: int, without: float = 0.0) -> list[float]:
+def _factors(k: int, without: float = 0.0) -> Array:
     """The coefficients, lowest first, of the product of (z - p²) over the pairs p of a kernel except one."""
-    factors = np.ones(1)
-    for p in PAIRS[k]:
-        if p != without:
-            factors = np.convolve(factors, [-p * p, 1.0])
-    return factors.tolist()
+    return np.poly([p * p for p in PAIRS[k] if p != without])[::-1]
 
 
 @lru_cache
