@@ -141,14 +141,9 @@ def _gradient(g: Geometry, columns: Array, dy: Array, dw: Array) -> None:
     run_parts(job, O, g.group, dw.size * L)
 
 
-def _is_pointwise(g: Geometry) -> bool:
-    """Whether x itself is its columns, without a stride."""
-    return set(g.kernel) == {1} and not any(g.pad)
-
-
 def _in_place(g: Geometry, images: slice) -> bool:
     """Whether the columns of these images are a view of x."""
-    return _is_pointwise(g) and set(g.stride) == {1} and images.stop - images.start == 1
+    return g.is_pointwise and set(g.stride) == {1} and images.stop - images.start == 1
 
 
 def lower(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Array:
@@ -261,7 +256,7 @@ def _blocks(g: Geometry, x: Array, y_shape: tuple[int, ...]) -> Iterator[tuple[s
     """The images and rows of outputs of each block."""
     bytes_each = x.shape[1] * math.prod(g.kernel) * x.itemsize
     columns, outputs = max(COLUMN_BYTES // bytes_each, MIN_COLUMNS), math.prod(y_shape[2:])
-    if _is_pointwise(g) and outputs >= MIN_IMAGE:
+    if g.is_pointwise and outputs >= MIN_IMAGE:
         columns = min(columns, outputs)
     return image_blocks(len(x), y_shape[2:], columns)
 

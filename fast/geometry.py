@@ -48,6 +48,11 @@ class Geometry:
         return set(self.stride) | set(self.dilation) == {1}
 
     @cached_property
+    def is_pointwise(self) -> bool:
+        """Whether x itself is its columns, without a stride."""
+        return set(self.kernel) == {1} and not any(self.pad)
+
+    @cached_property
     def one_group(self) -> Geometry:
         """The geometry of one of the groups."""
         return Geometry(self.kernel, self.stride, self.pad, self.dilation, 1)

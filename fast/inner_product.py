@@ -44,10 +44,8 @@ class FastInnerProduct(FastLayer, InnerProduct):
             if self.param.bias_term:
                 y[:, o] += self.bias.data[o]
 
-        if few:
-            parallel.run([partial(job, o) for o in blocks(len(w), _few_outputs(len(x), w))])
-        else:
-            parallel.run(_by_blocks(job, len(w)))
+        jobs = [partial(job, o) for o in blocks(len(w), _few_outputs(len(x), w))] if few else _by_blocks(job, len(w))
+        parallel.run(jobs)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         """Compute dw = dyᵀ x and db in blocks of outputs, and dx = dy w in blocks of inputs."""

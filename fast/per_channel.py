@@ -49,11 +49,8 @@ def each_block(shape: tuple[int, ...], job: Callable[[slice, slice], None]) -> N
     if outer * count * inner <= BLOCK:
         job(slice(0, outer), slice(0, count))
         return
-    if inner * count <= BLOCK:
-        parts = [(own, slice(0, count)) for own in blocks(outer, max(1, BLOCK // max(inner * count, 1)))]
-    else:
-        size = max(1, BLOCK // inner)
-        parts = [(slice(i, i + 1), own) for i in range(outer) for own in blocks(count, size)]
+    each, size = max(1, BLOCK // max(inner * count, 1)), max(1, BLOCK // inner)
+    parts = [(rows, own) for rows in blocks(outer, each) for own in blocks(count, size)]
     parallel.run([partial(job, *part) for part in parts])
 
 
