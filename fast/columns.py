@@ -15,6 +15,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from operator import mul
 from typing import Any
 
 import numpy as np
@@ -140,14 +141,9 @@ def _gradient(g: Geometry, columns: Array, dy: Array, dw: Array) -> None:
     run_parts(job, O, g.group, dw.size * L)
 
 
-def _is_pointwise(g: Geometry) -> bool:
-    """Whether x itself is its columns, without a stride."""
-    return set(g.kernel) == {1} and not any(g.pad)
-
-
 def _in_place(g: Geometry, images: slice) -> bool:
     """Whether the columns of these images are a view of x."""
-    return _is_pointwise(g) and set(g.stride) == {1} and images.stop - images.start == 1
+    return g.is_pointwise and set(g.stride) == {1} and images.stop - images.start == 1
 
 
 def lower(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Array:
@@ -155,7 +151,7 @@ def lower(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Array
     n, C = x.shape[:2]
     if _in_place(g, slice(0, n)):
         return x[0, :, rows].reshape(C, -1)
-    plan = _plan(g, x.shape[2:], rows.start, rows.stop, outputs)
+    plan = _plan(g, x.shape[2:], x.swapaxes(0, 1).strides, x.dtype, n, rows.start, rows.stop, outputs)
     by_channel = x.swapaxes(0, 1)[:, :, plan.rows]
     columns = scratch("columns", (C, *g.kernel, n, rows.stop - rows.start, *outputs[1:]), x.dtype)
     padded = scratch("padded", (C, n, *plan.padded), x.dtype) if plan.padded else by_channel
@@ -166,8 +162,12 @@ def lower(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Array
             read.fill(0)
             for place, values in plan.copies:
                 read[place] = source[values]
-        for element, part in plan.elements:
-            target[element] = read[part]
+        for own, start, strides in plan.windows:  # few calls, because small copies take less time than calls
+            part = target[own]
+            if plan.padded:  # as_strided takes ten times as long
+                part[...] = np.ndarray(part.shape, part.dtype, read, start, strides)
+            else:
+                part[...] = np.lib.stride_tricks.as_strided(read, part.shape, strides)
 
     run_parts(job, C, 1, columns.size * COPY)
     return columns.reshape(C * math.prod(g.kernel), -1)
@@ -180,39 +180,49 @@ class _Plan:
     rows      those of x under them
     padded    the spatial axes with padding, the last one split into every stride-th value; None if x is read in place
     copies    indices of the padded values and of x
-    elements  for each element of the kernel, the indices of its columns and of the values under it
+    windows   for the elements of the kernel that read the same of these values in each row, the index of their columns,
+              and the first byte and the strides of the values under them
     """
 
     rows: slice
     padded: tuple[int, ...] | None
     copies: list[tuple[Index, Index]]
-    elements: list[tuple[Index, Index]]
+    windows: list[tuple[Index, int, tuple[int, ...]]]
 
 
 @lru_cache(maxsize=256)
-def _plan(g: Geometry, sizes: tuple[int, ...], start: int, stop: int, outputs: tuple[int, ...]) -> _Plan:
-    every, last = slice(None), g.stride[-1]
-    first = start * g.stride[0] - g.pad[0]
-    end = first + (stop - start - 1) * g.stride[0] + g.dilation[0] * (g.kernel[0] - 1) + 1
-    low, high = min(max(first, 0), sizes[0]), max(min(end, sizes[0]), 0)
-    inside = (slice(low - first, max(high, low) - first), *g.inside(sizes)[1:])
-    shape = (end - first, *g.padded(sizes)[1:])
+def _plan(
+    g: Geometry, sizes: tuple[int, ...], strides: tuple[int, ...], dtype: Any, n: int, start: int,
+    stop: int, outputs: tuple[int, ...],
+) -> _Plan:
+    """``strides`` are those of x (C, n, ...)."""
+    last, every = g.stride[-1], (slice(None),) * len(g.kernel)
+    begin = start * g.stride[0] - g.pad[0]
+    end = begin + (stop - start - 1) * g.stride[0] + g.dilation[0] * (g.kernel[0] - 1) + 1
+    low, high = min(max(begin, 0), sizes[0]), max(min(end, sizes[0]), 0)
+    inside = (slice(low - begin, max(high, low) - begin), *g.inside(sizes)[1:])
+    shape = (end - begin, *g.padded(sizes)[1:])
     step = last if g.kernel[-1] > last and outputs[-1] >= MIN_ROW else 1  # values of a column are then adjacent
-    windows = [((every, *element), part) for element, part in g.windows(slice(0, stop - start), outputs)]
-    if step == 1 and not any(g.pad):
-        return _Plan(slice(low, high), None, [], [(element, (every, every, *part)) for element, part in windows])
+    padded, phase_bytes = None, 0
     copies: list[tuple[Index, Index]] = []
-    for phase in range(step):
-        values = slice((phase - inside[-1].start) % step, inside[-1].stop - inside[-1].start, step)
-        place = (inside[-1].start + values.start) // step
-        places = slice(place, place + len(range(values.start, values.stop, step)))
-        copies.append(((every, every, *inside[:-1], phase, places), (..., values)))
-    elements: list[tuple[Index, Index]] = []
-    for element, part in windows:
-        place, phase = divmod(part[-1].start, step)
-        own = slice(place, place + (outputs[-1] - 1) * (last // step) + 1, last // step)
-        elements.append((element, (every, every, *part[:-1], phase, own)))
-    return _Plan(slice(low, high), (*shape[:-1], step, -(-shape[-1] // step)), copies, elements)
+    if step > 1 or any(g.pad):
+        padded = (*shape[:-1], step, -(-shape[-1] // step))
+        strides = np.empty((1, n, *padded), dtype).strides
+        strides, phase_bytes = (*strides[:-2], strides[-1]), strides[-2]
+        for phase in range(step):
+            values = slice((phase - inside[-1].start) % step, inside[-1].stop - inside[-1].start, step)
+            place = (inside[-1].start + values.start) // step
+            places = slice(place, place + len(range(values.start, values.stop, step)))
+            copies.append(((slice(None), slice(None), *inside[:-1], phase, places), (..., values)))
+    period = step // math.gcd(step, g.dilation[-1])  # elements of a row that read the same of every ``step`` values
+    down = map(mul, (*g.dilation[:-1], g.dilation[-1] * period // step), strides[2:])
+    across = map(mul, (*g.stride[:-1], last // step), strides[2:])
+    steps = strides[0], *down, strides[1], *across
+    windows: list[tuple[Index, int, tuple[int, ...]]] = []
+    for first in range(min(period, g.kernel[-1])):
+        place, phase = divmod(first * g.dilation[-1], step)
+        windows.append(((*every, slice(first, None, period)), phase * phase_bytes + place * strides[-1], steps))
+    return _Plan(slice(low, high), padded, copies, windows)
 
 
 def multiply(g: Geometry, w: Array, columns: Array, out: Array, o: slice) -> None:
@@ -246,7 +256,7 @@ def _blocks(g: Geometry, x: Array, y_shape: tuple[int, ...]) -> Iterator[tuple[s
     """The images and rows of outputs of each block."""
     bytes_each = x.shape[1] * math.prod(g.kernel) * x.itemsize
     columns, outputs = max(COLUMN_BYTES // bytes_each, MIN_COLUMNS), math.prod(y_shape[2:])
-    if _is_pointwise(g) and outputs >= MIN_IMAGE:
+    if g.is_pointwise and outputs >= MIN_IMAGE:
         columns = min(columns, outputs)
     return image_blocks(len(x), y_shape[2:], columns)
 

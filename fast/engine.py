@@ -84,9 +84,9 @@ class FastEngine(Engine):
         _share_splits(connections, connections)
         return [WholeStep(at) for at in connections]
 
-    def run(self, jobs: Sequence[Callable[[], None]]) -> None:
-        """Run independent jobs on all threads and return when all are done."""
-        parallel.run(jobs)
+    def run(self, jobs: Sequence[Callable[[], None]], values: float = float("inf")) -> None:
+        """Run independent jobs on all threads, unless they are on few values, and return when all are done."""
+        parallel.run(jobs, here=values < LARGE // 4)
 
     def copy(self, source: Array, target: Array) -> None:
         """Copy an array; large ones on all threads, unless the arrays share memory: parts could overwrite sources."""

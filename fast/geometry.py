@@ -48,6 +48,11 @@ class Geometry:
         return set(self.stride) | set(self.dilation) == {1}
 
     @cached_property
+    def is_pointwise(self) -> bool:
+        """Whether x itself is its columns, without a stride."""
+        return set(self.kernel) == {1} and not any(self.pad)
+
+    @cached_property
     def one_group(self) -> Geometry:
         """The geometry of one of the groups."""
         return Geometry(self.kernel, self.stride, self.pad, self.dilation, 1)
@@ -196,11 +201,11 @@ def run_parts(job: Callable[[slice], None], channels: int, group: int, cost: flo
     if there are several.
     """
     unit = MIN_PART if group == 1 else channels // group
-    parts = [slice(0, channels)]
-    if not parallel.is_inside() and cost >= MIN_PARTS_COST and channels > unit:
+    if cost < MIN_PARTS_COST or channels <= unit or parallel.is_inside():
+        job(slice(0, channels))
+    else:
         units = -(-channels // unit)
-        parts = blocks(channels, -(-units // parallel.threads()) * unit)
-    parallel.run([partial(job, part) for part in parts])
+        parallel.run([partial(job, part) for part in blocks(channels, -(-units // parallel.threads()) * unit)])
 
 
 def run_blocks(job: Callable[[slice, slice], None], parts: Iterator[tuple[slice, slice]], cost: float) -> None:

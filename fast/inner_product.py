@@ -25,6 +25,7 @@ FEW_ITEMS = 8  # up to this number, items are faster one at a time (measured by 
 CACHED_BYTES = 1 << 20  # size of a block's weights, so that they stay in the cache between items
 LARGE_BYTES = 32 << 20  # size of weights that are read from main memory, which takes longer than starting threads
 SUM_VALUES = 1 << 21  # of dw computed before they are added, in memory that is used again
+MIN_COST = 4_000_000  # multiplications for dw, from which starting threads takes less time
 ALIGNED = 64  # outputs; blocks of multiples of this size round like one product of all outputs
 
 
@@ -43,20 +44,19 @@ class FastInnerProduct(FastLayer, InnerProduct):
             if self.param.bias_term:
                 y[:, o] += self.bias.data[o]
 
-        if few:
-            parallel.run([partial(job, o) for o in blocks(len(w), _few_outputs(len(x), w))])
-        else:
-            parallel.run(_by_blocks(job, len(w)))
+        jobs = [partial(job, o) for o in blocks(len(w), _few_outputs(len(x), w))] if few else _by_blocks(job, len(w))
+        parallel.run(jobs)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         """Compute dw = dyᵀ x and db in blocks of outputs, and dx = dy w in blocks of inputs."""
         x, dy, w = self.rows(bottom[0].data), self.rows(top[0].diff), self.output_first(self.weight.data)
         dw = self.output_first(self.weight.diff)
+        multiply = np.dot if len(x) == 1 else np.matmul  # matmul computes the product of two vectors without BLAS
 
         def weight_job(o: slice) -> None:
             for i in blocks(self.inputs, max(SUM_VALUES // max(o.stop - o.start, 1), 1)):
                 out = scratch("result", (o.stop - o.start, i.stop - i.start), dw.dtype)
-                dw[o, i] += np.matmul(dy[:, o].T, x[:, i], out=out)
+                dw[o, i] += multiply(dy[:, o].T, x[:, i], out=out)
             if self.param.bias_term:
                 self.bias.diff[o] += dy[:, o].sum(axis=0, dtype=np.float64)
 
@@ -68,7 +68,7 @@ class FastInnerProduct(FastLayer, InnerProduct):
                 np.matmul(dy, w[:, i], out=dx[:, i])
 
             jobs += _by_blocks(input_job, self.inputs)
-        parallel.run(jobs)
+        parallel.run(jobs, here=w.size * max(len(x), FEW_ITEMS) < MIN_COST)
 
 
 def _few_outputs(items: int, w: Array) -> int:

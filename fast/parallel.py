@@ -133,17 +133,22 @@ def zeros_for_blob(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
 
 
 _scratch = threading.local()
+MAX_VIEWS = 1000  # of working memory that are kept, because making them takes longer than a small operation
 
 
 def scratch(key: str, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
     """Working memory of the calling thread for all layers: any values, valid until the next call with ``key``."""
-    kept: dict[str, NDArray[np.uint8]] = _scratch.__dict__
+    kept: dict[str, tuple[NDArray[np.uint8], dict[Any, NDArray[Any]]]] = _scratch.__dict__
+    values, views = kept.get(key) or (None, {})
+    if (found := views.get((shape, dtype))) is not None:
+        return found
     size = math.prod(shape) * np.dtype(dtype).itemsize
-    found = kept.get(key)
-    if found is None or found.size < size:
+    if values is None or values.size < size or len(views) == MAX_VIEWS:
+        del values, views
         kept.pop(key, None)  # release the old memory before the new one is allocated
-        found = kept[key] = aligned((size,), np.uint8)
-    return found[:size].view(dtype).reshape(shape)
+        values, views = kept[key] = aligned((size,), np.uint8), {}
+    views[shape, dtype] = found = values[:size].view(dtype).reshape(shape)
+    return found
 
 
 def buffer_of(buffers: threading.local, key: str, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:

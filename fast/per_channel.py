@@ -46,11 +46,11 @@ def each_block(shape: tuple[int, ...], job: Callable[[slice, slice], None]) -> N
     """Call ``job`` with slices of the first two axes, about ``BLOCK`` values each, on several threads if there are many
     blocks."""
     outer, count, inner = shape
-    if inner * count <= BLOCK:
-        parts = [(own, slice(0, count)) for own in blocks(outer, max(1, BLOCK // max(inner * count, 1)))]
-    else:
-        size = max(1, BLOCK // inner)
-        parts = [(slice(i, i + 1), own) for i in range(outer) for own in blocks(count, size)]
+    if outer * count * inner <= BLOCK:
+        job(slice(0, outer), slice(0, count))
+        return
+    each, size = max(1, BLOCK // max(inner * count, 1)), max(1, BLOCK // inner)
+    parts = [(rows, own) for rows in blocks(outer, each) for own in blocks(count, size)]
     parallel.run([partial(job, *part) for part in parts])
 
 

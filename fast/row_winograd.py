@@ -15,7 +15,7 @@ The points are 0, the pairs a, -a below, and infinity. With q(z) = product of (z
 
 The image is the last axis, so that a tile is some whole vectors, and the rows of a window are adjacent:
 
-    V (P, H, C, T, n)    transformed tiles of the padded rows; the last tile has any values
+    V (P, H, C, T, n)    transformed tiles of the padded rows
     Y[p, h] (O, T n)   =  w[p] (O, k C) @ V[p, h : h + k] (k C, T n)
     dw[p] (k C, O)     =  sum over h of V[p, h : h + k] (k C, T n) @ Z[p, h] (T n, O)   with Z = A dy
 """
@@ -23,10 +23,8 @@ The image is the last axis, so that a tile is some whole vectors, and the rows o
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import lru_cache, partial
 
-import cv2
 import numpy as np
 
 from fast import parallel
@@ -42,8 +40,6 @@ PAIRS = {3: (0.75, 1.5), 5: (0.6, 1.0, 1.0 / 0.6)}  # with a small largest error
 BLOCK_BYTES = 2 << 20  # of V; smaller blocks take more calls
 MIN_IMAGES = 8  # of a block, so that copied vectors are long
 MAX_ROW_EXCESS = 2.5  # of multiplications for dx
-
-Vectors = Sequence[Array] | Array
 
 
 class RowWinograd(Algorithm):
@@ -94,70 +90,45 @@ class RowWinograd(Algorithm):
         dw += found.reshape(k, k, C, O).transpose(3, 2, 1, 0)
 
 
+def _points(k: int) -> list[float]:
+    """The points except infinity."""
+    return [0.0, *(sign * p for p in PAIRS[k] for sign in (1, -1))]
+
+
 @lru_cache
 def kernel_matrix(k: int) -> Array:
     """The matrix G (k + 3, k)."""
-    points = [0.0] + [sign * p for p in PAIRS[k] for sign in (1, -1)]
+    points = _points(k)
     rows = [[p**j / math.prod(p - q for q in points if q != p) for j in range(k)] for p in points]
     return np.array([*rows, [0.0] * (k - 1) + [1.0]])
 
 
-@lru_cache
-def _factors(k: int, without: float = 0.0) -> list[float]:
+def _factors(k: int, without: float = 0.0) -> Array:
     """The coefficients, lowest first, of the product of (z - p²) over the pairs p of a kernel except one."""
-    factors = np.ones(1)
-    for p in PAIRS[k]:
-        if p != without:
-            factors = np.convolve(factors, [-p * p, 1.0])
-    return factors.tolist()
+    return np.poly([p * p for p in PAIRS[k] if p != without])[::-1]
 
 
-def _combined(factors: Sequence[float], vectors: Vectors, out: Array) -> None:
-    """Write the sum of factors times vectors, of which the last factor is 1."""
-    total = vectors[-1]
-    for factor, vector in zip(factors[:-1], vectors[:-1]):
-        total = cv2.scaleAdd(vector, factor, total, dst=out)
-
-
-def to_points(k: int, d: Vectors, out: Vectors) -> None:
-    """Write Bᵀ d to out (k + 3, ...), from k + 3 vectors d."""
-    even, odd = d[0::2], d[1::2]
-    e, o = scratch("temporary", (2, *out[0].shape), out[0].dtype)
-    _combined(_factors(k), even, out[0])
-    _combined(_factors(k), odd, out[-1])
+@lru_cache
+def input_matrix(k: int) -> Array:
+    """The matrix Bᵀ (k + 3, k + 3)."""
+    matrix = np.zeros((k + 3, k + 3))
+    matrix[0, 0::2] = matrix[-1, 1::2] = _factors(k)
     for i, p in enumerate(PAIRS[k]):
-        _combined(_factors(k, p), even[1:], e)
-        _combined(_factors(k, p), odd[:-1], o)
-        cv2.scaleAdd(o, p, e, dst=out[2 * i + 1])
-        cv2.scaleAdd(o, -p, e, dst=out[2 * i + 2])
+        for row, point in zip(matrix[2 * i + 1 :], (p, -p)):
+            row[2::2] = _factors(k, p)
+            row[1:-1:2] = point * row[2::2]
+    return matrix
 
 
-def from_points(k: int, values: Vectors, out: Vectors) -> None:
-    """Write Aᵀ values to TILE matrices out, from k + 3 matrices: OpenCV adds a vector of up to 4 values as a scalar."""
-    (a, b, *_), count = PAIRS[k], len(PAIRS[k])
-    sums, differences = scratch("temporary", (2, count, *out[0].shape), out[0].dtype)
-    for i in range(count):
-        cv2.add(values[2 * i + 1], values[2 * i + 2], dst=sums[i])
-        cv2.subtract(values[2 * i + 1], values[2 * i + 2], dst=differences[i])
-    _combined([1.0] * (count + 1), [*sums, values[0]], out[0])
-    cv2.addWeighted(differences[0], a, differences[1], b, 0, dst=out[1])
-    cv2.addWeighted(sums[0], a * a, sums[1], b * b, 0, dst=out[2])
-    for p, even, odd in zip(PAIRS[k][2:], sums[2:], differences[2:]):
-        cv2.scaleAdd(odd, p, out[1], dst=out[1])
-        cv2.scaleAdd(even, p * p, out[2], dst=out[2])
-    _combined([*(p**3 for p in PAIRS[k]), 1.0], [*differences, values[-1]], out[3])
+@lru_cache
+def output_matrix(k: int) -> Array:
+    """The matrix Aᵀ (TILE, k + 3)."""
+    return np.array([[*(p**i for p in _points(k)), float(i == TILE - 1)] for i in range(TILE)])
 
 
-def spread(k: int, y: Vectors, out: Vectors) -> None:
-    """Write A y to out (k + 3, ...), from y (TILE, ...)."""
-    e, o = scratch("temporary", (2, *out[0].shape), out[0].dtype)
-    np.copyto(out[0], y[0])
-    np.copyto(out[-1], y[-1])
-    for i, p in enumerate(PAIRS[k]):
-        cv2.scaleAdd(y[2], p * p, y[0], dst=e)
-        cv2.scaleAdd(y[3], p * p, y[1], dst=o)
-        cv2.scaleAdd(o, p, e, dst=out[2 * i + 1])
-        cv2.scaleAdd(o, -p, e, dst=out[2 * i + 2])
+def transform(matrix: Array, vectors: Array, out: Array) -> None:
+    """Write matrix @ vectors, arrays (vectors, ...), in one call: threads wait for each other between calls."""
+    np.matmul(matrix.astype(out.dtype), vectors.reshape(len(vectors), -1), out=out.reshape(len(out), -1))
 
 
 def items(values: Array) -> Array:
@@ -166,8 +137,7 @@ def items(values: Array) -> Array:
 
 
 def _by_column(columns: Array, left: int, out: Array) -> None:
-    """Copy columns (H, W, ...) to out (TILE, H, T, ...): column v to [(left + v) % TILE, :, (left + v) // TILE], with
-    zeros around it."""
+    """Copy columns (H, W, ...) to out (count, H, T, ...): column TILE t + i - left to [i, :, t], with zeros around."""
     tiles, zero = out.shape[2], np.zeros((), out.dtype)
     for phase, target in enumerate(out):
         first = max(-(-(left - phase) // TILE), 0)
@@ -178,18 +148,16 @@ def _by_column(columns: Array, left: int, out: Array) -> None:
 
 
 def _inputs(g: Geometry, x: Array, outputs: tuple[int, ...]) -> Array:
-    """V (P, H, C, T + 1, n) of x (n, C, H, W)."""
+    """V (P, H, C, T, n) of x (n, C, H, W)."""
     (n, C, H, W), k, (top, left) = x.shape, g.kernel[0], g.pad
     T = -(-outputs[1] // TILE)
     flat = scratch("by place", (C, H, W, n), x.dtype)
     map_last(x.reshape(n, C * H, W), flat.reshape(C * H, W, n))
-    split = scratch("split", (TILE, outputs[0] + k - 1, C, T + 1, n), x.dtype)
+    split = scratch("split", (k + 3, outputs[0] + k - 1, C, T, n), x.dtype)
     split[:, :top] = split[:, top + H :] = 0
     _by_column(items(flat).transpose(1, 2, 0), left, items(split)[:, top : top + H].swapaxes(2, 3))
-    V = scratch("inputs", (k + 3, *split.shape[1:]), x.dtype)
-    vectors, size = split.reshape(TILE, -1), split[0].size - n
-    later = [vector[n:] for vector in vectors[: k - 1]]  # the same columns of the next tile
-    to_points(k, [*vectors[:, :size], *later], V.reshape(k + 3, -1)[:, :size])
+    V = scratch("inputs", split.shape, x.dtype)
+    transform(input_matrix(k), split, V)
     return V
 
 
@@ -197,17 +165,16 @@ def _windows(k: int, V: Array) -> Array:
     """View V as the factors (P, Ho, k C, T n)."""
     P, H, C, T, n = V.shape
     point, row, channel, _, item = V.strides
-    shape = (P, H - k + 1, k * C, (T - 1) * n)
-    return np.lib.stride_tricks.as_strided(V, shape, (point, row, channel, item))
+    return np.lib.stride_tricks.as_strided(V, (P, H - k + 1, k * C, T * n), (point, row, channel, item))
 
 
 def _correlate(weights: Array, V: Array, x: Array, after: After, y: Array) -> None:
     """Write y (n, O, Ho, Wo) of images x."""
-    (n, O, Ho, Wo), T, k = y.shape, V.shape[3] - 1, len(V) - 3
+    (n, O, Ho, Wo), T, k = y.shape, V.shape[3], len(V) - 3
     products = scratch("products", (k + 3, Ho, O, T * n), y.dtype)
     np.matmul(weights, _windows(k, V), out=products)
     sums = scratch("split", (TILE, Ho, O, T, n), y.dtype)
-    from_points(k, products.reshape(k + 3, 1, -1), sums.reshape(TILE, 1, -1))
+    transform(output_matrix(k), products, sums)
     check_spread(sums, x, O)
     rows = sums.reshape(TILE * Ho, O, T * n)
     after.write(rows, rows, slice(0, O), axis=1)
@@ -227,14 +194,14 @@ def _outputs(k: int, dy: Array) -> Array:
     split = scratch("split", (TILE, Ho, T, n, O), dy.dtype)
     _by_column(items(flat.reshape(Ho, Wo, n * O)), 0, items(split.reshape(TILE, Ho, T, n * O)))
     Z = scratch("products", (k + 3, Ho, T * n, O), dy.dtype)
-    spread(k, split.reshape(TILE, -1), Z.reshape(k + 3, -1))
+    transform(output_matrix(k).T, split, Z)
     return Z
 
 
 def _blocks(k: int, x: Array, y: Array) -> list[slice]:
     """The images of each block; at least one block for each thread outside of slices."""
     N, C, (O, Ho, Wo) = len(x), x.shape[1], y.shape[1:]
-    bytes_each = (k + 3) * (-(-Wo // TILE) + 1) * max((Ho + k - 1) * C, Ho * O) * x.itemsize
+    bytes_each = (k + 3) * -(-Wo // TILE) * max((Ho + k - 1) * C, Ho * O) * x.itemsize
     each = max(BLOCK_BYTES // bytes_each, MIN_IMAGES)
     if not parallel.is_inside():
         each = min(each, -(-N // parallel.threads()))

@@ -9,9 +9,8 @@ The matrices are those of row_winograd.py. Summed over channels, each of the 36 
 tiles of a block. The gradient of x is a convolution of dy with the flipped kernel; that of w is
 Gᵀ [sum over tiles of (A dy Aᵀ) * (Bᵀ d B)] G.
 
-The columns of tiles are transformed by a few sums of long vectors, of which each holds one row of all tiles. The rows
-are transformed by one product of all tiles with the matrix: two threads wait for each other between calls, and a sum of
-vectors for each column would take four times as many.
+The rows and columns of tiles are transformed by one product of all tiles with the matrix, because two threads wait for
+each other between calls. Only the rows of d, which overlap, are combined by sums of long vectors.
 
 The limits were measured with 16 to 512 channels and 7 to 224 pixels, on two cores with AVX-512.
 """
@@ -19,16 +18,17 @@ The limits were measured with 16 to 512 channels and 7 to 224 pixels, on two cor
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from functools import lru_cache, partial
 
+import cv2
 import numpy as np
 
 from fast import parallel
 from fast.fusing import After
 from fast.geometry import MAX_EXCESS, Algorithm, Geometry, Sizes, Sum, check_finite, check_spread, image_blocks
 from fast.parallel import scratch
-from fast.row_winograd import TILE, from_points, items, kernel_matrix, spread, to_points
+from fast.row_winograd import TILE, input_matrix, items, kernel_matrix, output_matrix, transform
 from netlib.blob import Array
 from netlib.system.memory import blocks
 
@@ -113,20 +113,12 @@ def _gg() -> Array:
     return np.kron(G, G)
 
 
-@lru_cache
-def _matrix(transform: Callable[[int, Array, Array], None], inputs: int, outputs: int) -> Array:
-    """The matrix (outputs, inputs) of a transform in row_winograd.py."""
-    found = np.empty((outputs, 1, inputs))
-    transform(KERNEL, np.eye(inputs)[:, None], found)
-    return found[:, 0]
-
-
 def _correlate_few(g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
     """Write y by blocks of outputs, whose transformed weights stay in the cache."""
     N, C, O, (R, T) = len(x), x.shape[1], len(w), _tiles(y)
     V = scratch("shared", (SIDE, SIDE * C * N, R * T), x.dtype)
 
-    def transform(rows: slice) -> None:
+    def lower(rows: slice) -> None:
         _inputs(g, x, rows, y.shape[2:], V[..., rows.start * T : rows.stop * T])
 
     def job(o: slice) -> None:
@@ -136,7 +128,7 @@ def _correlate_few(g: Geometry, x: Array, w: Array, after: After, y: Array) -> N
     threads = parallel.threads() if SIDE * SIDE * O * C * N * R * T >= MIN_COST else 1
     bands = min(threads, R)
     each = min(max(WEIGHT_BYTES // (SIDE * SIDE * C * w.itemsize), MIN_OUTPUTS), -(-O // threads))
-    parallel.run([partial(transform, rows) for rows in blocks(R, -(-R // bands))], here=threads == 1)
+    parallel.run([partial(lower, rows) for rows in blocks(R, -(-R // bands))], here=threads == 1)
     parallel.run([partial(job, o) for o in blocks(O, each)], here=threads == 1)
 
 
@@ -162,13 +154,34 @@ def _inputs(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...], V: Arr
     halves[..., 0], halves[..., 1] = tiles[..., :-1], tiles[..., 1:]
     mixed = scratch("mixed", (TILE, SIDE, L * (R + 1) * T), x.dtype)
     windows = pairs.reshape(TILE, -1, 2 * TILE)[..., :SIDE]
-    np.matmul(_matrix(to_points, SIDE, SIDE).astype(x.dtype), windows.swapaxes(1, 2), out=mixed)
+    np.matmul(input_matrix(KERNEL).astype(x.dtype), windows.swapaxes(1, 2), out=mixed)
     whole = mixed.reshape(TILE, SIDE * L, (R + 1) * T)
     if V is None:
         V = scratch("inputs", (SIDE, SIDE * L, R * T), x.dtype)
     elements = [whole[i % TILE, :, i // TILE * T : (i // TILE + R) * T] for i in range(SIDE)]
-    to_points(KERNEL, elements, V)
+    _combine(elements, V)
     return V
+
+
+def _combine(rows: Sequence[Array], out: Array) -> None:
+    """Write Bᵀ rows to out (SIDE, ...), from SIDE arrays that are not adjacent, by sums of long vectors."""
+    even, odd = scratch("temporary", (2, *out[0].shape), out.dtype)
+    first, *pairs, last = input_matrix(KERNEL).tolist()
+    _add(first[0::2], rows[0::2], out[0])
+    _add(last[1::2], rows[1::2], out[-1])
+    for i, factors in enumerate(pairs[0::2]):
+        point = factors[3]
+        _add(factors[2::2], rows[2::2], even)
+        _add([factors[1] / point, 1.0], rows[1:4:2], odd)
+        cv2.scaleAdd(odd, point, even, dst=out[2 * i + 1])
+        cv2.scaleAdd(odd, -point, even, dst=out[2 * i + 2])
+
+
+def _add(factors: Sequence[float], rows: Sequence[Array], out: Array) -> None:
+    """Write the sum of factors times rows, of which the last factor is 1."""
+    total = rows[-1]
+    for factor, row in zip(factors[:-1], rows[:-1]):
+        total = cv2.scaleAdd(row, factor, total, dst=out)
 
 
 def _place(x: Array, top: int, left: int, out: Array) -> None:
@@ -194,9 +207,9 @@ def _correlate(weights: Array, V: Array, x: Array, after: After, y: Array) -> No
     products = scratch("products", (SIDE * SIDE, O, n * R * T), y.dtype)
     np.matmul(weights, V, out=products)
     halves = scratch("mixed", (TILE, SIDE, O * n * R * T), y.dtype)
-    from_points(KERNEL, products.reshape(SIDE, 1, -1), halves.reshape(TILE, 1, -1))
+    transform(output_matrix(KERNEL), products.reshape(SIDE, -1), halves)
     merged = scratch("split", (TILE, O * n * R * T, TILE), y.dtype)
-    np.matmul(halves.swapaxes(1, 2), _matrix(from_points, SIDE, TILE).T.astype(y.dtype), out=merged)
+    np.matmul(halves.swapaxes(1, 2), output_matrix(KERNEL).T.astype(y.dtype), out=merged)
     check_spread(merged, x, O)
     by_channel = y.swapaxes(0, 1)
     for row, values in enumerate(merged.reshape(TILE, O, n, R, -1)):
@@ -211,9 +224,9 @@ def _outputs(dy: Array) -> Array:
     _place(dy.swapaxes(0, 1), 0, 0, padded)
     mixed = scratch("mixed", (TILE, SIDE, O * n * R * T), dy.dtype)
     tiles = padded.reshape(TILE, -1, TILE)
-    np.matmul(_matrix(spread, TILE, SIDE).astype(dy.dtype), tiles.swapaxes(1, 2), out=mixed)
+    np.matmul(output_matrix(KERNEL).T.astype(dy.dtype), tiles.swapaxes(1, 2), out=mixed)
     Z = scratch("products", (SIDE, SIDE * O * n * R * T), dy.dtype)
-    spread(KERNEL, mixed.reshape(TILE, -1), Z)
+    transform(output_matrix(KERNEL).T, mixed, Z)
     return Z.reshape(SIDE * SIDE, O, -1)
 
 

@@ -136,8 +136,8 @@ class Engine:
         """Create a blob of a net."""
         return Blob((), dtype)
 
-    def run(self, jobs: Sequence[Callable[[], None]]) -> None:
-        """Run independent jobs and return when all are done."""
+    def run(self, jobs: Sequence[Callable[[], None]], values: float = float("inf")) -> None:
+        """Run independent jobs on together so many values and return when all are done."""
         for job in jobs:
             job()
 

@@ -108,10 +108,10 @@ class Net:
         self.inputs, self.outputs, self.learnable = graph.inputs, graph.outputs, graph.learnable
         self.connections, self.layer_dict = graph.connections, graph.layer_dict
         self.layers = list(self.layer_dict.values())
+        self._learnable_values = sum(param.blob.count for param in self.learnable)
         self._in_place = {x for at in self.connections for x in at.bottom for y in at.top if x is y}
         self._seeded: dict[int, NDArray[Any]] = {}  # number of a loss -> the diff array that holds its weight
-        self._outside = [self.blobs[name] for name in [*self.inputs, *self.outputs]]
-        self._outside += [blob for blob, _, _ in self.losses]
+        self._outside = [self.blobs[name] for name in [*self.inputs, *self.outputs]] + [loss[0] for loss in self.losses]
         self.one_thread = OneThread(self.name)
         self._fits = False  # whether the check for memory has passed
         self._by_layer = False  # whether there is a step for each layer, so that a part can run
@@ -310,7 +310,7 @@ class Net:
 
     def clear_param_diffs(self) -> None:
         """Set the gradients of all parameters to zero."""
-        self.engine.run([partial(param.blob.diff.fill, 0) for param in self.learnable])
+        self.engine.run([partial(param.blob.diff.fill, 0) for param in self.learnable], self._learnable_values)
 
     def first_not_finite(self) -> str | None:
         """Describe where in the net NaN or infinity first appears; None if all values are finite."""

@@ -100,14 +100,14 @@ class Update:
     rule       rule of the solver type, given with its number of history arrays per parameter
     history    per parameter, the arrays of the rule
 
-    ``run`` executes independent jobs. Raises OutOfMemoryError if the training does not fit in memory.
+    ``run`` executes independent jobs on so many values. Raises OutOfMemoryError if the training does not fit in memory.
     """
 
     def __init__(
         self,
         param: SolverParameter,
         learnable: Sequence[Param],
-        run: Callable[[Sequence[Callable[[], None]]], None],
+        run: Callable[[Sequence[Callable[[], None]], int], None],
     ) -> None:
         self.param, self.learnable, self._run = param, learnable, run
         self.rule, count = RULES[param.type]
@@ -127,7 +127,7 @@ class Update:
             arrays = [a.reshape(-1) for a in (param.blob.data, param.blob.diff, *history)]
             for block in memory.blocks(param.blob.count, BLOCK):
                 jobs.append(functools.partial(self._change, param.spec, scale, rate, t, *(a[block] for a in arrays)))
-        self._run(jobs)
+        self._run(jobs, sum(param.blob.count for param, _ in trained))
 
     def _change(self, spec: ParamSpec, scale: float, rate: float, t: int, w: Array, g: Array, *history: Array) -> None:
         p, decay = self.param, self.param.weight_decay * spec.decay_mult
