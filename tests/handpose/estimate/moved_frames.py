@@ -1,8 +1,8 @@
 """How far joints move between sets of BLAS kernels, which OpenBLAS selects by processor.
 
-    python -m tests.handpose.estimate.moved_frames --frames 100      the table of docs/reliability.md
+    python -m tests.handpose.estimate.moved_frames --frames 100      the figures of docs/reliability.md
 
-The same synthetic frames are predicted in one process for each set; Nehalem's with NumPy's SIMD off as well.
+The frames of tools/demo.py are predicted in one process for each set; Nehalem's with NumPy's SIMD off as well.
 """
 
 from __future__ import annotations
@@ -25,13 +25,12 @@ SCRIPT = """
 import json
 import sys
 import netlib
-import numpy as np
 from handpose.estimate.packaged import load_predictor
-from handpose.synthetic.scenes import draw_scenes
+from tools.demo import scene
 count, seed, fits = json.loads(sys.argv[1])
-depth = np.rint(draw_scenes(np.random.default_rng(seed), count)[0]).astype(np.uint16)
+depth = [scene(seed + n)[0] for n in range(count)]
 for fit in fits:
-    predictor = load_predictor(fit=fit)
+    predictor = load_predictor(fit=fit, min_confidence=0)
     hands = [predictor.in_frame(frame) for frame in depth]
     print(json.dumps([hand.xyz.tolist() for hand in hands]))
 """

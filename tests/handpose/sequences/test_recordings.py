@@ -12,8 +12,7 @@ from handpose.body.render import in_front
 from handpose.frames.cameras import ICVL, NYU, SR305, Camera
 from handpose.scoring.tracks import score
 from handpose.sequences.acts import Act
-from handpose.sequences.recordings import SCRIPTS, Script, SyntheticRecording
-from handpose.synthetic.scenes import render_image
+from handpose.sequences.recordings import SCRIPTS, Script, SyntheticRecording, render_image
 from handpose.tracking.track import LEFT, PARTLY, joints_of
 from netlib.errors import DataError
 

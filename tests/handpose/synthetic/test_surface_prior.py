@@ -10,7 +10,7 @@ import pytest
 from handpose.body.render import CLEAR_MM, Capsules
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.surface_prior import DEFAULT_SURFACE, SurfacePrior
-from tests.handpose.whole_images import capsules_of
+from tests.handpose.drawn_hands import capsules_of
 
 EXACT = replace(DEFAULT_SURFACE, thickness_std=0)
 
