@@ -19,7 +19,7 @@ def hand(count: int) -> np.ndarray:
 
 def write_labels(folder: Path, uvd: np.ndarray) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    write_annotation(folder / nyu_files.ANNOTATION, NYU.unproject(uvd), "NYU")
+    write_annotation(folder / nyu_files.ANNOTATION, NYU.unproject(uvd))
 
 
 def write_frame(path: Path, depth: np.ndarray) -> None:

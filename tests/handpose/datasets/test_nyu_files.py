@@ -41,7 +41,7 @@ def test_another_number_of_frames(tmp_path: Path, count: int, fatal: bool) -> No
     write_frame(tmp_path / "test" / frame_name(0), np.full((480, 640), 800))
     (number, is_fatal), missing = flaws(tmp_path)
     assert f"{count} labelled frames, the whole test set has 8252" in number and is_fatal == fatal
-    expected = f"{count - 1} of {count} depth frames are missing, the first is depth_1_0000002.png"
+    expected = f"{count - 1} of {count} depth frames are missing, the first is {tmp_path}/test/depth_1_0000002.png"
     assert missing == (f"{tmp_path}/test: {expected}", False)
 
 
@@ -56,8 +56,9 @@ def test_something_else_than_the_data_set(tmp_path: Path) -> None:
 def test_other_images_than_depth(tmp_path: Path) -> None:
     write_labels(tmp_path / "test", hand(2440))
     (tmp_path / "test" / "rgb_1_0000001.png").touch()
-    line = "no depth frames of camera 1 such as depth_1_0000001.png; found rgb_1_0000001.png"
-    assert flaws(tmp_path)[0] == (f"{tmp_path}/test: {line}", True)
+    first = tmp_path / "test" / frame_name(0)
+    line = f"2440 of 2440 depth frames are missing, the first is {first}; found joint_data.mat, rgb_1_0000001.png"
+    assert flaws(tmp_path)[1] == (f"{tmp_path}/test: {line}", True)
 
 
 def write_matlab(path: Path, version: str = "5", **variables: np.ndarray) -> None:

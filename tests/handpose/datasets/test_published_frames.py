@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -63,7 +64,6 @@ def test_crops() -> None:
 def test_recipe(tmp_path: Path) -> None:
     """A recipe depends on the frames, the labels, the centres, the cube and the size of the images."""
     first = frames().recipe(0, 2)
-    assert frames().recipe(0, 2) == first
     some = tmp_path / "0.png"
     some.write_text("image")
     others = [
@@ -73,7 +73,8 @@ def test_recipe(tmp_path: Path) -> None:
         frames(centre="elsewhere"),
         frames(files=[some, Path("1.png")]),
     ]
-    assert len({first, frames().recipe(0, 1), *(other.recipe(0, 2) for other in others)}) == 7
+    found = [frames().recipe(0, 2), first, frames().recipe(0, 1), *(other.recipe(0, 2) for other in others)]
+    assert len({json.dumps(recipe) for recipe in found}) == 7
 
 
 def test_a_file_of_centres(tmp_path: Path) -> None:
@@ -103,7 +104,7 @@ def test_statistics_of_the_real_annotation(nyu_data: Path, tmp_path: Path) -> No
     """A fifth of NYU's test frames have an annotated joint outside the cube about joint 34."""
     uvd = np.load(nyu_data / "test_joint_uvd.npz")["joint_uvd"].astype(float)
     (tmp_path / "test").mkdir()
-    write_annotation(tmp_path / "test" / nyu_files.ANNOTATION, NYU.unproject(uvd), "NYU")
+    write_annotation(tmp_path / "test" / nyu_files.ANNOTATION, NYU.unproject(uvd))
     report = statistics(nyu_files.read_split(tmp_path, "test"), range(TEST_FRAMES))
     assert "cube 261 mm (5812 frames) and 300 mm (2440 frames); 19.2% of the frames" in report
 

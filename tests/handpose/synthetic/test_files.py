@@ -95,7 +95,7 @@ def test_workers_do_not_outlive_their_parent(tmp_path: Path) -> None:
         "import os, sys\n"
         "from handpose.synthetic.files import processes\n"
         "if __name__ == '__main__':\n"
-        "    with processes(1) as pool:\n"
+        "    with processes(2) as pool:\n"
         "        print(pool.submit(os.getpid).result(), flush=True)\n"
         "        sys.stdin.read()\n"
     )
