@@ -6,14 +6,13 @@ are kept, so an interrupted run continues where it stopped, and a second run doe
 
 from __future__ import annotations
 
-import collections
 import contextlib
 import multiprocessing
 import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -25,8 +24,6 @@ from handpose.synthetic.generator import BLOCK, Generator
 from netlib.errors import DataError
 from netlib.files import atomic
 
-_AHEAD = 16  # blocks drawn ahead of the consumer, 4 MB each
-
 
 def generate(
     count: int, generator: Generator, pool: ProcessPoolExecutor | None = None, start: int = 0
@@ -37,28 +34,14 @@ def generate(
     script with a pool needs the usual ``if __name__ == "__main__":``.
     """
     numbers = range(start // BLOCK, -(-(start + count) // BLOCK))
-    blocks = map(generator.block, numbers) if pool is None else _in_processes(generator, numbers, pool)
-    for frames in blocks:
-        first = int(frames.index[0])
-        yield frames.rows(slice(max(start - first, 0), start + count - first))
-
-
-def _in_processes(generator: Generator, numbers: range, pool: ProcessPoolExecutor) -> Iterator[Frames]:
-    """``generator.block`` of every number in order, drawn a few blocks ahead of the consumer."""
-    ahead: collections.deque[Future[Frames]] = collections.deque()
+    with no_interrupt():
+        blocks = map(generator.block, numbers) if pool is None else pool.map(generator.block, numbers)
     try:
-        for number in numbers:
-            with no_interrupt():
-                ahead.append(pool.submit(generator.block, number))
-            if len(ahead) > _AHEAD:
-                yield ahead.popleft().result()
-        while ahead:
-            yield ahead.popleft().result()
+        for frames in blocks:
+            first = int(frames.index[0])
+            yield frames.rows(slice(max(start - first, 0), start + count - first))
     except BrokenProcessPool:
         raise DataError("a worker process was killed, perhaps for want of memory; try fewer workers") from None
-    finally:
-        for future in ahead:
-            future.cancel()
 
 
 # ---------------------------------------------------------------------------------------------- processes
