@@ -25,7 +25,7 @@ from handpose.body.sides import Side
 from handpose.frames.cameras import NYU, UNIT_MM, Camera
 from handpose.frames.recording import DepthFrame, Recording
 from handpose.sequences.acts import Act, Actor, Volume
-from handpose.sequences.movements import SHOWN, Movement, Person
+from handpose.sequences.movements import Movement, Person
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.prior_file import PoseParameter
@@ -69,8 +69,6 @@ SCRIPTS = {
         body=True,
     ),
 }
-# A hand that shows the gestures of handpose/body/gestures.
-SHOWING = Script(30, {"right": (Act("gestures", 30, tuple(pose.name for pose in SHOWN)),)}, poses=SHOWN)
 OTHER: dict[Side, Side] = {"right": "left", "left": "right"}
 
 BODY = (  # from, to, both radii; mm from the middle between the shoulders

@@ -107,7 +107,7 @@ def test_bad_frames(root, small):
         out, err = prepare(root)[1:]
         assert made in out and "train: 24 frames (NYU), 6 bad frames left out: 1 no depth" in out
         assert "2 truncated" in out and "2 wrong size" in out
-        assert "warning: " in err and f"1 of 30 depth frames are missing, the first is {root}/train/{frame_name(2)}" in err
+        assert "warning: " in err and f"1 of 30 depth frames are missing, the first is {root}/train/" in err
         for i in range(2, 8):
             assert f"train frame {i}: {root}/train/{frame_name(i)}: " in err
     folder = root.parent / "out"
