@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.frames.cameras import NYU, Camera
+from handpose.frames.cameras import Camera
 from handpose.frames.crops import SIZE
 from handpose.frames.images import read_crop
 from netlib.blob import Array
@@ -76,14 +76,6 @@ class Frames:
     def rows(self, rows: slice) -> Frames:
         """Some of the frames."""
         return Frames(**{name: array[rows] for name, array in self.arrays().items()})
-
-
-def empty_frames(joints: int, dofs: int | None = None, bones: bool = False) -> Frames:
-    """No frames: the columns of a file without rows, for these numbers of joints, inputs and bones."""
-    none = np.zeros(0)
-    inputs = None if dofs is None else np.zeros((0, dofs))
-    return Frames.of(np.zeros((0, SIZE, SIZE)), np.zeros((0, joints, 3)), np.zeros((0, 3)), NYU, none,
-                     np.zeros(0, np.int64), inputs, np.zeros((0, joints)) if bones else None)
 
 
 # ---------------------------------------------------------------------------------------------- examples

@@ -118,21 +118,17 @@ def row_bytes(columns: Columns) -> int:
     return sum(int(np.prod(a.shape[1:])) * a.dtype.itemsize for a in columns.values())
 
 
-def check_room(out: Path, need: int) -> None:
-    """Raise DataError if the disk of a folder, which need not exist, has fewer than ``need`` free bytes."""
-    free = shutil.disk_usage(next(place for place in (out, *out.absolute().parents) if exists(place))).free
-    if need > free:
-        raise DataError(f"{out}: needs {round(need, -6) // 10**6} MB, {free / 1e6:.0f} MB are free")
-
-
 def check_space(out: Path, rows: Sequence[tuple[int, Columns]]) -> None:
-    """Raise DataError if the disk is too small for parts of these numbers of rows.
+    """Raise DataError if the disk of a folder, which need not exist, is too small for parts of these numbers of rows.
 
     The files that are there are taken for parts that are kept or replaced.
     """
     need = sum(count * row_bytes(columns) + -(-count // FRAMES_PER_FILE) * _PAGE for count, columns in rows)
     there = [out / name for name in names_in(out) if name.endswith(".h5")]
-    check_room(out, need - sum(path.stat().st_size for path in there if path.is_file()))
+    need -= sum(path.stat().st_size for path in there if path.is_file())
+    free = shutil.disk_usage(next(place for place in (out, *out.absolute().parents) if exists(place))).free
+    if need > free:
+        raise DataError(f"{out}: needs {round(need, -6) // 10**6} MB, {free / 1e6:.0f} MB are free")
 
 
 def write_part(

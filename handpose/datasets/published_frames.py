@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.datasets import parts
-from handpose.datasets.frames import Frames, empty_frames
+from handpose.datasets.frames import Frames
 from handpose.datasets.parts import Columns, Part, write_part
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import SIZE, crop, normalise_joints
@@ -60,7 +60,7 @@ class PublishedFrames:
 
     def columns(self) -> dict[str, Array]:
         """Arrays without rows, of the shapes and types of a part's."""
-        return empty_frames(self.joints.shape[1]).arrays()
+        return self.crops(0, 0)[0].arrays()
 
     def crops(self, start: int, stop: int) -> tuple[Frames, list[tuple[int, BadFrameError]]]:
         """The labelled crops of frames ``start`` to ``stop``, and the bad frames with their index."""

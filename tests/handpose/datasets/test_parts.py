@@ -61,13 +61,14 @@ def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
 
 
 def test_room(tmp_path: Path) -> None:
-    """Insufficient disk space raises an error in MB, also for a folder that does not exist yet."""
+    """Insufficient disk space raises an error in MB, also for a folder that does not exist yet; files make room."""
     for folder in (tmp_path, tmp_path / "new" / "er"):
-        parts.check_room(folder, 1)
-        with pytest.raises(DataError, match=r"needs 1000000000000 MB, \d+ MB are free"):
-            parts.check_room(folder, 10**18)
-    with pytest.raises(DataError, match=r"needs 10+ MB"):
-        parts.check_room(tmp_path, 10**400)
+        parts.check_space(folder, [(1, COLUMNS)])
+        with pytest.raises(DataError, match=r"needs 4034214400000000 MB, \d+ MB are free"):
+            parts.check_space(folder, [(10**18, COLUMNS)])
+    with (tmp_path / "train_000.h5").open("wb") as file:
+        file.truncate(10**13)  # without content
+    parts.check_space(tmp_path, [(10**9, COLUMNS)])
 
 
 # ------------------------------------------------------------------------------------------ what may be replaced
