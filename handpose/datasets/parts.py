@@ -8,6 +8,7 @@ that it depends on: a part with the right recipe is kept, so an interrupted run 
 from __future__ import annotations
 
 import errno
+import itertools
 import json
 import os
 import re
@@ -37,7 +38,7 @@ class Part:
 
     path: Path
     start: int  # number of its first row in the split
-    rows: int  # maximum number of rows
+    rows: int  # maximum number of rows; some may be left out
     made_from: str  # the source of its rows
     recipe: str  # all that the file depends on
 
@@ -131,30 +132,21 @@ def check_space(out: Path, rows: Sequence[tuple[int, Columns]]) -> None:
         raise DataError(f"{out}: needs {round(need, -6) // 10**6} MB, {free / 1e6:.0f} MB are free")
 
 
-def write_part(
-    part: Part, columns: Columns, pieces: Iterable[Columns], attributes: Callable[[], Mapping[str, object]]
-) -> int:
-    """Write the rows that ``pieces`` yield; returns their number, at most ``part.rows``.
-
-    columns     arrays without rows, of the shapes and types of those in ``pieces``
-    attributes  called for further attributes of the file after the last piece
-    """
-    written = 0
+def write_part(part: Part, rows: int, pieces: Iterable[Columns], attributes: Mapping[str, object]) -> None:
+    """Write the rows that ``pieces`` yield, at least one piece, and further attributes of the file."""
 
     def fill(path: Path) -> None:
-        nonlocal written
-        with _created(path, part.rows, columns) as file:
-            for piece in pieces:
+        written, several = 0, iter(pieces)
+        first = next(several)
+        with _created(path, rows, first) as file:
+            for piece in itertools.chain([first], several):
                 count = len(next(iter(piece.values())))
-                for name, rows in piece.items():
-                    file[name][written : written + count] = rows
+                for name, values in piece.items():
+                    file[name][written : written + count] = values
                 written += count
-            file.attrs.update({"made_from": part.made_from, **attributes(), "recipe": part.recipe})
-        if written < part.rows:
-            _shorten(path, written, columns)
+            file.attrs.update({"made_from": part.made_from, **attributes, "recipe": part.recipe})
 
     atomic.replace(part.path, fill)
-    return written
 
 
 def _created(path: Path, rows: int, columns: Columns) -> h5py.File:
@@ -173,15 +165,3 @@ def _created(path: Path, rows: int, columns: Columns) -> h5py.File:
     for name, array in columns.items():
         file.create_dataset(name, (rows, *array.shape[1:]), array.dtype)
     return file
-
-
-def _shorten(path: Path, rows: int, columns: Columns) -> None:
-    """Keep the first ``rows`` rows of a file; HDF5 cannot truncate contiguous data sets, so they are copied."""
-
-    def fill(short: Path) -> None:
-        with h5py.File(path, "r") as whole, _created(short, rows, columns) as file:
-            file.attrs.update(whole.attrs)
-            for name in columns:
-                file[name][...] = whole[name][:rows]
-
-    atomic.replace(path, fill, sync=False)

@@ -9,7 +9,7 @@ import hashlib
 import json
 import warnings
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from handpose.datasets import parts
 from handpose.datasets.frames import Frames
-from handpose.datasets.parts import Columns, Part, write_part
+from handpose.datasets.parts import Part, write_part
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import SIZE, crop, normalise_joints
 from handpose.frames.images import EMPTY, OUTSIDE, UNLABELLED, WRONG_SIZE, BadFrameError
@@ -57,10 +57,6 @@ class PublishedFrames:
 
     def __len__(self) -> int:
         return len(self.files)
-
-    def columns(self) -> dict[str, Array]:
-        """Arrays without rows, of the shapes and types of a part's."""
-        return self.crops(0, 0)[0].arrays()
 
     def crops(self, start: int, stop: int) -> tuple[Frames, list[tuple[int, BadFrameError]]]:
         """The labelled crops of frames ``start`` to ``stop``, and the bad frames with their index."""
@@ -269,24 +265,20 @@ class PreparedSplit:
         frames, index, bad = self.frames, list[int](), dict[str, list[int]]()
         firsts = range(part.start, part.start + part.rows, _CHUNK)
         stops = [min(first + _CHUNK, part.start + part.rows) for first in firsts]
-
-        def pieces() -> Iterator[Columns]:
-            for first, stop, (good, failed) in zip(firsts, stops, pool.map(frames.crops, firsts, stops)):
-                for i, error in failed:
-                    bad.setdefault(error.kind, []).append(i)
-                    on_bad(i, error)
-                index.extend(good.index.tolist())
-                yield good.arrays()
-                advance(stop - first)
-
-        def attributes() -> dict[str, object]:
-            description = (
-                f"{frames.made_from} {frames.split} frames; crops {SIZE} x {SIZE} in [-1, 1] about {frames.centre}, "
-                "joints in half-cubes from there (camera axes, x right, y up, z away); lengths in mm."
-            )
-            return {"description": description, "bad": json.dumps(bad)}  # "bad": the frames that were left out
-
-        write_part(part, frames.columns(), pieces(), attributes)
+        pieces = []
+        for first, stop, (good, failed) in zip(firsts, stops, pool.map(frames.crops, firsts, stops)):
+            for i, error in failed:
+                bad.setdefault(error.kind, []).append(i)
+                on_bad(i, error)
+            index.extend(good.index.tolist())
+            pieces.append(good.arrays())
+            advance(stop - first)
+        description = (
+            f"{frames.made_from} {frames.split} frames; crops {SIZE} x {SIZE} in [-1, 1] about {frames.centre}, "
+            "joints in half-cubes from there (camera axes, x right, y up, z away); lengths in mm."
+        )
+        # "bad": the frames that were left out
+        write_part(part, len(index), pieces, {"description": description, "bad": json.dumps(bad)})
         return index
 
     def write_list(self, outcome: Outcome) -> None:

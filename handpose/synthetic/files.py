@@ -151,5 +151,4 @@ def _write(part: Part, generator: Generator, pool: ProcessPoolExecutor | None, a
             yield frames.arrays()
             advance(len(frames))
 
-    facts = {"seed": generator.seed, "description": generator.description}
-    parts.write_part(part, generator.columns(), rows(), lambda: facts)
+    parts.write_part(part, part.rows, rows(), {"seed": generator.seed, "description": generator.description})

@@ -83,7 +83,7 @@ def _prepare(splits: Sequence[PreparedSplit], args: argparse.Namespace) -> int:
     def fill(advance: Callable[[int], None]) -> None:
         outcomes.extend(_write(split, args, advance) for split in splits)
 
-    parts.check_space(args.out, [(len(split.frames), split.frames.columns()) for split in splits])
+    parts.check_space(args.out, [(len(split.frames), split.frames.crops(0, 0)[0].arrays()) for split in splits])
     status = fill_folder(args.out, sum(part.rows for part in missing), fill)
     if status != DONE:
         return status

@@ -28,23 +28,15 @@ def pieces(rows: int) -> Iterator[dict[str, np.ndarray]]:
 
 
 @pytest.mark.parametrize("rows", [0, 1, 100, 130])
-def test_fewer_rows_than_expected(tmp_path: Path, rows: int) -> None:
-    """A part with fewer rows than expected has their number of rows, and the attributes as of the end of writing."""
+def test_rows_in_pieces(tmp_path: Path, rows: int) -> None:
+    """A part has the rows of all pieces in order, and its attributes."""
     part = Part(tmp_path / "part.h5", 0, 130, "us", "recipe")
-    read = []
-
-    def counted() -> Iterator[dict[str, np.ndarray]]:
-        for piece in pieces(rows):
-            read.extend(piece["b"])
-            yield piece
-
-    assert parts.write_part(part, COLUMNS, counted(), lambda: {"read": len(read)}) == rows
+    expected = [*pieces(rows), COLUMNS]
+    parts.write_part(part, rows, expected, {"more": 5})
     with h5py.File(part.path) as file:
-        assert dict(file.attrs) == {"read": rows, "made_from": "us", "recipe": "recipe"}
-        expected = [piece for piece in pieces(rows) if len(piece["b"])]
+        assert dict(file.attrs) == {"more": 5, "made_from": "us", "recipe": "recipe"}
         for name in "ab":
-            whole = np.concatenate([piece[name] for piece in expected]) if expected else COLUMNS[name]
-            np.testing.assert_array_equal(file[name][...], whole)
+            np.testing.assert_array_equal(file[name][...], np.concatenate([piece[name] for piece in expected]))
     assert [path.name for path in tmp_path.iterdir()] == ["part.h5"]
 
 
@@ -55,7 +47,7 @@ def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
 
     (tmp_path / "part.h5").write_text("before")
     with pytest.raises(DataError, match="no more"):
-        parts.write_part(Part(tmp_path / "part.h5", 0, 60, "", ""), COLUMNS, failing(), dict)
+        parts.write_part(Part(tmp_path / "part.h5", 0, 60, "", ""), 60, failing(), {})
     assert [path.name for path in tmp_path.iterdir()] == ["part.h5"]
     assert (tmp_path / "part.h5").read_text() == "before"
 
@@ -110,7 +102,7 @@ def test_parts_with_their_recipe_are_kept(tmp_path: Path) -> None:
     first, last = wanted = parts.parts_of(tmp_path, "train", 2600, "us", lambda start, rows: {"first": start})
     assert (first.path.name, last.path.name, last.start, last.rows) == ("train_000.h5", "train_001.h5", 2500, 100)
     assert json.loads(last.recipe) == {"first": 2500, "start": 2500, "frames": 100}
-    parts.write_part(last, COLUMNS, pieces(100), dict)
+    parts.write_part(last, 100, pieces(100), {})
     assert parts.missing_of(wanted, []) == [first] and parts.missing_of(wanted, [], force=True) == wanted
 
 
