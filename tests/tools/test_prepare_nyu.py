@@ -15,8 +15,7 @@ import pytest
 from handpose.body.nyu import frame_name
 from handpose.datasets import nyu_files, parts
 from handpose.frames.crops import window
-from tests.handpose.datasets.nyu_frames import write_frame
-from tests.support.nyu_data_set import write_data_set
+from tests.support.nyu_data_set import pack_depth, write_data_set
 from tests.support.running import Done, run_tool
 
 COUNT = ["--train", "30", "--test", "20", "--workers", "1"]
@@ -94,9 +93,9 @@ def break_frames(root: Path) -> None:
     at = [root / "train" / frame_name(i) for i in range(30)]
     at[2].unlink()
     at[3].write_bytes(at[3].read_bytes()[:-100])
-    write_frame(at[4], np.full((240, 320), 800))
+    cv2.imwrite(str(at[4]), pack_depth(np.full((240, 320), 800)))
     assert cv2.imwrite(str(at[5]), np.full((480, 640), 800, np.uint16))
-    write_frame(at[6], np.full((480, 640), 3000))
+    cv2.imwrite(str(at[6]), pack_depth(np.full((480, 640), 3000)))
     at[7].write_bytes(b"")
 
 
@@ -130,7 +129,7 @@ def test_strict(root, small):
 def test_nothing_usable(root, small):
     """A split without a usable frame gives an error and no list."""
     for i in range(20):
-        write_frame(root / "test" / frame_name(i), np.zeros((480, 640)))
+        cv2.imwrite(str(root / "test" / frame_name(i)), pack_depth(np.zeros((480, 640))))
     error = prepare(root, "--splits", "test", status=1).err
     assert "none of the 20 test frames can be used" in error and "10 more bad frames, see" in error
     assert "test.txt" not in names(root.parent / "out")

@@ -44,14 +44,11 @@ def test_half_cubes(tmp_path, shape, dtype):
         assert found.dtype == np.float64 and found.tolist() == [100, 101, 102, 103]
 
 
-def test_a_file_without_half_cubes(tmp_path):
-    """A file without half-cubes gets NYU's."""
-    assert labels.read(write_hdf5(tmp_path / "a.h5", joint=ROWS), 2).half_cube.tolist() == [150] * 4
-
-
-def test_the_origin_of_labels(tmp_path):
+def test_what_a_file_need_not_have(tmp_path):
+    """Without half-cubes NYU's are taken; the origin is unknown unless the file names it."""
     path = write_hdf5(tmp_path / "a.h5", joint=ROWS)
-    assert labels.read(path, 2).made_from == "an unknown source"
+    found = labels.read(path, 2)
+    assert found.half_cube.tolist() == [150] * 4 and found.made_from == "an unknown source"
     with h5py.File(path, "a") as file:
         file.attrs["made_from"] = "a test"
     assert labels.read(path, 2).made_from == "a test"
@@ -96,31 +93,30 @@ def test_labels_with_something_wrong_in_them(tmp_path, given, rejected):
         labels.read(path, 2)
 
 
-def test_centers_that_tell_no_camera(tmp_path):
-    """On the optical axis all cameras agree; an unknown camera, and several, are refused."""
-    own = Camera("mine", 500.0, 510.0, 333.0, 222.0, 666, 444)
-    for camera, by in ((NYU, 0.0), (own, 50.0)):
-        uvd = np.tile([camera.u0 + by, camera.v0 + by, 700.0], (4, 1))
-        path = write_hdf5(tmp_path / "a.h5", joint=ROWS, center_uvd=uvd, center=camera.unproject(uvd))
-        with pytest.raises(DataError, match=r"a\.h5: its crop centres in px and in mm fit none of the cameras nyu, "):
-            labels.read_crop_centers([File(path, ("joint",))])
-
-
-@pytest.mark.parametrize("value", [1e-300, 1e300, np.nan, np.inf, -700.0, 0.0])
-def test_centers_that_are_nowhere(tmp_path, value):
-    """Centres that are not finite, or not in front of the camera, raise an error of one line."""
-    uvd = np.array([[200.0, 100, 700], [400, 90, 600], [300, 300, 500], [500, 200, 800]])
-    xyz = NYU.unproject(uvd)
-    xyz[2, 2] = value
-    path = write_hdf5(tmp_path / "a.h5", joint=ROWS, center_uvd=uvd, center=xyz)
-    with pytest.raises(DataError, match=r"a\.h5: crop centres that are not finite, or not before the camera"):
-        labels.read_crop_centers([File(path, ("joint",))])
+def centers_in(path, uvd, xyz):
+    """The crop centres of a file that has these."""
+    return labels.read_crop_centers([File(write_hdf5(path, joint=ROWS, center_uvd=uvd, center=xyz), ("joint",))])
 
 
 @pytest.mark.parametrize("name", CAMERAS)
 def test_the_camera_of_one_frame(tmp_path, name):
     """A known camera is recognised from the centre of one frame."""
     uvd = np.tile([200.0, 100.0, 700.0], (4, 1))
-    path = write_hdf5(tmp_path / "a.h5", joint=ROWS, center_uvd=uvd, center=CAMERAS[name].unproject(uvd))
-    found, camera = labels.read_crop_centers([File(path, ("joint",))])
+    found, camera = centers_in(tmp_path / "a.h5", uvd, CAMERAS[name].unproject(uvd))
     assert camera == CAMERAS[name] and np.allclose(found, uvd)
+
+
+@pytest.mark.parametrize(("camera", "by"), [(NYU, 0.0), (Camera("mine", 500.0, 510.0, 333.0, 222.0, 666, 444), 50.0)])
+def test_centers_that_tell_no_camera(tmp_path, camera, by):
+    """On the optical axis all cameras agree; an unknown camera, and several, are refused."""
+    uvd = np.tile([camera.u0 + by, camera.v0 + by, 700.0], (4, 1))
+    with pytest.raises(DataError, match=r"a\.h5: its crop centres in px and in mm fit none of the cameras nyu, "):
+        centers_in(tmp_path / "a.h5", uvd, camera.unproject(uvd))
+
+
+@pytest.mark.parametrize("value", [1e-300, 1e300, np.nan, np.inf, -700.0, 0.0])
+def test_centers_that_are_nowhere(tmp_path, value):
+    """Centres that are not finite, or not in front of the camera, raise an error of one line."""
+    uvd = np.array([[200.0, 100, 700], [400, 90, 600], [300, 300, 500], [500, 200, 800]])
+    with pytest.raises(DataError, match=r"a\.h5: crop centres that are not finite, or not before the camera"):
+        centers_in(tmp_path / "a.h5", uvd, at(NYU.unproject(uvd), value, (2, 2)))

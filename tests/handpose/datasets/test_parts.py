@@ -29,7 +29,7 @@ def pieces(rows: int) -> Iterator[dict[str, np.ndarray]]:
 
 @pytest.mark.parametrize("rows", [0, 1, 100, 130])
 def test_rows_in_pieces(tmp_path: Path, rows: int) -> None:
-    """A part has the rows of all pieces in order, and its attributes."""
+    """A part has the rows of all pieces in order, and its attributes; large arrays can be mapped."""
     part = Part(tmp_path / "part.h5", 0, 130, "us", "recipe")
     expected = [*pieces(rows), COLUMNS]
     parts.write_part(part, rows, expected, {"more": 5})
@@ -37,6 +37,8 @@ def test_rows_in_pieces(tmp_path: Path, rows: int) -> None:
         assert dict(file.attrs) == {"more": 5, "made_from": "us", "recipe": "recipe"}
         for name in "ab":
             np.testing.assert_array_equal(file[name][...], np.concatenate([piece[name] for piece in expected]))
+        assert file["a"].chunks is None and file["a"].compression is None
+        assert rows < 100 or file["a"].id.get_offset() % 4096 == 0
     assert [path.name for path in tmp_path.iterdir()] == ["part.h5"]
 
 
