@@ -93,18 +93,12 @@ def test_what_is_missing(copy: Path) -> None:
     assert flaws(copy) == [(f"{copy}: {line}", True)]
 
 
-@pytest.mark.parametrize(
-    ("image", "reported", "fatal"),
-    [
-        (np.full((480, 640), 400, np.uint16), "640 x 480 pixels, expected 320 x 240", True),
-        (np.full((240, 320), 200, np.uint8), "expected 16-bit grey", True),
-        (None, "truncated, damaged or no PNG", False),
-    ],
-)
-def test_a_damaged_first_frame(copy: Path, image: np.ndarray | None, reported: str, fatal: bool) -> None:
+def test_a_damaged_first_frame(copy: Path) -> None:
+    """An image of another type is fatal, a damaged one is not."""
     path = copy / "Testing" / "Depth" / "test_seq_1" / "0.png"
-    if image is None:
-        path.write_bytes(b"")
-    else:
-        cv2.imwrite(str(path), image)
-    assert [reported in flaws(copy)[1][0], flaws(copy)[1][1]] == [True, fatal]
+    cv2.imwrite(str(path), np.full((240, 320), 200, np.uint8))
+    (line, fatal) = flaws(copy)[1]
+    assert line.startswith(f"{path}: ") and "expected 16-bit grey" in line and fatal
+    path.write_bytes(b"")
+    (line, fatal) = flaws(copy)[1]
+    assert "truncated, damaged or no PNG" in line and not fatal

@@ -22,24 +22,17 @@ def at(values, number, where=1):
 
 
 @pytest.mark.parametrize("shape", [(4, 6), (4, 2, 3)])
-@pytest.mark.parametrize("dtype", ["f4", "f8", ">f4", "i2"])
-@pytest.mark.parametrize("options", [{}, {"compression": "gzip"}], ids=["in one piece", "compressed"])
-def test_joints_in_any_storage(tmp_path, shape, dtype, options):
-    """Joints are read as float64, into a writable array that is independent of the file."""
+@pytest.mark.parametrize("dtype", ["f4", "i2"])
+def test_joints(tmp_path, shape, dtype):
     stored = (100 * ROWS).astype(dtype)
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        file.create_dataset("joint", data=stored.reshape(shape), **options)
-    joints = labels.read(tmp_path / "a.h5", 2).joints
+    joints = labels.read(write_hdf5(tmp_path / "a.h5", joint=stored.reshape(shape)), 2).joints
     assert joints.dtype == np.float64 and np.array_equal(joints, stored.reshape(4, 2, 3))
-    joints[...] = 9
-    assert np.array_equal(labels.read(tmp_path / "a.h5", 2).joints, stored.reshape(4, 2, 3))
 
 
 @pytest.mark.parametrize("shape", [(4,), (4, 1)])
-@pytest.mark.parametrize("dtype", ["f4", "i2"])
-def test_half_cubes(tmp_path, shape, dtype):
+def test_half_cubes(tmp_path, shape):
     """There is one half-cube per frame, from the labels and from an open file alike."""
-    path = write_hdf5(tmp_path / "a.h5", joint=ROWS, half_cube=np.arange(100, 104, dtype=dtype).reshape(shape))
+    path = write_hdf5(tmp_path / "a.h5", joint=ROWS, half_cube=np.arange(100, 104, dtype="i2").reshape(shape))
     for found in (labels.read(path, 2).half_cube, labels.read_half_cubes(File(path, ("joint",)))):
         assert found.dtype == np.float64 and found.tolist() == [100, 101, 102, 103]
 
@@ -71,13 +64,10 @@ JOINTS = "(N, 6) for 2 joints"
     line: (arrays, f"...a.h5: {line}") for arrays, line in (
         ({"other": np.zeros(2)}, "no data set 'joint'; it has other"),
         ({"joint": np.array([b"a", b"b"])}, "data set '/joint' holds |S1, expected numbers"),
-        ({"joint": np.float64(1)}, "data set 'joint' has no rows"),
-        ({"joint": np.zeros((0, 6))}, "data set 'joint' has no rows..."),
         *(({"joint": np.zeros(shape)}, f"data set 'joint' has shape {shape}, expected {JOINTS}")
           for shape in ((6,), (4, 7), (4, 12), (4, 3, 2))),
         ({"joint": at(ROWS, -np.inf, [2, 3])}, "data set 'joint' is infinite in frame 2 (2 such frames), expected ..."),
         ({"half_cube": np.array([b"150"] * 4)}, "data set '/half_cube' holds |S3, expected numbers"),
-        ({"half_cube": 150.0}, "data set 'half_cube' has no rows"),
         *(({"half_cube": np.ones(shape)}, f"data set 'half_cube' has shape {shape}, expected (4,): mm, one ...")
           for shape in ((3,), (4, 3))),
         *(({"half_cube": at(np.full(4, 150.0), value)},

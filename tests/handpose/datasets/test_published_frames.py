@@ -13,7 +13,7 @@ from handpose.body.nyu import TEST_FRAMES
 from handpose.datasets import nyu_files, parts
 from handpose.datasets.published_frames import PreparedSplit, PublishedFrames, read_centers, statistics
 from handpose.frames import images
-from handpose.frames.cameras import ICVL, NYU
+from handpose.frames.cameras import NYU
 from handpose.frames.images import MISSING, BadFrameError
 from netlib.blob import Array
 from netlib.errors import DataError
@@ -107,17 +107,15 @@ def test_statistics_of_the_real_annotation(nyu_data: Path, tmp_path: Path) -> No
 
 
 def split_of(folder: Path, bad: range, count: int = 7) -> PublishedFrames:
-    """Frames with a plate at the centre; the frames in ``bad`` cannot be read."""
+    """Frames of a plate; those in ``bad`` cannot be read."""
 
     def read(path: Path) -> Array:
         if int(path.stem) in bad:
             raise BadFrameError(path, MISSING)
-        return np.full((ICVL.height, ICVL.width), 400.0)
+        return np.full((NYU.height, NYU.width), 780.0)
 
-    center = np.tile([160.0, 120.0, 400.0], (count, 1))
-    files = [folder / f"{i}.png" for i in range(count)]
-    joints = np.repeat(ICVL.unproject(center)[:, None], 16, axis=1)
-    return PublishedFrames("test", files, center, joints, np.full(count, 250.0), ICVL, read, "a test", "the middle")
+    return frames(files=[folder / f"{i}.png" for i in range(count)], center_uvd=np.tile([320.0, 240, 800], (count, 1)),
+                  joints=np.zeros((count, 4, 3)) + (0, 0, 800), cube_mm=np.full(count, 300.0), read=read)
 
 
 @pytest.fixture
@@ -141,5 +139,5 @@ def test_bad_frames_are_named_and_left_out(tmp_path: Path) -> None:
         reports.append(split.report(outcome))
     assert reports[0] == reports[1]
     assert reports[0].startswith(
-        "test: 3 frames (a test), 4 bad frames left out: 4 no such file\ntest: crops about the "
+        "test: 3 frames (plates), 4 bad frames left out: 4 no such file\ntest: crops about the "
     )

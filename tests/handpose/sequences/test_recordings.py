@@ -66,6 +66,9 @@ def test_the_truth_is_what_is_seen() -> None:
             xyz = joints_of(header.skeleton, header.unit_mm, hand.hand, hand.inputs, hand.bones, hand.origin_mm)
             np.testing.assert_allclose(xyz, hand.xyz, atol=1e-9)
             np.testing.assert_allclose(hand.center_uvd, NYU.project(hand.origin_mm))
+            surface = hand.capsules
+            ends, radii = np.hstack([surface.a, surface.b])[0], np.hstack([surface.radius_a, surface.radius_b])[0]
+            assert (np.linalg.norm(xyz[:, None] - ends, axis=2) < radii + 15).any(axis=1).all()  # also of a left hand
 
 
 def test_rate_and_length_do_not_change_the_movement() -> None:

@@ -51,7 +51,7 @@ def test_whole_files_are_kept(tmp_path: Path) -> None:
     data.write(1, lambda count: pytest.fail("writes frames"))
     assert (tmp_path / "test.txt").read_text() == f"{tmp_path}/test_000.h5\n"
     with pytest.raises(DataError, match=r"needs \d+ MB, \d+ MB are free"):
-        DataSet(tmp_path, [(Generator(split="train"), 10**11)])
+        DataSet(tmp_path, [(Generator(split="train"), 10**8)])
 
 
 def test_generate_cuts_anywhere(generator: Generator, frames: Frames) -> None:
