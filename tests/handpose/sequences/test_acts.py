@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handpose.frames.cameras import ICVL, NYU, Camera
-from handpose.sequences.acts import FINGER_SPEED, HAND_SPEED, Act, Actor, Volume
+from handpose.sequences.acts import FINGER_SPEED, HAND_SPEED, MARGIN_MM, Act, Actor, Volume
 from handpose.sequences.movements import Movement, Person, fingers_of, poses
 from handpose.synthetic.pose_prior import BodySampler
 
@@ -114,7 +114,9 @@ def test_places_are_in_the_image(camera: Camera) -> None:
     for _ in range(50):
         place = volume.place(rng)
         u, v, d = camera.project(place)
-        assert 0.5 * camera.width < u < camera.width and 0 < v < camera.height and volume.near <= d <= volume.far
+        across, down = MARGIN_MM * camera.fx / d - 1e-6, MARGIN_MM * camera.fy / d - 1e-6
+        assert 0.5 * camera.width + across < u < camera.width - across and down < v < camera.height - down
+        assert volume.near <= d <= volume.far
         np.testing.assert_allclose(volume.kept(place), place)
         assert not 0 < camera.project(volume.outside(place))[0] < camera.width
     u, v, d = camera.project(volume.kept(np.array([9e3, -9e3, 100.0])))
