@@ -42,18 +42,6 @@ def test_rows_in_pieces(tmp_path: Path, rows: int) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["part.h5"]
 
 
-def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
-    def failing() -> Iterator[dict[str, np.ndarray]]:
-        yield from pieces(30)
-        raise DataError("no more")
-
-    (tmp_path / "part.h5").write_text("before")
-    with pytest.raises(DataError, match="no more"):
-        parts.write_part(Part(tmp_path / "part.h5", 0, 60, "", ""), 60, failing(), {})
-    assert [path.name for path in tmp_path.iterdir()] == ["part.h5"]
-    assert (tmp_path / "part.h5").read_text() == "before"
-
-
 def test_room(tmp_path: Path) -> None:
     """Insufficient disk space raises an error in MB, also for a folder that does not exist yet; files make room."""
     for folder in (tmp_path, tmp_path / "new" / "er"):
