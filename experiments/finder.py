@@ -3,11 +3,11 @@
     python -m experiments finder snapshots/finder_iter_18000.caffemodel.h5
     python -m experiments finder WEIGHTS --recording take left=take_left.npy right=take_right.npy --part odd
 
-Synthetic scenes are those of the training's generator with other random numbers ("test"), and those of another
-generator, handpose.synthetic.scenes, with other cameras and distances, half of them mirrored ("other"). Labels of a
-recording are joints (frames, ..., 3) in mm, x right, y down, z away, NaN where there is none; the middle of a hand's
-joints is its place. A hand is found within 80 mm of it; each further answer is false. "side" is the share of the hands
-found whose side is right or unknown, with the threshold at one false hand a frame; "unknown" those without an answer.
+Synthetic scenes are those of the training's generator with other random numbers ("test"), and frames of synthetic
+recordings with other cameras, of another person each, half of them mirrored ("other"). Labels of a recording are
+joints (frames, ..., 3) in mm, x right, y down, z away, NaN where there is none; the middle of a hand's joints is its
+place. A hand is found within 80 mm of it; each further answer is false. "side" is the share of the hands found whose
+side is right or unknown, with the threshold at one false hand a frame; "unknown" those without an answer.
 
 --part chooses the frames with even or odd numbers, so that choices are made on one half and reported on the other.
 """
@@ -30,10 +30,9 @@ from handpose.estimate.nets import trained
 from handpose.estimate.packaged import HAND_FINDER
 from handpose.frames.cameras import KINECT2, NYU, SR305, Camera
 from handpose.frames.formats import open_recording
-from handpose.synthetic.prior_file import RangeParameter
-from handpose.synthetic.scenes import draw_scenes, prior_of
-from handpose.synthetic.sensor import sensor_of
+from handpose.sequences.recordings import SCRIPTS, SyntheticRecording
 from handpose.synthetic.whole_scenes import BLOCK, HEIGHT, WIDTH, SceneGenerator
+from handpose.tracking.track import PARTLY
 from netlib.blob import Array
 from netlib.errors import DataError
 from tools.common.arguments import add_engine, count, seed
@@ -161,18 +160,15 @@ def drawn_scenes(number: int, scenes: int) -> Iterator[Labelled]:
 
 
 def other_scenes(number: int, scenes: int) -> Iterator[Labelled]:
-    """Scenes of another generator, with one hand each."""
-    rng = np.random.default_rng(number)
+    """A frame of each of as many synthetic recordings; their scripts, cameras and sides take turns."""
+    scripts = list(SCRIPTS)
     for n in range(scenes):
-        camera = MADE[n % len(MADE)]
-        [depth], [joints] = draw_scenes(rng, 1, camera, sensor_of(camera), prior_of(RangeParameter(400.0, 1200.0)),
-                                        first=n // 2)
-        if n % 2:
-            mirrored = Camera(camera.name, camera.fx, camera.fy, camera.width - 1 - camera.u0, camera.v0, camera.width,
-                              camera.height)
-            yield Labelled(depth[:, ::-1], mirrored, [(joints.mean(0) * (-1, 1, 1), "left")])
-        else:
-            yield Labelled(depth, camera, [(joints.mean(0), "right")])
+        recording = SyntheticRecording(scripts[n % len(scripts)], MADE[n % len(MADE)], rate=1, seed=number + n,
+                                       mirrored=n // (len(scripts) * len(MADE)) % 2 == 1)
+        frame, truth = recording.frame(n % recording.count), recording.truth(n % recording.count)
+        partly = [recording.movements[lost.id] for lost in truth.lost if lost.reason == PARTLY]
+        yield Labelled(frame.depth, recording.camera, [(hand.xyz.mean(0), hand.hand) for hand in truth.hands],
+                       [movement.pose_at(frame.time).xyz.mean(0) for movement in partly])
 
 
 def labels_of(words: Sequence[str]) -> dict[Side, Path]:

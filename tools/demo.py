@@ -3,21 +3,19 @@
 
     python tools/demo.py --out demo
 
-writes six depth frames as a Kinect would record them (frame_*.png, 16-bit grey, mm; scenes with an arm nearer than its
-minimum range are left out), runs the same prediction on them as tools/predict.py, and draws demo/hands.png: the crop of
-each frame with the skeleton, the fitted surface, and the hand in space; above them the confidence of the fit, its
-expected error and its true error. Of a hand that is less than 30% sure there are no joints, and only the crop is drawn.
+writes six depth frames as a Kinect would record them (frame_*.png, 16-bit grey, mm), of six people, with right and left
+hands in turn. It runs the same prediction on them as tools/predict.py, and draws demo/hands.png: the crop of each frame
+with the skeleton, the fitted surface, and the hand in space; above them the confidence of the fit, its expected error
+and its true error. Of a hand that is less than 30% sure there are no joints, and only the crop is drawn.
 demo/hands.json has the numbers in the format of a track, and for each hand its true error in mm (``true_error_mm``).
 """
 
 from __future__ import annotations
 
 import argparse
-import itertools
 import shlex
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -27,13 +25,14 @@ import tools
 tools.begin(__name__)
 
 import numpy as np
+from numpy.typing import NDArray
 
 from handpose import NYU, load_predictor
 from handpose.output.drawing import strokes
 from handpose.output.drawing.view import percent
 from handpose.output.tracks.predictions import document, frame_values
 from handpose.scoring.metrics import mean_errors_14
-from handpose.synthetic.scenes import draw_scenes
+from handpose.sequences.recordings import SyntheticRecording
 from netlib.blob import Array
 from netlib.files import atomic
 from netlib.files.paths import command
@@ -61,8 +60,8 @@ def run(args: argparse.Namespace) -> int:
     images, titles, hands, frames = [], [], [], []
     begun = time.perf_counter()
     with ProgressBar(args.frames) as progress:
-        for n, (depth, truth) in enumerate(itertools.islice(measurable_scenes(args.seed), args.frames)):
-            frame, name = np.rint(depth).astype(np.uint16), f"frame_{n}.png"
+        for n in range(args.frames):
+            (frame, truth), name = scene(args.seed + n), f"frame_{n}.png"
             outputs.write_image(args.out / name, frame)
             found = predictor.in_frame(frame)
             drawn = findings.views(found, predictor, zoom=2)
@@ -85,13 +84,16 @@ def run(args: argparse.Namespace) -> int:
     return DONE
 
 
-def measurable_scenes(seed_number: int) -> Iterator[tuple[Array, Array]]:
-    """Depth frames (mm) and their true joints (31, 3), without those that the camera is too near to measure."""
-    rng = np.random.default_rng(seed_number)
-    for n in itertools.count():
-        [depth], [joints] = draw_scenes(rng, 1, first=n)
-        if not NYU.is_too_near(depth).any():
-            yield depth, joints
+def scene(number: int) -> tuple[NDArray[np.uint16], Array]:
+    """A depth frame (mm) of a person, another one for each number, and the true joints (31, 3) of the hand.
+
+    Even numbers have a right hand that shows a gesture, odd ones a left hand on its way.
+    """
+    left = number % 2 == 1
+    recording = SyntheticRecording("body", NYU, rate=1, seed=number, mirrored=left)
+    seen = (truth for truth in recording.truths() if truth.number >= (4 if left else 11) and truth.hands)
+    truth = next(seen)
+    return recording.frame(truth.number).depth.astype(np.uint16), truth.hands[0].xyz
 
 
 if __name__ == "__main__":

@@ -38,7 +38,6 @@ ICVL = Importer(
     center="palm",
     check=icvl_files.check_split,
     read=icvl_files.read_split,
-    own=["ICVL"],
 )
 
 

@@ -39,7 +39,6 @@ NYU = Importer(
     center=f"joint{CENTER_JOINT}",
     check=nyu_files.check_split,
     read=nyu_files.read_split,
-    own=["NYU", nyu_files.SYNTHETIC],
 )
 
 

@@ -15,12 +15,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.frames.cameras import NYU, Camera
+from handpose.frames.cameras import Camera
 from handpose.frames.crops import SIZE
 from handpose.frames.images import read_crop
 from netlib.blob import Array
@@ -78,32 +77,16 @@ class Frames:
         return Frames(**{name: array[rows] for name, array in self.arrays().items()})
 
 
-def empty_frames(joints: int, dofs: int | None = None, bones: bool = False) -> Frames:
-    """No frames: the columns of a file without rows, for these numbers of joints, inputs and bones."""
-    none = np.zeros(0)
-    inputs = None if dofs is None else np.zeros((0, dofs))
-    return Frames.of(np.zeros((0, SIZE, SIZE)), np.zeros((0, joints, 3)), np.zeros((0, 3)), NYU, none,
-                     np.zeros(0, np.int64), inputs, np.zeros((0, joints)) if bones else None)
-
-
 # ---------------------------------------------------------------------------------------------- examples
 
 
-class Example(NamedTuple):
-    """One frame.
-
-    crop    (size, size) in [-1, 1]
-    joints  half-cubes, if the data set has them
-    where   its file, and its row in it
-    """
-
-    crop: NDArray[np.float32]
-    joints: NDArray[np.float64] | None
-    where: str
+Example = tuple[Floats, Array | None, str]
 
 
 def examples_of(path: Path, count: int) -> list[Example]:
     """At most ``count`` frames, spread evenly over a data set, for display. Raises DataError.
+
+    Each is a crop (size, size) in [-1, 1], its joints in half-cubes if the data set has them, and its file and row.
 
     path  a list of HDF5 files, one such file, or a folder of crops
     """
@@ -111,7 +94,7 @@ def examples_of(path: Path, count: int) -> list[Example]:
         crops = sorted(p for p in path.iterdir() if p.suffix.lower() == ".png")
         if not crops:
             raise DataError(f"{path}: no PNG pictures in this folder; expected crops")
-        return [Example(read_crop(crops[i]), None, str(crops[i])) for i in spread(len(crops), count)]
+        return [(read_crop(crops[i]), None, str(crops[i])) for i in spread(len(crops), count)]
     files = [path] if path.suffix == ".h5" else read_list(str(path), None)
     rows = [(file, row) for file in map(_open, files) for row in range(file.rows)]
     return [_example(*rows[i]) for i in spread(len(rows), count)]
@@ -136,4 +119,4 @@ def _example(file: File, row: int) -> Example:
     with np.errstate(all="ignore"):  # other number types; pixels that are not finite are drawn as missing
         depth = crop.reshape(crop.shape[-2:]).astype(np.float32)
         found = joints[0].astype(np.float64) if joints else None
-    return Example(depth, found, f"{file.path}: frame {row}")
+    return depth, found, f"{file.path}: frame {row}"

@@ -18,13 +18,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.datasets.published_frames import Flaw, PublishedFrames, first_frame_flaws, missing_folder, read_centers
+from handpose.datasets.published_frames import Flaw, PublishedFrames, check_frames, read_centers
 from handpose.frames.cameras import ICVL
 from handpose.frames.images import WRONG_SIZE, BadFrameError, read_png
 from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.files import read_text
-from netlib.files.paths import names_in
 
 TRAIN_FRAMES = 300_000  # at least
 TEST_FRAMES = (702, 894)  # numbers of frames of the two test sequences
@@ -95,7 +94,11 @@ def _append(values: array.array[float], words: list[str], where: str) -> None:
 
 def read_split(root: Path, split: str, centers: Path | None = None) -> PublishedFrames:
     """The frames of a split. ``centers`` is a file of crop centres; without it the palm. Raises DataError."""
-    annotation = read_annotation([path for path in (root / name for name in ANNOTATION[split]) if path.is_file()])
+    paths = [root / name for name in ANNOTATION[split]]
+    there = [path for path in paths if path.is_file()]
+    if not there:
+        raise DataError(f"{paths[0]}: no such file; it holds the joints, and comes with the folder Depth")
+    annotation = read_annotation(there)
     count = len(annotation.files)
     return PublishedFrames(
         split=split,
@@ -113,33 +116,17 @@ def read_split(root: Path, split: str, centers: Path | None = None) -> Published
 def check_split(root: Path, split: str) -> tuple[list[str], list[Flaw]]:
     """The content of a split, and its errors, one line each."""
     paths = [root / name for name in ANNOTATION[split]]
-    there = [path for path in paths if path.is_file()]
-    folder = paths[0].parent
-    if flaws := missing_folder(root, folder.name, f"{paths[0].name} and Depth"):
-        return [], flaws
-    if not there:
-        return [], [Flaw(f"{paths[0]}: no such file; it holds the joints, and comes with the folder Depth")]
-    try:
-        annotation = read_annotation(there)
-    except DataError as error:
-        return [f"{folder}: no readable labels"], [Flaw(str(error))]
-    flaws = [
-        Flaw(f"{path}: no such file; the test frames of one of the two sequences are missing", fatal=False)
-        for path in paths
-        if path not in there
-    ]
-    count = len(annotation.files)
-    if split == "train" and count < TRAIN_FRAMES:
-        text = f"{there[0]}: {count} labelled frames, the whole training set with its turned copies has over 300,000"
-        flaws.append(Flaw(text, fatal=False))
-    if split == "test" and len(there) == 2 and count != sum(TEST_FRAMES):
-        text = f"{folder}: {count} labelled frames, the whole test set has {TEST_FRAMES[0]} + {TEST_FRAMES[1]}"
-        flaws.append(Flaw(text, fatal=False))
-    names = {parent: names_in(parent) for parent in {path.parent for path in annotation.files}}
-    missing = [path for path in annotation.files if path.name not in names[path.parent]]
-    if missing:
-        text = f"{folder}: {len(missing)} of {count} depth frames are missing, the first is {missing[0]}"
-        flaws.append(Flaw(text, fatal=len(missing) == count))
-    else:
-        flaws += first_frame_flaws(annotation.files[0], read_icvl_depth, ICVL)
-    return [f"{folder}: {count} labelled frames, {count - len(missing)} of their depth frames"], flaws
+    missing = [path for path in paths if not path.is_file()]
+
+    def whole(count: int) -> list[Flaw]:
+        texts = [f"{path}: no such file; the test frames of one of the two sequences are missing" for path in missing]
+        if split == "train" and count < TRAIN_FRAMES:
+            texts.append(f"{paths[0]}: {count} labelled frames, the whole training set with its turned copies has over "
+                         "300,000")
+        if split == "test" and not missing and count != sum(TEST_FRAMES):
+            texts.append(f"{paths[0].parent}: {count} labelled frames, the whole test set has {TEST_FRAMES[0]} + "
+                         f"{TEST_FRAMES[1]}")
+        return [Flaw(text, fatal=False) for text in texts]
+
+    holds = f"{paths[0].name} and Depth"
+    return check_frames(root, paths[0].parent, holds, lambda: read_split(root, split), whole)

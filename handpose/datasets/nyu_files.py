@@ -18,15 +18,13 @@ from handpose.body.nyu import (
     cube_of_test_frame,
     frame_name,
 )
-from handpose.datasets.published_frames import Flaw, PublishedFrames, first_frame_flaws, missing_folder, read_centers
+from handpose.datasets.published_frames import Flaw, PublishedFrames, check_frames, read_centers
 from handpose.frames.cameras import NYU
 from handpose.frames.images import WRONG_SIZE, BadFrameError, read_png, unpack_depth
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError
-from netlib.files.paths import names_in
 
 ANNOTATION = "joint_data.mat"  # in the folder of the depth frames of each split
-SYNTHETIC = "synthetic"  # value of made_from in folders of rendered frames, whose cubes are all of one size
 
 
 def read_nyu_depth(path: str | Path) -> NDArray[np.float32]:
@@ -49,7 +47,6 @@ class NyuAnnotation(NamedTuple):
 
     uvd: Array  # (N, 36, 3) px, px, mm
     xyz: Array  # (N, 36, 3) mm, camera axes: x right, y up, z away
-    made_from: str  # "NYU"
 
 
 def read_annotation(path: Path) -> NyuAnnotation:
@@ -72,7 +69,7 @@ def read_annotation(path: Path) -> NyuAnnotation:
     if len(uvd) != len(xyz) or not len(uvd):
         raise DataError(f"{path}: joint_uvd has {len(uvd)} frames, joint_xyz {len(xyz)}; expected the same, not 0")
     _check_axes(path, uvd, xyz)
-    return NyuAnnotation(uvd, xyz, str(found.get("made_from", "NYU")))
+    return NyuAnnotation(uvd, xyz)
 
 
 def _read_matlab(path: Path) -> dict[str, Any]:
@@ -85,10 +82,7 @@ def _read_matlab(path: Path) -> dict[str, Any]:
     for name in ("joint_uvd", "joint_xyz"):
         if name not in names:
             raise DataError(f"{path}: no variable {name!r}; it has {', '.join(sorted(names)) or 'none'}")
-    found = scipy.io.loadmat(str(path), variable_names=["joint_uvd", "joint_xyz", "made_from"])
-    if "made_from" in found:
-        found["made_from"] = np.ravel(found["made_from"])[0]
-    return dict(found)
+    return dict(scipy.io.loadmat(str(path), variable_names=["joint_uvd", "joint_xyz"]))
 
 
 def _check_axes(path: Path, uvd: Array, xyz: Array) -> None:
@@ -117,16 +111,15 @@ def read_split(root: Path, split: str, centers: Path | None = None) -> Published
     folder = folder_of(root, split)
     annotation = read_annotation(folder / ANNOTATION)
     count = len(annotation.uvd)
-    cubes = cube_of_test_frame(np.arange(count)) if split == "test" else np.full(count, CUBE_MM)
     return PublishedFrames(
         split=split,
         files=[folder / frame_name(i) for i in range(count)],
         center_uvd=annotation.uvd[:, CENTER_JOINT] if centers is None else read_centers(centers, count),
         joints=annotation.xyz[:, list(ANNOTATION_OF_JOINT)],
-        cube_mm=np.full(count, CUBE_MM) if annotation.made_from == SYNTHETIC else cubes,
+        cube_mm=cube_of_test_frame(np.arange(count)) if split == "test" else np.full(count, CUBE_MM),
         camera=NYU,
         read=read_nyu_depth,
-        made_from=annotation.made_from,
+        made_from="NYU",
         centre=f"annotated joint {CENTER_JOINT}" if centers is None else f"centres of {centers.name}",
     )
 
@@ -134,41 +127,13 @@ def read_split(root: Path, split: str, centers: Path | None = None) -> Published
 def check_split(root: Path, split: str) -> tuple[list[str], list[Flaw]]:
     """The content of a split, and its errors, one line each."""
     folder = folder_of(root, split)
-    if flaws := missing_folder(root, str(folder.relative_to(root)), f"{frame_name(0)} ... and {ANNOTATION}"):
-        return [], flaws
-    names = names_in(folder)
-    numbers = {i for i in map(_number, names) if i is not None}
-    if not numbers:
-        others = ", ".join(sorted(names - {ANNOTATION})[:1]) or "none"
-        flaws.append(Flaw(f"{folder}: no depth frames of camera 1 such as {frame_name(0)}; found {others}"))
-    try:
-        annotation = read_annotation(folder / ANNOTATION)
-    except DataError as error:
-        flaws.append(Flaw(str(error)))
-        return [f"{folder}: {len(numbers)} depth frames of camera 1, no readable labels"], flaws
-    count = len(annotation.uvd)
-    labelled = f"{count} labelled frames ({annotation.made_from})"
-    if annotation.made_from != SYNTHETIC:
-        flaws += _count_flaws(folder, split, count)
-    missing = sorted(set(range(count)) - numbers)
-    if numbers and missing:
-        first = frame_name(missing[0])
-        text = f"{folder}: {len(missing)} of {count} depth frames are missing, the first is {first}"
-        flaws.append(Flaw(text, fatal=False))
-    if numbers and not missing:
-        flaws += first_frame_flaws(folder / frame_name(0), read_nyu_depth, NYU)
-    return [f"{folder}: {labelled}, {len(numbers)} depth frames of camera 1"], flaws
 
+    def whole(count: int) -> list[Flaw]:
+        expected = TEST_FRAMES if split == "test" else TRAIN_FRAMES
+        if count == expected:
+            return []
+        text = f"{folder / ANNOTATION}: {count} labelled frames, the whole {split} set has {expected}"
+        return [Flaw(text, fatal=count > expected)]
 
-def _number(name: str) -> int | None:
-    """0-based number of a depth frame of camera 1, or None for any other name."""
-    digits = name[len("depth_1_") : -len(".png")]
-    return int(digits) - 1 if digits.isascii() and digits.isdigit() and name == frame_name(int(digits) - 1) else None
-
-
-def _count_flaws(folder: Path, split: str, labelled: int) -> list[Flaw]:
-    expected = TEST_FRAMES if split == "test" else TRAIN_FRAMES
-    if labelled == expected:
-        return []
-    text = f"{folder / ANNOTATION}: {labelled} labelled frames, the whole {split} set has {expected}"
-    return [Flaw(text, fatal=labelled > expected)]
+    holds = f"{frame_name(0)} ... and {ANNOTATION}"
+    return check_frames(root, folder, holds, lambda: read_split(root, split), whole)

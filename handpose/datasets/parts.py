@@ -8,7 +8,10 @@ that it depends on: a part with the right recipe is kept, so an interrupted run 
 from __future__ import annotations
 
 import errno
+import itertools
+import json
 import os
+import re
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,7 +24,7 @@ import numpy as np
 from netlib.blob import Array
 from netlib.errors import DataError, system_error_of
 from netlib.files import atomic, hdf5
-from netlib.files.paths import exists, find, names_in
+from netlib.files.paths import exists, names_in
 
 Columns = Mapping[str, Array]  # data sets by name; rows first
 
@@ -34,8 +37,23 @@ class Part:
     """A file to be written."""
 
     path: Path
-    rows: int  # maximum number of rows
+    start: int  # number of its first row in the split
+    rows: int  # maximum number of rows; some may be left out
+    made_from: str  # the source of its rows
     recipe: str  # all that the file depends on
+
+
+def parts_of(
+    out: Path, split: str, count: int, made_from: str, recipe: Callable[[int, int], Mapping[str, object]]
+) -> list[Part]:
+    """The parts in a folder for ``count`` rows of a split; ``recipe`` gives that of some rows: the first, their number.
+    """
+    found = []
+    for i, start in enumerate(range(0, count, FRAMES_PER_FILE)):
+        rows = min(FRAMES_PER_FILE, count - start)
+        text = json.dumps({**recipe(start, rows), "start": start, "frames": rows}, sort_keys=True)
+        found.append(Part(out / f"{split}_{i:03d}.h5", start, rows, made_from, text))
+    return found
 
 
 def attributes(path: Path) -> dict[str, Any] | None:
@@ -49,51 +67,46 @@ def attributes(path: Path) -> dict[str, Any] | None:
         return None
 
 
-def is_whole(part: Part) -> bool:
-    """True if the file exists and was made by the same recipe."""
-    found = attributes(part.path) if part.path.is_file() else None
-    return found is not None and found.get("recipe") == part.recipe
+def missing_of(wanted: Sequence[Part], lists: Sequence[Path], force: bool = False) -> list[Part]:
+    """The parts that are not there with their recipe, to be written; all with ``force``.
 
-
-def listed(path: Path, own: Sequence[Path]) -> list[Path]:
-    """The files in a list, relative to the working directory or to the list's folder; empty if there is no list.
-
-    Those of ``own`` may be named relative to any working directory, and may be missing. Raises DataError.
+    A file in a part's place is replaced if it was made from the same source, a list if all names in it are those of
+    parts. Raises DataError for anything else; with ``force`` only for folders and devices.
     """
-    by_name, found = {file.name: file for file in own}, []
-    for line in filter(None, map(str.strip, (atomic.text_of(path) or "").split("\n"))):
-        file = find(line, str(path))
-        if not exists(file) and (same := by_name.get(file.name)):
-            file = same if same.absolute().parts[-len(file.parts) :] == file.parts else file
-        found.append(file)
-    return found
-
-
-def refuse_foreign(files: Sequence[Path], lists: Sequence[Path], own: Sequence[str], force: bool = False) -> None:
-    """Raise DataError if a file to be replaced, or one in a list to be replaced, is not of ``own`` origin.
-
-    With ``force`` only folders and devices raise.
-    """
-    for path in (*files, *lists):
+    for path in (*(part.path for part in wanted), *lists):
         if exists(path) and not path.is_file():
             raise DataError(f"{path}: is not a file; move it away, or choose another --out")
     if force:
-        return
-    listing = {file: path for path in lists for file in listed(path, files)} | dict.fromkeys(files)
-    for path, by in listing.items():
-        if not exists(path):
-            if by:
-                raise DataError(f"{by}: names {str(path)!r}, which is not there; move the list away, choose another "
-                                "--out, or use --force to replace it")
-            continue
-        found = attributes(path)
+        return list(wanted)
+    instead = "choose another --out, or use --force to replace it"
+    for path in lists:
+        for name in listed_names(path):
+            if not re.fullmatch(rf"{path.stem}_\d+\.h5", name):
+                raise DataError(f"{path}: names {name!r}, expected {path.stem}_000.h5, ...; {instead}")
+    missing = []
+    for part in wanted:
+        found = attributes(part.path) if exists(part.path) else {}
         if found is None:
-            raise DataError(f"{path}: not a readable HDF5 file; move it away, choose another --out, or use --force")
-        origin = str(found.get("made_from", "an unknown source"))
-        if origin not in own:
-            raise DataError(
-                f"{path}: holds data made from {origin}; choose another --out, or use --force to replace it"
-            )
+            raise DataError(f"{part.path}: not a readable HDF5 file; {instead}")
+        if found.get("recipe") == part.recipe:
+            continue
+        if exists(part.path):
+            there = _source(found.get("made_from", "an unknown source"), found.get("recipe"))
+            if there != (expected := _source(part.made_from, part.recipe)):
+                raise DataError(f"{part.path}: holds data made from {there}, expected {expected}; {instead}")
+        missing.append(part)
+    return missing
+
+
+def _source(made_from: object, recipe: object) -> str:
+    """What rows are made from, in words: for synthetic ones also the skeleton, which their recipe names."""
+    skeleton = re.search(r'"skeleton": "([^"]*)"', str(recipe))
+    return f"{made_from}{f' frames of {skeleton[1]}' if skeleton else ''}"
+
+
+def listed_names(path: Path) -> list[str]:
+    """The names, without folders, of the files in a list; none if there is no list. Raises DataError."""
+    return [Path(line.strip()).name for line in (atomic.text_of(path) or "").split("\n") if line.strip()]
 
 
 def list_text(paths: Iterable[Path]) -> str:
@@ -106,47 +119,34 @@ def row_bytes(columns: Columns) -> int:
     return sum(int(np.prod(a.shape[1:])) * a.dtype.itemsize for a in columns.values())
 
 
-def check_room(out: Path, need: int) -> None:
-    """Raise DataError if the disk of a folder, which need not exist, has fewer than ``need`` free bytes."""
-    free = shutil.disk_usage(next(place for place in (out, *out.absolute().parents) if exists(place))).free
-    if need > free:
-        raise DataError(f"{out}: needs {round(need, -6) // 10**6} MB, {free / 1e6:.0f} MB are free")
-
-
 def check_space(out: Path, rows: Sequence[tuple[int, Columns]]) -> None:
-    """Raise DataError if the disk is too small for parts of these numbers of rows.
+    """Raise DataError if the disk of a folder, which need not exist, is too small for parts of these numbers of rows.
 
     The files that are there are taken for parts that are kept or replaced.
     """
     need = sum(count * row_bytes(columns) + -(-count // FRAMES_PER_FILE) * _PAGE for count, columns in rows)
     there = [out / name for name in names_in(out) if name.endswith(".h5")]
-    check_room(out, need - sum(path.stat().st_size for path in there if path.is_file()))
+    need -= sum(path.stat().st_size for path in there if path.is_file())
+    free = shutil.disk_usage(next(place for place in (out, *out.absolute().parents) if exists(place))).free
+    if need > free:
+        raise DataError(f"{out}: needs {round(need, -6) // 10**6} MB, {free / 1e6:.0f} MB are free")
 
 
-def write_part(
-    part: Part, columns: Columns, pieces: Iterable[Columns], attributes: Callable[[], Mapping[str, object]]
-) -> int:
-    """Write the rows that ``pieces`` yield; returns their number, at most ``part.rows``.
-
-    columns     arrays without rows, of the shapes and types of those in ``pieces``
-    attributes  called for the attributes of the file after the last piece
-    """
-    written = 0
+def write_part(part: Part, rows: int, pieces: Iterable[Columns], attributes: Mapping[str, object]) -> None:
+    """Write the rows that ``pieces`` yield, at least one piece, and further attributes of the file."""
 
     def fill(path: Path) -> None:
-        nonlocal written
-        with _created(path, part.rows, columns) as file:
-            for piece in pieces:
+        written, several = 0, iter(pieces)
+        first = next(several)
+        with _created(path, rows, first) as file:
+            for piece in itertools.chain([first], several):
                 count = len(next(iter(piece.values())))
-                for name, rows in piece.items():
-                    file[name][written : written + count] = rows
+                for name, values in piece.items():
+                    file[name][written : written + count] = values
                 written += count
-            file.attrs.update({**attributes(), "recipe": part.recipe})
-        if written < part.rows:
-            _shorten(path, written, columns)
+            file.attrs.update({"made_from": part.made_from, **attributes, "recipe": part.recipe})
 
     atomic.replace(part.path, fill)
-    return written
 
 
 def _created(path: Path, rows: int, columns: Columns) -> h5py.File:
@@ -165,15 +165,3 @@ def _created(path: Path, rows: int, columns: Columns) -> h5py.File:
     for name, array in columns.items():
         file.create_dataset(name, (rows, *array.shape[1:]), array.dtype)
     return file
-
-
-def _shorten(path: Path, rows: int, columns: Columns) -> None:
-    """Keep the first ``rows`` rows of a file; HDF5 cannot truncate contiguous data sets, so they are copied."""
-
-    def fill(short: Path) -> None:
-        with h5py.File(path, "r") as whole, _created(short, rows, columns) as file:
-            file.attrs.update(whole.attrs)
-            for name in columns:
-                file[name][...] = whole[name][:rows]
-
-    atomic.replace(path, fill, sync=False)

@@ -9,26 +9,25 @@ import hashlib
 import json
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from handpose.datasets import parts
-from handpose.datasets.frames import Frames, empty_frames
-from handpose.datasets.parts import Columns, Part, is_whole, write_part
+from handpose.datasets.frames import Frames
+from handpose.datasets.parts import Part, write_part
 from handpose.frames.cameras import Camera
 from handpose.frames.crops import SIZE, crop, normalise_joints
 from handpose.frames.images import EMPTY, OUTSIDE, UNLABELLED, WRONG_SIZE, BadFrameError
 from netlib import files
 from netlib.blob import Array
-from netlib.errors import DataError, printable, reason_of
+from netlib.errors import DataError, reason_of
 from netlib.files import atomic, hdf5
-from netlib.files.paths import exists, names_in
+from netlib.files.paths import names_in
 
 
 @dataclass(frozen=True)
@@ -40,28 +39,6 @@ class Flaw:
 
 
 MAX_SHOWN = 6  # names in a message
-
-
-def missing_folder(root: Path, name: str, holds: str) -> list[Flaw]:
-    """The flaw of a data set without the folder ``name``, which ``holds`` something; empty if it is there."""
-    if not root.is_dir():
-        return [Flaw(f"{root}: no such folder")]
-    if (root / name).is_dir():
-        return []
-    there = sorted(names_in(root))
-    shown = f"{', '.join(there[:MAX_SHOWN])}{' ...' * (len(there) > MAX_SHOWN)}" or "nothing"
-    return [Flaw(f"{root}: no folder {name!r}, which holds {holds}; found {shown}")]
-
-
-def first_frame_flaws(path: Path, read: Callable[[Path], NDArray[Any]], camera: Camera) -> list[Flaw]:
-    """The errors of the first frame of a split: damage, which is not fatal, or another size than the camera's."""
-    try:
-        shape = read(path).shape
-    except BadFrameError as error:
-        return [Flaw(str(error), fatal=error.kind == WRONG_SIZE)]
-    if shape != (camera.height, camera.width):
-        return [Flaw(f"{path}: {shape[1]} x {shape[0]} pixels, expected {camera.width} x {camera.height}")]
-    return []
 
 
 @dataclass(frozen=True)
@@ -81,10 +58,6 @@ class PublishedFrames:
     def __len__(self) -> int:
         return len(self.files)
 
-    def columns(self) -> dict[str, Array]:
-        """Arrays without rows, of the shapes and types of a part's."""
-        return empty_frames(self.joints.shape[1]).arrays()
-
     def crops(self, start: int, stop: int) -> tuple[Frames, list[tuple[int, BadFrameError]]]:
         """The labelled crops of frames ``start`` to ``stop``, and the bad frames with their index."""
         crops, good, bad = [], [], []
@@ -99,15 +72,21 @@ class PublishedFrames:
         joints = normalise_joints(self.joints[some], self.camera.unproject(center_uvd), half)
         return Frames.of(np.asarray(crops), joints, center_uvd, self.camera, half, some), bad
 
+    def depth(self, i: int) -> Array:
+        """The depth image of frame ``i`` in mm. Raises BadFrameError."""
+        path, camera = self.files[i], self.camera
+        depth = self.read(path)
+        if depth.shape != (camera.height, camera.width):
+            found = f"{depth.shape[1]} x {depth.shape[0]} pixels, expected {camera.width} x {camera.height}"
+            raise BadFrameError(path, WRONG_SIZE, found)
+        return depth
+
     def crop(self, i: int) -> NDArray[np.float32]:
         """The crop of frame ``i``. Raises BadFrameError."""
         path, center = self.files[i], self.center_uvd[i]
         if not (np.isfinite(center).all() and center[2] > 0 and np.isfinite(self.joints[i]).all()):
             raise BadFrameError(path, UNLABELLED)
-        depth = self.read(path)
-        if depth.shape != (self.camera.height, self.camera.width):
-            expected = f"{self.camera.width} x {self.camera.height}"
-            raise BadFrameError(path, WRONG_SIZE, f"{depth.shape[1]} x {depth.shape[0]} pixels, expected {expected}")
+        depth = self.depth(i)
         try:
             made = crop(depth, center, float(self.cube_mm[i]), self.camera)
         except DataError as error:
@@ -117,9 +96,9 @@ class PublishedFrames:
             raise BadFrameError(path, EMPTY, f"within {self.cube_mm[i] / 2:g} mm of u {u:.0f}, v {v:.0f}, {d:.0f} mm")
         return made
 
-    def recipe(self, start: int, stop: int) -> str:
-        """The recipe of the crops of frames ``start`` to ``stop``; it has the names and sizes of the images only."""
-        digest = hashlib.sha256()
+    def recipe(self, start: int, rows: int) -> dict[str, object]:
+        """The recipe of the crops of ``rows`` frames from ``start`` on, with the names and sizes of their images."""
+        stop, digest = start + rows, hashlib.sha256()
         for array in (self.center_uvd, self.joints, self.cube_mm):
             digest.update(np.ascontiguousarray(array[start:stop], dtype="<f8").tobytes())
         for path in self.files[start:stop]:
@@ -128,17 +107,57 @@ class PublishedFrames:
             except OSError:
                 size = -1
             digest.update(f"{path.parent.name}/{path.name} {size}\n".encode())
-        facts = {
+        return {
             "version": 1,
             "made_from": self.made_from,
             "split": self.split,
             "camera": self.camera.name,
             "centre": self.centre,
-            "start": start,
-            "frames": stop - start,
             "sha256": digest.hexdigest(),
         }
-        return json.dumps(facts, sort_keys=True)
+
+
+def check_frames(
+    root: Path, folder: Path, holds: str, read: Callable[[], PublishedFrames], whole: Callable[[int], list[Flaw]]
+) -> tuple[list[str], list[Flaw]]:
+    """The content of a split, and its errors, one line each.
+
+    folder  of the split, below ``root``, which ``holds`` something
+    read    reads the split
+    whole   gives the errors of its number of frames
+    """
+    if not root.is_dir():
+        return [], [Flaw(f"{root}: no such folder")]
+    if not folder.is_dir():
+        name = str(folder.relative_to(root))
+        return [], [Flaw(f"{root}: no folder {name!r}, which holds {holds}; found {_shown(names_in(root))}")]
+    try:
+        frames = read()
+    except DataError as error:
+        return [f"{folder}: no readable labels"], [Flaw(str(error))]
+    names = {parent: names_in(parent) for parent in {path.parent for path in frames.files}}
+    missing = [path for path in frames.files if path.name not in names[path.parent]]
+    count, flaws = len(frames), whole(len(frames))
+    if missing:
+        text = f"{folder}: {len(missing)} of {count} depth frames are missing, the first is {missing[0]}"
+        found = f"; found {_shown(names[missing[0].parent])}" if len(missing) == count else ""
+        flaws.append(Flaw(text + found, fatal=len(missing) == count))
+    else:
+        flaws += _first_frame_flaws(frames)
+    return [f"{folder}: {count} labelled frames, {count - len(missing)} of their depth frames"], flaws
+
+
+def _shown(names: Collection[str]) -> str:
+    return f"{', '.join(sorted(names)[:MAX_SHOWN])}{' ...' * (len(names) > MAX_SHOWN)}" or "nothing"
+
+
+def _first_frame_flaws(frames: PublishedFrames) -> list[Flaw]:
+    """Damage of the first depth frame, which is not fatal, or another size than the camera's."""
+    try:
+        frames.depth(0)
+    except BadFrameError as error:
+        return [Flaw(str(error), fatal=error.kind == WRONG_SIZE)]
+    return []
 
 
 def statistics(frames: PublishedFrames, index: Sequence[int]) -> str:
@@ -188,16 +207,15 @@ class PreparedSplit:
     parts    the HDF5 files; ``missing`` are those to be written, all if ``force``
     list     the text file that names them: SPLIT.txt
     bad      the text file that names the bad frames, if there are any: bad_SPLIT.txt
+
+    Raises DataError where data of another source would be replaced.
     """
 
     def __init__(self, frames: PublishedFrames, out: Path, force: bool = False) -> None:
         self.frames = frames
-        self.parts = []
-        for i, start in enumerate(range(0, len(frames), parts.FRAMES_PER_FILE)):
-            stop = min(start + parts.FRAMES_PER_FILE, len(frames))
-            self.parts.append(Part(out / f"{frames.split}_{i:03d}.h5", stop - start, frames.recipe(start, stop)))
-        self.missing = [part for part in self.parts if force or not is_whole(part)]
+        self.parts = parts.parts_of(out, frames.split, len(frames), frames.made_from, frames.recipe)
         self.list, self.bad = out / f"{frames.split}.txt", out / f"bad_{frames.split}.txt"
+        self.missing = parts.missing_of(self.parts, [self.list], force)
 
     def write(
         self, workers: int, advance: Callable[[int], None], on_bad: Callable[[int, BadFrameError], None]
@@ -210,7 +228,7 @@ class PreparedSplit:
 
         An exception of ``advance`` or ``on_bad`` ends the run and keeps whole parts only.
         """
-        outcome, named, start = Outcome(), list[str](), 0
+        outcome, named = Outcome(), list[str]()
 
         def report(i: int, error: BadFrameError) -> None:
             on_bad(i, error)
@@ -223,7 +241,7 @@ class PreparedSplit:
         try:
             for part in self.parts:
                 if part in self.missing:
-                    index = self._write_part(part, pool, start, advance, report)
+                    index = self._write_part(part, pool, advance, report)
                     outcome.made += len(index)
                 else:
                     with hdf5.opened(part.path, "the data") as file:
@@ -231,7 +249,6 @@ class PreparedSplit:
                     for i, kind in [(i, kind) for kind, indices in left_out.items() for i in indices]:
                         report(i, BadFrameError(self.frames.files[i], kind))
                 outcome.index += index
-                start += part.rows
         finally:
             pool.shutdown(cancel_futures=True)
         if named:
@@ -241,32 +258,27 @@ class PreparedSplit:
         return outcome
 
     def _write_part(
-        self, part: Part, pool: ThreadPoolExecutor, start: int, advance: Callable[[int], None],
+        self, part: Part, pool: ThreadPoolExecutor, advance: Callable[[int], None],
         on_bad: Callable[[int, BadFrameError], None],
     ) -> list[int]:
-        """Write the part of the frames from ``start`` on; returns the numbers of its frames."""
+        """Write a part; returns the numbers of its frames."""
         frames, index, bad = self.frames, list[int](), dict[str, list[int]]()
-        firsts = range(start, start + part.rows, _CHUNK)
-        stops = [min(first + _CHUNK, start + part.rows) for first in firsts]
-
-        def pieces() -> Iterator[Columns]:
-            for first, stop, (good, failed) in zip(firsts, stops, pool.map(frames.crops, firsts, stops)):
-                for i, error in failed:
-                    bad.setdefault(error.kind, []).append(i)
-                    on_bad(i, error)
-                index.extend(good.index.tolist())
-                yield good.arrays()
-                advance(stop - first)
-
-        def attributes() -> dict[str, object]:
-            description = (
-                f"{frames.made_from} {frames.split} frames; crops {SIZE} x {SIZE} in [-1, 1] about {frames.centre}, "
-                "joints in half-cubes from there (camera axes, x right, y up, z away); lengths in mm."
-            )
-            # "bad": the frames that were left out
-            return {"made_from": frames.made_from, "description": description, "bad": json.dumps(bad)}
-
-        write_part(part, frames.columns(), pieces(), attributes)
+        firsts = range(part.start, part.start + part.rows, _CHUNK)
+        stops = [min(first + _CHUNK, part.start + part.rows) for first in firsts]
+        pieces = []
+        for first, stop, (good, failed) in zip(firsts, stops, pool.map(frames.crops, firsts, stops)):
+            for i, error in failed:
+                bad.setdefault(error.kind, []).append(i)
+                on_bad(i, error)
+            index.extend(good.index.tolist())
+            pieces.append(good.arrays())
+            advance(stop - first)
+        description = (
+            f"{frames.made_from} {frames.split} frames; crops {SIZE} x {SIZE} in [-1, 1] about {frames.centre}, "
+            "joints in half-cubes from there (camera axes, x right, y up, z away); lengths in mm."
+        )
+        # "bad": the frames that were left out
+        write_part(part, len(index), pieces, {"description": description, "bad": json.dumps(bad)})
         return index
 
     def write_list(self, outcome: Outcome) -> None:
@@ -283,18 +295,5 @@ class PreparedSplit:
         counts = ", ".join(f"{count} {kind}" for kind, count in sorted(Counter(outcome.bad.values()).items()))
         bad = f", {len(outcome.bad)} bad frames left out: {counts}" if counts else ", none bad"
         split = self.frames.split
-        head = f"{split}: {len(outcome.index)} frames ({printable(self.frames.made_from)}){bad}"
+        head = f"{split}: {len(outcome.index)} frames ({self.frames.made_from}){bad}"
         return f"{head}\n{split}: {statistics(self.frames, outcome.index)}"
-
-
-def refuse_foreign(splits: Sequence[PreparedSplit], own: Sequence[str], force: bool = False) -> None:
-    """Raise DataError if a file to be replaced holds data of an origin that is not in ``own``, or rendered frames.
-
-    With ``force`` only folders and devices raise.
-    """
-    every = [part.path for split in splits for part in split.parts]
-    parts.refuse_foreign(every, [split.list for split in splits], own, force)
-    rendered = [path for path in every if exists(path) and "bad" not in (parts.attributes(path) or {})]
-    if rendered and not force:  # rendered ones have no frames that were left out
-        raise DataError(f"{rendered[0]}: holds rendered frames (make_synthetic); choose another --out, or use --force "
-                        "to replace it")

@@ -41,18 +41,22 @@ class Volume(NamedTuple):
 
     def place(self, rng: np.random.Generator) -> Array:
         """A place (3,) for the middle of a hand, in mm."""
-        c, z = self.camera, rng.uniform(self.near, self.far)
-        across, down = MARGIN_MM * c.fx / z, MARGIN_MM * c.fy / z
-        u = rng.uniform(self.left * c.width + across, self.right * c.width - across)
-        return c.unproject((u, rng.uniform(down, c.height - down), z))
+        z = rng.uniform(self.near, self.far)
+        columns, rows = self._pixels(z)
+        return self.camera.unproject((rng.uniform(*columns), rng.uniform(*rows), z))
 
     def kept(self, place: Array) -> Array:
         """The place (3,) within the volume that is nearest to another, about."""
-        c, z = self.camera, float(np.clip(place[2], self.near, self.far))
+        z = float(np.clip(place[2], self.near, self.far))
+        columns, rows = self._pixels(z)
+        u, v, _ = self.camera.project([place[0], place[1], z])
+        return self.camera.unproject((np.clip(u, *columns), np.clip(v, *rows), z))
+
+    def _pixels(self, z: float) -> tuple[tuple[float, float], tuple[float, float]]:
+        """The first and last column, and row, of the middle of a hand at a depth."""
+        c = self.camera
         across, down = MARGIN_MM * c.fx / z, MARGIN_MM * c.fy / z
-        u, v, _ = c.project([place[0], place[1], z])
-        u = np.clip(u, self.left * c.width + across, self.right * c.width - across)
-        return c.unproject((u, np.clip(v, down, c.height - down), z))
+        return (self.left * c.width + across, self.right * c.width - across), (down, c.height - down)
 
     def outside(self, place: Array) -> Array:
         """The position (3,) outside the image next to another one, at the closer side."""

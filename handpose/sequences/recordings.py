@@ -20,16 +20,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from handpose.body.nyu import CUBE_MM
-from handpose.body.render import Capsules, Floats, in_front, joined
+from handpose.body.render import Capsules, Floats, in_front, joined, render
 from handpose.body.sides import Side
 from handpose.frames.cameras import NYU, UNIT_MM, Camera
 from handpose.frames.recording import DepthFrame, Recording
 from handpose.sequences.acts import Act, Actor, Volume
-from handpose.sequences.movements import SHOWN, Movement, Person
+from handpose.sequences.movements import Movement, Person
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.prior_file import PoseParameter
-from handpose.synthetic.scenes import BODY, render_image
 from handpose.synthetic.sensor import sense, sensor_of
 from handpose.tracking.track import LEFT, PARTLY, LostHand, TrackedFrame, TrackHeader
 from netlib.blob import Array
@@ -70,10 +69,14 @@ SCRIPTS = {
         body=True,
     ),
 }
-# A hand that shows the gestures of handpose/body/gestures.
-SHOWING = Script(30, {"right": (Act("gestures", 30, tuple(pose.name for pose in SHOWN)),)}, poses=SHOWN)
 OTHER: dict[Side, Side] = {"right": "left", "left": "right"}
 
+BODY = (  # from, to, both radii; mm from the middle between the shoulders
+    ((0, 180, 20), (0, 260, 10), 85, 95),  # head
+    ((0, 40, 20), (0, 180, 20), 60, 60),  # neck
+    ((-150, -20, 0), (150, -20, 0), 70, 70),  # shoulders
+    ((0, -90, 0), (0, -420, 0), 150, 160),  # trunk
+)
 NOWHERE_MM = 1e4  # beyond the range of any camera
 BEHIND_MM = 300.0  # from the farthest place of a hand to the middle between the shoulders
 SHOULDER_MM = 170.0  # from that middle
@@ -99,6 +102,14 @@ def draw_surroundings(rng: np.random.Generator, camera: Camera, farthest: float,
         trunk = in_front(Capsules(ends[None, :, 0], ends[None, :, 1], radii[None, :, 0], radii[None, :, 1]))
         np.minimum(image, render_image(trunk, camera, np.inf)[0], out=image)
     return image, middle
+
+
+def render_image(capsules: Capsules, camera: Camera = NYU, background: float = np.inf) -> Floats:
+    """Whole images (N, height, width) in mm; ``background`` where there is no capsule."""
+    count = len(capsules.a)
+    x = np.tile((np.arange(camera.width) - camera.u0) / camera.fx, (count, 1))
+    y = np.tile((np.arange(camera.height) - camera.v0) / camera.fy, (count, 1))
+    return render(capsules, x, y, np.full(count, background))
 
 
 MAX_IMAGE_PX = 1 << 14  # pixels either way, as in a camera.json

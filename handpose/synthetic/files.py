@@ -6,28 +6,23 @@ are kept, so an interrupted run continues where it stopped, and a second run doe
 
 from __future__ import annotations
 
-import collections
 import contextlib
-import json
 import multiprocessing
 import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import NamedTuple
 
-from handpose.datasets import nyu_files, parts
+from handpose.datasets import parts
 from handpose.datasets.frames import Frames
 from handpose.datasets.parts import Columns, Part
 from handpose.synthetic.generator import BLOCK, Generator
 from netlib.errors import DataError
 from netlib.files import atomic
-
-_AHEAD = 16  # blocks drawn ahead of the consumer, 4 MB each
 
 
 def generate(
@@ -39,35 +34,26 @@ def generate(
     script with a pool needs the usual ``if __name__ == "__main__":``.
     """
     numbers = range(start // BLOCK, -(-(start + count) // BLOCK))
-    blocks = map(generator.block, numbers) if pool is None else _in_processes(generator, numbers, pool)
-    for frames in blocks:
-        first = int(frames.index[0])
-        yield frames.rows(slice(max(start - first, 0), start + count - first))
-
-
-def _in_processes(generator: Generator, numbers: range, pool: ProcessPoolExecutor) -> Iterator[Frames]:
-    """``generator.block`` of every number in order, drawn a few blocks ahead of the consumer."""
-    ahead: collections.deque[Future[Frames]] = collections.deque()
+    with no_interrupt():
+        blocks = map(generator.block, numbers) if pool is None else pool.map(generator.block, numbers)
     try:
-        for number in numbers:
-            with no_interrupt():
-                ahead.append(pool.submit(generator.block, number))
-            if len(ahead) > _AHEAD:
-                yield ahead.popleft().result()
-        while ahead:
-            yield ahead.popleft().result()
+        for frames in blocks:
+            first = int(frames.index[0])
+            yield frames.rows(slice(max(start - first, 0), start + count - first))
     except BrokenProcessPool:
         raise DataError("a worker process was killed, perhaps for want of memory; try fewer workers") from None
-    finally:
-        for future in ahead:
-            future.cancel()
 
 
 # ---------------------------------------------------------------------------------------------- processes
 
 @contextlib.contextmanager
-def processes(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """A pool whose processes end with their parent. Submit within ``no_interrupt``; otherwise Ctrl-C reaches them."""
+def processes(workers: int) -> Iterator[ProcessPoolExecutor | None]:
+    """A pool whose processes end with their parent; none for one worker. Submit within ``no_interrupt``; otherwise
+    Ctrl-C reaches them.
+    """
+    if workers == 1:
+        yield None
+        return
     pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _start_worker)
     try:
         yield pool
@@ -102,42 +88,7 @@ def no_interrupt() -> Iterator[None]:
 
 # ---------------------------------------------------------------------------------------------- files
 
-MADE_FROM = nyu_files.SYNTHETIC
-
-
-class Piece(NamedTuple):
-    """A part and its frames: those of a generator from number ``start`` on."""
-
-    part: Part
-    generator: Generator
-    start: int
-
-
-def pieces_of(generator: Generator, count: int, out: Path) -> list[Piece]:
-    """The parts in the folder ``out`` for the first ``count`` frames of a generator."""
-    pieces, made_from = [], generator.made_from()
-    for i, start in enumerate(range(0, count, parts.FRAMES_PER_FILE)):
-        rows = min(parts.FRAMES_PER_FILE, count - start)
-        recipe = json.dumps({**made_from, "start": start, "frames": rows}, sort_keys=True)
-        pieces.append(Piece(Part(out / f"{generator.split}_{i:03d}.h5", rows, recipe), generator, start))
-    return pieces
-
-
-def _kind_of(recipe: object) -> str | None:
-    """The output of a recipe, in words: frames of a skeleton file; None if unknown."""
-    try:
-        return f"frames of {json.loads(str(recipe))['prior']['skeleton']}"
-    except (ValueError, KeyError, TypeError):
-        return None
-
-
-def _refuse_another_kind(part: Part) -> None:
-    """Raise DataError if the part's file has frames of another body."""
-    found = parts.attributes(part.path) if part.path.is_file() else None
-    there, asked = _kind_of((found or {}).get("recipe")), _kind_of(part.recipe)
-    if there and there != asked:
-        raise DataError(f"{part.path}: holds {there}, expected {asked}; choose another folder, or use --force to "
-                        "replace it")
+MADE_FROM = "synthetic"
 
 
 class DataSet:
@@ -152,13 +103,13 @@ class DataSet:
 
     def __init__(self, out: Path, sources: Sequence[tuple[Generator, int]], force: bool = False) -> None:
         parts.check_space(out, [(count, generator.columns()) for generator, count in sources])
-        pieces = {generator.split: pieces_of(generator, count, out) for generator, count in sources}
-        every = [piece for some in pieces.values() for piece in some]
-        self.lists = {out / f"{split}.txt": parts.list_text(p.part.path for p in pieces[split]) for split in pieces}
-        parts.refuse_foreign([piece.part.path for piece in every], list(self.lists), [MADE_FROM], force)
-        for piece in () if force else every:
-            _refuse_another_kind(piece.part)
-        self.missing = [piece for piece in every if force or not parts.is_whole(piece.part)]
+        self.lists: dict[Path, str] = {}
+        every: dict[Part, Generator] = {}
+        for generator, count in sources:
+            own = _parts_of(out, generator, count)
+            every |= dict.fromkeys(own, generator)
+            self.lists[out / f"{generator.split}.txt"] = parts.list_text(part.path for part in own)
+        self.missing = {part: every[part] for part in parts.missing_of(list(every), list(self.lists), force)}
 
     @property
     def is_whole(self) -> bool:
@@ -168,7 +119,7 @@ class DataSet:
     @property
     def missing_frames(self) -> int:
         """The number of frames to be written."""
-        return sum(piece.part.rows for piece in self.missing)
+        return sum(part.rows for part in self.missing)
 
     def write(self, workers: int, advance: Callable[[int], None]) -> None:
         """Write the missing parts, then the lists. Raises DataError, OSError.
@@ -179,23 +130,25 @@ class DataSet:
         if self.missing:
             for path in self.lists:
                 path.unlink(missing_ok=True)  # no list may name files of two kinds
-            self._write_parts(workers, advance)
+            with processes(workers) as pool:
+                for part, generator in self.missing.items():
+                    _write(part, generator, pool, advance)
         for path, text in self.lists.items():
             atomic.replace_text(path, text)
 
-    def _write_parts(self, workers: int, advance: Callable[[int], None]) -> None:
-        with contextlib.ExitStack() as stack:
-            pool = stack.enter_context(processes(workers)) if workers > 1 else None
 
-            def rows(piece: Piece) -> Iterator[Columns]:
-                for frames in generate(piece.part.rows, piece.generator, pool, piece.start):
-                    yield frames.arrays()
-                    advance(len(frames))
+def _parts_of(out: Path, generator: Generator, count: int) -> list[Part]:
+    """The parts of the first frames of a generator."""
+    made_from = generator.made_from()
+    return parts.parts_of(out, generator.split, count, MADE_FROM, lambda start, rows: made_from)
 
-            for piece in self.missing:
-                facts = {
-                    "made_from": MADE_FROM,
-                    "seed": piece.generator.seed,
-                    "description": piece.generator.description,
-                }
-                parts.write_part(piece.part, piece.generator.columns(), rows(piece), lambda facts=facts: facts)  # type: ignore[misc]
+
+def _write(part: Part, generator: Generator, pool: ProcessPoolExecutor | None, advance: Callable[[int], None]) -> None:
+    """Write one part."""
+
+    def rows() -> Iterator[Columns]:
+        for frames in generate(part.rows, generator, pool, part.start):
+            yield frames.arrays()
+            advance(len(frames))
+
+    parts.write_part(part, part.rows, rows(), {"seed": generator.seed, "description": generator.description})

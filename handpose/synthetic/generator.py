@@ -26,7 +26,7 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 
 from handpose.body.render import Floats, normalise_depth, render_crop
-from handpose.datasets.frames import Frames, empty_frames
+from handpose.datasets.frames import Frames
 from handpose.frames.cameras import NYU, Camera
 from handpose.frames.crops import SIZE, window
 from handpose.synthetic import prior_file
@@ -34,7 +34,6 @@ from handpose.synthetic.pose_prior import Bodies, BodySampler, cut_normal
 from handpose.synthetic.prior_file import PosePrior
 from handpose.synthetic.sensor import KINECT, Sensor, sense
 from handpose.synthetic.surface_prior import DEFAULT_SURFACE, SurfacePrior, draw_capsules
-from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import text_of
 from netlib.blob import Array
 
@@ -136,15 +135,18 @@ class Generator:
 
     def columns(self) -> dict[str, Array]:
         """Arrays without rows, of the shapes and types of the frames'."""
-        skeleton = self.sampler.skeleton
-        return empty_frames(len(skeleton.joint_names), len(skeleton.dof_names), bones=True).arrays()
+        K, D = len(self.sampler.skeleton.joint_names), len(self.sampler.skeleton.dof_names)
+        none = np.zeros(0)
+        return Frames.of(np.zeros((0, SIZE, SIZE)), np.zeros((0, K, 3)), np.zeros((0, 3)), NYU, none,
+                         np.zeros(0, np.int64), np.zeros((0, D)), np.zeros((0, K))).arrays()
 
     def made_from(self) -> dict[str, object]:
         """Everything that the frames depend on, as JSON values."""
         recipe = asdict(self.recipe) | {
             "views": [[asdict(part) if part else None for part in v] for v in self.recipe.views]
         }
-        body = body_hash(self.sampler.skeleton)
+        skeleton = self.sampler.skeleton
+        body = hashlib.sha256(text_of(skeleton.param, skeleton.name, "").encode()).hexdigest()[:16]
         return {"version": VERSION, "seed": self.seed, "split": self.split, "body": body, **recipe}
 
     def _another(self, subject: Subject) -> BodySampler:
@@ -153,12 +155,6 @@ class Generator:
         differ = 1 + subject.bone_std * cut_normal(rng, skeleton.bones.shape, self.recipe.prior.scale_clip)
         other = skeleton.with_numbers(skeleton.param.dof, skeleton.bones * differ)
         return BodySampler(self.recipe.prior, subject.cube_mm, other)
-
-
-def body_hash(skeleton: Skeleton) -> str:
-    """A checksum of a body's skeleton text, in sixteen digits."""
-    text = text_of(skeleton.param, skeleton.name, "")
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def _blank_outside(depth: Floats, center_uvd: Array, camera: Camera, cube_mm: float) -> None:

@@ -10,7 +10,7 @@ number alone. Axes are the camera's: x right, y up, z away, in mm.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,7 +122,7 @@ class Hands(NamedTuple):
                              tips=turned(self.tips) + place[:, None], middle=turned(self.middle) + place, **directions)
 
 
-class View(NamedTuple):
+class Cameras(NamedTuple):
     """The cameras of N frames: focal lengths and principal points in px, (N,) each."""
 
     focal: Array
@@ -153,9 +153,6 @@ class SceneGenerator:
         self.seed, self.split = seed, split
         self.sampler = BodySampler(prior_file.load(prior_file.PEOPLE_PRIOR))
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.seed, self.split)
-
     def block(self, number: int) -> Scenes:
         """Scenes ``number * BLOCK`` and following, as a camera measures them."""
         rng = numbers_of(self.seed, self.split, number, STREAM)
@@ -166,10 +163,10 @@ class SceneGenerator:
 
 def draw_scenes(rng: np.random.Generator, sampler: BodySampler, count: int) -> tuple[Scenes, Array]:
     """Scenes without errors of a sensor (depth infinite where there is nothing), and their focal lengths (N,)."""
-    view = View(FOCAL_PX * rng.uniform(0.93, 1.07, count), WIDTH / 2 + rng.uniform(-60, 60, count),
-                HEIGHT / 2 + rng.uniform(-50, 50, count))
-    first, second, person, palms, shown = _people(rng, sampler, view)
-    rays = view.rays()
+    cameras = Cameras(FOCAL_PX * rng.uniform(0.93, 1.07, count), WIDTH / 2 + rng.uniform(-60, 60, count),
+                      HEIGHT / 2 + rng.uniform(-50, 50, count))
+    first, second, person, palms, shown = _people(rng, sampler, cameras)
+    rays = cameras.rays()
     hands = [_only(_render(hand.own, rays), there) for hand, there in zip((first, second), shown.T)]
     arms = [_arm(rng, hand, person, there | (rng.random(count) < extra))
             for hand, there, extra in zip((first, second), shown.T, (0.0, 0.3))]
@@ -204,12 +201,12 @@ def draw_scenes(rng: np.random.Generator, sampler: BodySampler, count: int) -> t
         depth=depth,
         classes=np.select([is_hand, is_person], [HAND, PERSON], OTHER).astype(np.int8),
         which=np.where(is_hand, np.where(hands[1] < hands[0], 2, 1), 0).astype(np.int8),
-        middle=middles, middle_px=view.pixels(middles), side=np.stack([first.side, second.side], axis=1),
+        middle=middles, middle_px=cameras.pixels(middles), side=np.stack([first.side, second.side], axis=1),
         present=shown & np.stack([_mostly_seen(one, is_hand & (one == hand)) for one in hands], axis=1),
         doubtful=shown,
         slopes=np.stack(np.broadcast_arrays(x[:, None, :], -y[:, :, None]), axis=-1),
     )
-    return scenes, view.focal
+    return scenes, cameras.focal
 
 
 # ---------------------------------------------------------------------------------------------- hands and people
@@ -237,12 +234,12 @@ def _draw_hands(rng: np.random.Generator, sampler: BodySampler, side: Array) -> 
 
 
 def _people(
-    rng: np.random.Generator, sampler: BodySampler, view: View
+    rng: np.random.Generator, sampler: BodySampler, cameras: Cameras
 ) -> tuple[Hands, Hands, Person, Array, NDArray[np.bool_]]:
     """Two placed hands, who they belong to, the palms (N, 2, 3), and which of the hands are there (N, 2)."""
-    count = len(view.focal)
+    count = len(cameras.focal)
     z = np.exp(rng.uniform(np.log(230), np.log(1600), count))
-    place = view.at(rng.uniform(6, WIDTH - 6, count), rng.uniform(6, HEIGHT - 6, count), z)
+    place = cameras.at(rng.uniform(6, WIDTH - 6, count), rng.uniform(6, HEIGHT - 6, count), z)
     side = rng.choice([-1.0, 1.0], count)
     first = _draw_hands(rng, sampler, side)
     size = np.clip(first.scale / 0.92, 0.8, 1.2)[:, None]
@@ -273,14 +270,14 @@ def _people(
                   - side[:, None] * right * rng.uniform(-0.3, 0.6, (count, 1)) + 0.3 * rng.normal(size=(count, 3)))
     shoulder = np.where(on_head[:, None], wearer.shoulder(side), first.elbow + ARM_MM * size * upper)
     person = Person(up, face, right, shoulder - side[:, None] * right * SHOULDER_MM * size, size)
-    second, other_place = _second(rng, sampler, view, person, place, side)
+    second, other_place = _second(rng, sampler, cameras, person, place, side)
     some = rng.random(count) >= 0.07
     shown = np.stack([some, some & (rng.random(count) < 0.7)], axis=1)
     return first, second, person, np.stack([place, other_place], axis=1), shown
 
 
 def _second(
-    rng: np.random.Generator, sampler: BodySampler, view: View, person: Person, place: Array, side: Array
+    rng: np.random.Generator, sampler: BodySampler, cameras: Cameras, person: Person, place: Array, side: Array
 ) -> tuple[Hands, Array]:
     """The other hand, usually of the same person, placed; and its place."""
     count = len(side)
@@ -294,7 +291,7 @@ def _second(
     elbows = person.shoulder(own_side)[:, None] + ARM_MM * person.size[:, None] * upper
     turns = _rotations(rng, count, TRIALS)
     places = elbows - np.einsum("nkij,nj->nki", turns, hand.elbow)
-    u, v = np.moveaxis(view.pixels(places), -1, 0)
+    u, v = np.moveaxis(cameras.pixels(places), -1, 0)
     z = places[..., 2]
     seen = (u > 5) & (u < WIDTH - 5) & (v > 5) & (v < HEIGHT - 5) & (z > 220) & (z < 1700)
     ahead = ((places - elbows) * person.face[:, None]).sum(-1) > 0
@@ -302,8 +299,8 @@ def _second(
     best = (3.0 * seen + rng.random(seen.shape) + 0.6 * ahead - 2.0 * too_close).argmax(1)
     rows = np.arange(count)
     near = place + _unit(rng.normal(size=(count, 3))) * rng.uniform(50, 200, (count, 1))
-    anywhere = view.at(rng.uniform(5, WIDTH - 5, count), rng.uniform(5, HEIGHT - 5, count),
-                       place[:, 2] * np.exp(rng.uniform(-0.5, 0.5, count)))
+    anywhere = cameras.at(rng.uniform(5, WIDTH - 5, count), rng.uniform(5, HEIGHT - 5, count),
+                          place[:, 2] * np.exp(rng.uniform(-0.5, 0.5, count)))
     close = rng.random(count) < 0.15
     chosen = np.select([close[:, None], stranger[:, None]], [near, anywhere], places[rows, best])
     return hand.placed(turns[rows, best], chosen), chosen

@@ -31,7 +31,7 @@ def write_data_set(root: Path, counts: dict[Split, int]) -> Path:
                 cv2.imwrite(str(folder / frame_name(number * BLOCK + n)), pack_depth(whole_image(scene, n)))
             center = scene.camera.unproject(scene.center_uvd)
             joints.append(annotation_of(restore_joints(scene.bodies.joints, center, scene.cube_mm / 2), center))
-        write_annotation(folder / nyu_files.ANNOTATION, np.concatenate(joints)[:count], nyu_files.SYNTHETIC)
+        write_annotation(folder / nyu_files.ANNOTATION, np.concatenate(joints)[:count])
     return root
 
 
@@ -46,10 +46,9 @@ def annotation_of(joints: ArrayLike, center: ArrayLike) -> Array:
     return xyz
 
 
-def write_annotation(path: Path, xyz: Array, made_from: str) -> None:
+def write_annotation(path: Path, xyz: Array) -> None:
     """Write a ``joint_data.mat`` of one camera, version 5; xyz (N, 36, 3) mm, camera axes."""
-    variables = {"joint_uvd": NYU.project(xyz)[None], "joint_xyz": xyz[None], "made_from": made_from}
-    scipy.io.savemat(str(path), variables, appendmat=False)
+    scipy.io.savemat(str(path), {"joint_uvd": NYU.project(xyz)[None], "joint_xyz": xyz[None]}, appendmat=False)
 
 
 def whole_image(scene: Scene, n: int) -> NDArray[np.float64]:

@@ -82,16 +82,16 @@ def test_workers_change_no_byte(made: tuple[Path, Done], tmp_path: Path) -> None
         assert (tmp_path / name).read_bytes() == (made[0] / name).read_bytes()
 
 
-def test_other_data_are_left_alone(tmp_path: Path) -> None:
-    """Data made from NYU and files that are not HDF5 are not replaced; --force replaces data."""
-    with h5py.File(tmp_path / "train_001.h5", "w") as file:
-        file.attrs["made_from"] = "NYU"
-    (error,) = run_tool("make_synthetic", *arguments(tmp_path), status=1).err.splitlines()
-    assert "made from NYU" in error and "--force" in error and names(tmp_path) == ["train_001.h5"]
-    run_tool("make_synthetic", *arguments(tmp_path, "--force", train=41))
-    (tmp_path / "test_000.h5").write_text("my notes")
-    assert "not a readable HDF5 file" in run_tool("make_synthetic", *arguments(tmp_path, train=41), status=1).err
-    assert (tmp_path / "test_000.h5").read_text() == "my notes"
+def test_what_is_replaced_with_force_only(tmp_path: Path) -> None:
+    """Frames of another body, and a folder's place taken by a file; a refusal is one line and changes nothing."""
+    body = ["--body", str(NYU_HAND.parents[1] / "body" / "arm_prior.prototxt")]
+    run_tool("make_synthetic", *arguments(tmp_path, train=10))
+    before = (tmp_path / "train_000.h5").read_bytes()
+    (error,) = run_tool("make_synthetic", *arguments(tmp_path, *body, train=10), status=1).err.splitlines()
+    assert "train_000.h5: holds data made from synthetic frames of nyu.prototxt, expected synthetic frames of " in error
+    assert (tmp_path / "train_000.h5").read_bytes() == before
+    run_tool("make_synthetic", *arguments(tmp_path, *body, "--force", train=10))
+    assert (tmp_path / "train_000.h5").read_bytes() != before
     assert run_tool("make_synthetic", *arguments(tmp_path / "test_000.h5"), status=1).err.count("\n") == 1
 
 
@@ -108,16 +108,3 @@ def test_ctrl_c(tmp_path: Path) -> None:
     assert (process.returncode, stdout) == (130, "")
     assert stderr == "stopped; whole files are kept, and the next run continues after them\n"
     assert all(name.startswith("train_") and name.endswith(".h5") for name in names(out))
-
-
-def test_another_body_is_left_alone(tmp_path: Path) -> None:
-    """Frames of another body are replaced only with --force."""
-    body = ["--body", str(NYU_HAND.parents[1] / "body" / "arm_prior.prototxt")]
-    run_tool("make_synthetic", *arguments(tmp_path, train=10))
-    before = (tmp_path / "train_000.h5").read_bytes()
-    done = run_tool("make_synthetic", *arguments(tmp_path, *body, train=10), status=1)
-    expected = "train_000.h5: holds frames of nyu.prototxt, expected frames of arm.prototxt; choose another folder"
-    assert expected in done.err
-    assert (tmp_path / "train_000.h5").read_bytes() == before
-    run_tool("make_synthetic", *arguments(tmp_path, *body, "--force", train=10))
-    assert (tmp_path / "train_000.h5").read_bytes() != before

@@ -18,13 +18,14 @@ from handpose.estimate import packaged, pipeline, starts
 from handpose.frames.cameras import KINECT2
 from handpose.output.drawing.view import percent
 from handpose.output.tracks import joint_values
+from handpose.sequences.recordings import render_image
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from layers.hand.kinematics import Kinematics
 from netlib import engine
 from netlib.errors import DataError
-from tests.handpose.whole_images import ARM_BEHIND, capsules_of, render_image
+from tests.handpose.drawn_hands import ARM_BEHIND, capsules_of
 from tests.support import json_schema
 from tests.support.running import run_tool
 from tests.tools.conftest import ROOT

@@ -15,8 +15,7 @@ import pytest
 from handpose.body.nyu import frame_name
 from handpose.datasets import nyu_files, parts
 from handpose.frames.crops import window
-from tests.handpose.datasets.nyu_frames import write_frame
-from tests.support.nyu_data_set import write_data_set
+from tests.support.nyu_data_set import pack_depth, write_data_set
 from tests.support.running import Done, run_tool
 
 COUNT = ["--train", "30", "--test", "20", "--workers", "1"]
@@ -29,8 +28,10 @@ def raw(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def root(raw, tmp_path) -> Path:
-    """A copy of the frames that a test may damage."""
+def root(raw, tmp_path, monkeypatch) -> Path:
+    """A copy of the frames that a test may damage, as if they were the whole data set."""
+    monkeypatch.setattr(nyu_files, "TRAIN_FRAMES", 30)
+    monkeypatch.setattr(nyu_files, "TEST_FRAMES", 20)
     shutil.copytree(raw, tmp_path / "root")
     return tmp_path / "root"
 
@@ -57,7 +58,7 @@ def test_raw_equals_direct(root, tmp_path):
     out = prepare(root).out
     for split in ("train", "test"):
         with h5py.File(tmp_path / f"direct/{split}_000.h5") as a, h5py.File(tmp_path / f"out/{split}_000.h5") as b:
-            assert sorted(b) == sorted(set(a) - {"dof", "bones"}) and b.attrs["made_from"] == "synthetic"
+            assert sorted(b) == sorted(set(a) - {"dof", "bones"}) and b.attrs["made_from"] == "NYU"
             for name in ("index", "center", "center_uvd", "half_cube"):
                 np.testing.assert_array_equal(a[name][:], b[name][:], name)
             np.testing.assert_allclose(b["joint"][:], a["joint"][:], rtol=0, atol=1e-6)
@@ -65,7 +66,7 @@ def test_raw_equals_direct(root, tmp_path):
             # pixels outside the image are not stored in a file
             inside = ((picked.rows >= 0)[:, :, None] & (picked.columns >= 0)[:, None])[:, None]
             assert (np.abs(a["depth"][:] - b["depth"][:])[inside] * 150).max() <= 0.5 + 1e-4  # mm, of whole mm
-    assert "train: 30 frames (synthetic), none bad" in out
+    assert "train: 30 frames (NYU), none bad" in out
     assert "crops about the annotated joint 34, cube 300 mm" in out
     before = (tmp_path / "out" / "train_000.h5").read_bytes()
     prepare(root, "--workers", "1", "--force")
@@ -92,9 +93,9 @@ def break_frames(root: Path) -> None:
     at = [root / "train" / frame_name(i) for i in range(30)]
     at[2].unlink()
     at[3].write_bytes(at[3].read_bytes()[:-100])
-    write_frame(at[4], np.full((240, 320), 800))
+    cv2.imwrite(str(at[4]), pack_depth(np.full((240, 320), 800)))
     assert cv2.imwrite(str(at[5]), np.full((480, 640), 800, np.uint16))
-    write_frame(at[6], np.full((480, 640), 3000))
+    cv2.imwrite(str(at[6]), pack_depth(np.full((480, 640), 3000)))
     at[7].write_bytes(b"")
 
 
@@ -103,9 +104,9 @@ def test_bad_frames(root, small):
     break_frames(root)
     for made in ("made 44 frames", "all files kept"):
         out, err = prepare(root)[1:]
-        assert made in out and "train: 24 frames (synthetic), 6 bad frames left out: 1 no depth" in out
+        assert made in out and "train: 24 frames (NYU), 6 bad frames left out: 1 no depth" in out
         assert "2 truncated" in out and "2 wrong size" in out
-        assert "warning: " in err and "1 of 30 depth frames are missing, the first is depth_1_0000003.png" in err
+        assert "warning: " in err and f"1 of 30 depth frames are missing, the first is {root}/train/" in err
         for i in range(2, 8):
             assert f"train frame {i}: {root}/train/{frame_name(i)}: " in err
     folder = root.parent / "out"
@@ -128,7 +129,7 @@ def test_strict(root, small):
 def test_nothing_usable(root, small):
     """A split without a usable frame gives an error and no list."""
     for i in range(20):
-        write_frame(root / "test" / frame_name(i), np.zeros((480, 640)))
+        cv2.imwrite(str(root / "test" / frame_name(i)), pack_depth(np.zeros((480, 640))))
     error = prepare(root, "--splits", "test", status=1).err
     assert "none of the 20 test frames can be used" in error and "10 more bad frames, see" in error
     assert "test.txt" not in names(root.parent / "out")
@@ -149,19 +150,14 @@ def test_a_signal_leaves_whole_files(root, small, monkeypatch):
     assert names(root.parent / "out") == ["train_000.h5"]
 
 
-def test_leaves_foreign_files_alone(root):
+def test_rendered_frames_are_replaced_with_force_only(root):
     out = root.parent / "out"
-    out.mkdir()
-    with h5py.File(out / "test_000.h5", "w") as file:
-        file.attrs["made_from"] = "my camera"
-    assert "made from my camera" in prepare(root, status=1).err and names(out) == ["test_000.h5"]
-    with h5py.File(out / "test_000.h5", "w") as file:
-        file.attrs["made_from"] = "synthetic"
-    line = "test_000.h5: holds rendered frames (make_synthetic); choose another --out, or use --force to replace it\n"
-    assert prepare(root, status=1).err.endswith(line) and names(out) == ["test_000.h5"]
-    (out / "test_000.h5").unlink()
+    run_tool("make_synthetic", "--out", out, *COUNT)
+    line = "train_000.h5: holds data made from synthetic frames of nyu.prototxt, expected NYU; choose another --out, "
+    assert line in prepare(root, status=1).err and len(names(out)) == 4
     prepare(root, "--force")
-    assert len(names(out)) == 4
+    with h5py.File(out / "train_000.h5") as file:
+        assert file.attrs["made_from"] == "NYU"
 
 
 # ------------------------------------------------------------------------------------------------ mistakes
@@ -170,13 +166,13 @@ def test_leaves_foreign_files_alone(root):
 def test_check(root):
     """--check prints what exists; it prints "complete" and returns 0 only if nothing is missing."""
     done = run_tool("prepare_nyu", root, "--check", "--out", root / "out")
-    found = [f"{root}/{split}: {n} labelled frames (synthetic), {n} depth frames of camera 1"
+    found = [f"{root}/{split}: {n} labelled frames, {n} of their depth frames"
              for split, n in (("train", 30), ("test", 20))]
     assert done[1:] == ("\n".join([*found, f"{root}: complete\n"]), "") and not (root / "out").exists()
     (root / "test" / frame_name(3)).unlink()
     done = run_tool("prepare_nyu", root, "--check", "--splits", "test", status=1)
-    missing = f"{root}/test: 1 of 20 depth frames are missing, the first is depth_1_0000004.png\n"
-    assert done[1:] == (f"{found[1]}\n".replace("20 depth", "19 depth"), missing)
+    missing = f"{root}/test: 1 of 20 depth frames are missing, the first is {root}/test/depth_1_0000004.png\n"
+    assert done[1:] == (f"{found[1]}\n".replace("20 of", "19 of"), missing)
     (root / "train" / nyu_files.ANNOTATION).unlink()
     problems = run_tool("prepare_nyu", root, "--check", status=1).err
     assert "joint_data.mat: no such file; it holds the joints" in problems

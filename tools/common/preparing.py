@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from handpose.datasets import parts
-from handpose.datasets.published_frames import Flaw, Outcome, PreparedSplit, PublishedFrames, refuse_foreign
+from handpose.datasets.published_frames import Flaw, Outcome, PreparedSplit, PublishedFrames
 from handpose.frames.images import BadFrameError
 from netlib import engine
 from tools.common.arguments import parser_of, workers
@@ -30,7 +30,6 @@ class Importer:
     center: str  # annotated joint at the centre of crops, default of --center
     check: Callable[[Path, str], tuple[list[str], list[Flaw]]]  # reports what exists of a split, and its problems
     read: Callable[[Path, str, Path | None], PublishedFrames]  # reads a split, optionally with a file of centres
-    own: Sequence[str]  # origins of existing data that may be replaced
 
 
 def arguments(argv: list[str] | None, doc: str | None, importer: Importer) -> argparse.Namespace:
@@ -72,12 +71,11 @@ def run(args: argparse.Namespace, importer: Importer) -> int:
         return FAILED
     frames = [importer.read(args.root, split, args.center and Path(args.center.replace("{split}", split)))
               for split in args.splits]
-    return _prepare([PreparedSplit(some, args.out, args.force) for some in frames], args, importer.own)
+    return _prepare([PreparedSplit(some, args.out, args.force) for some in frames], args)
 
 
-def _prepare(splits: Sequence[PreparedSplit], args: argparse.Namespace, own: Sequence[str]) -> int:
+def _prepare(splits: Sequence[PreparedSplit], args: argparse.Namespace) -> int:
     """Write what is missing of the splits and print a summary. Raises NetlibError."""
-    refuse_foreign(splits, own, args.force)
     missing = [part for split in splits for part in split.missing]
     begun = time.perf_counter()
     outcomes: list[Outcome] = []
@@ -85,7 +83,7 @@ def _prepare(splits: Sequence[PreparedSplit], args: argparse.Namespace, own: Seq
     def fill(advance: Callable[[int], None]) -> None:
         outcomes.extend(_write(split, args, advance) for split in splits)
 
-    parts.check_space(args.out, [(len(split.frames), split.frames.columns()) for split in splits])
+    parts.check_space(args.out, [(len(split.frames), split.frames.crops(0, 0)[0].arrays()) for split in splits])
     status = fill_folder(args.out, sum(part.rows for part in missing), fill)
     if status != DONE:
         return status

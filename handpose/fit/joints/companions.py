@@ -85,11 +85,10 @@ def _refuse_others(files: Sequence[Path], targets: Sequence[Path], names: Path) 
             rest = str((parts.attributes(target) or {}).get("rest_in", ""))
             if not rest or os.path.realpath(target.parent / rest) != os.path.realpath(path):
                 raise DataError(f"{target}: is not a companion of {path}; move it away, or choose another --out")
-    own = set(map(os.path.realpath, targets))
-    for file in parts.listed(names, targets):
-        if os.path.realpath(file) not in own:
-            raise DataError(f"{names}: names {str(file)!r}, which is not a companion of these files; move the list "
-                            "away, or choose another --out")
+    for name in parts.listed_names(names):
+        if name not in [target.name for target in targets]:
+            raise DataError(f"{names}: names {name!r}, which is not a companion of these files; move the list away, or "
+                            "choose another --out")
 
 
 def fit_file(

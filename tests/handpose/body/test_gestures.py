@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from experiments.gestures import SHOWN
 from handpose.body import gestures
 from handpose.body.gestures import BEGIN, END, FORGET_S, GESTURES, NUMBERS, GestureReader, scores
-from handpose.sequences.movements import SHOWN
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand.kinematics import Kinematics

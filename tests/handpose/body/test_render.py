@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from handpose.body.render import NO_FACETS, Capsules, joined, normalise_depth, render_crop
 from handpose.frames.cameras import NYU
 from handpose.frames.crops import crop, window
+from handpose.sequences.recordings import render_image
 from netlib.errors import DataError
-from tests.handpose.whole_images import render_image
 
 CENTER = np.array([[320.0, 240.0, 800.0]])
 

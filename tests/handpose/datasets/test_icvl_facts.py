@@ -49,9 +49,7 @@ def among_model_joints(joints: np.ndarray) -> np.ndarray:
 def test_joints(hand: Skeleton) -> None:
     """The first 16 joints are ICVL's in ICVL's order; the DoFs and their limits are those of the NYU hand."""
     nyu = skeleton.load()
-    assert (
-        tuple(hand.joint_names[:16]) == icvl.JOINTS == tuple(MODEL_JOINTS[name] and name for name in icvl.JOINTS)
-    )
+    assert tuple(hand.joint_names[:16]) == icvl.JOINTS == tuple(MODEL_JOINTS)
     assert hand.dof_names == nyu.dof_names
     for name in ("lower", "upper", "fixed"):
         np.testing.assert_array_equal(getattr(hand, name), getattr(nyu, name))
@@ -99,24 +97,16 @@ def test_icvl_shows_the_other_hand(hand: Skeleton) -> None:
 
 @needs_real
 def test_bones(hand: Skeleton) -> None:
-    """The bones of the paper's published ICVL predictions equal this hand's to 3%."""
-    published = mm("predictions/IJCAI16_ICVL_DeepModel.txt")
-    for j, name in enumerate(icvl.JOINTS):
-        if name.endswith(("_mid", "_tip")):
-            length = np.linalg.norm(published[:, j] - published[:, j - 1], axis=1)
-            assert abs(hand.bones[j]) * icvl.CUBE_MM / 2 == pytest.approx(length.mean(), rel=0.03)
-            assert length.std() / length.mean() < 0.03  # a rigid bone
-
-
-@needs_real
-def test_the_published_hand_is_rigid_and_not_nyus() -> None:
-    """docs/paper.md has the lengths from root to mid of the thumb and of the index finger."""
+    """The published predictions have rigid bones: this hand's, to 3%, and not NYU's. docs/paper.md names three."""
     published = mm("predictions/IJCAI16_ICVL_DeepModel.txt")
     nyu = among_model_joints(kinematics_of(skeleton.load()).joints(np.zeros((1, 47)))) * 150
-    bones = (("thumb_root", "thumb_mid"), ("thumb_mid", "thumb_tip"), ("index_root", "index_mid"))
-    one, other = np.array([[icvl.JOINTS.index(joint) for joint in bone] for bone in bones]).T
-    lengths = np.linalg.norm(published[:, one] - published[:, other], axis=2)
-    np.testing.assert_allclose(lengths.mean(axis=0), (32.3, 17.0, 29.3), atol=0.05)
-    assert lengths.std(axis=0).min() > 0.2 and lengths.std(axis=0).max() < 0.4
-    of_nyu = np.linalg.norm(nyu[:, one] - nyu[:, other], axis=2)
-    np.testing.assert_allclose(of_nyu, [(46.1, 23.7, 33.1)], atol=0.06)
+    ends = [j for j, name in enumerate(icvl.JOINTS) if name.endswith(("_mid", "_tip"))]
+    lengths, of_nyu = ({j: np.linalg.norm(joints[:, j] - joints[:, j - 1], axis=1) for j in ends}
+                       for joints in (published, nyu))
+    for j, length in lengths.items():
+        assert abs(hand.bones[j]) * icvl.CUBE_MM / 2 == pytest.approx(length.mean(), rel=0.03)
+        assert length.std() / length.mean() < 0.03
+    for name, documented, nyus in (("thumb_mid", 32.3, 46.1), ("thumb_tip", 17.0, 23.7), ("index_mid", 29.3, 33.1)):
+        j = icvl.JOINTS.index(name)
+        assert lengths[j].mean() == pytest.approx(documented, abs=0.05) and 0.2 < lengths[j].std() < 0.4
+        assert of_nyu[j][0] == pytest.approx(nyus, abs=0.06)

@@ -22,36 +22,26 @@ def at(values, number, where=1):
 
 
 @pytest.mark.parametrize("shape", [(4, 6), (4, 2, 3)])
-@pytest.mark.parametrize("dtype", ["f4", "f8", ">f4", "i2"])
-@pytest.mark.parametrize("options", [{}, {"compression": "gzip"}], ids=["in one piece", "compressed"])
-def test_joints_in_any_storage(tmp_path, shape, dtype, options):
-    """Joints are read as float64, into a writable array that is independent of the file."""
+@pytest.mark.parametrize("dtype", ["f4", "i2"])
+def test_joints(tmp_path, shape, dtype):
     stored = (100 * ROWS).astype(dtype)
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        file.create_dataset("joint", data=stored.reshape(shape), **options)
-    joints = labels.read(tmp_path / "a.h5", 2).joints
+    joints = labels.read(write_hdf5(tmp_path / "a.h5", joint=stored.reshape(shape)), 2).joints
     assert joints.dtype == np.float64 and np.array_equal(joints, stored.reshape(4, 2, 3))
-    joints[...] = 9
-    assert np.array_equal(labels.read(tmp_path / "a.h5", 2).joints, stored.reshape(4, 2, 3))
 
 
 @pytest.mark.parametrize("shape", [(4,), (4, 1)])
-@pytest.mark.parametrize("dtype", ["f4", "i2"])
-def test_half_cubes(tmp_path, shape, dtype):
+def test_half_cubes(tmp_path, shape):
     """There is one half-cube per frame, from the labels and from an open file alike."""
-    path = write_hdf5(tmp_path / "a.h5", joint=ROWS, half_cube=np.arange(100, 104, dtype=dtype).reshape(shape))
+    path = write_hdf5(tmp_path / "a.h5", joint=ROWS, half_cube=np.arange(100, 104, dtype="i2").reshape(shape))
     for found in (labels.read(path, 2).half_cube, labels.read_half_cubes(File(path, ("joint",)))):
         assert found.dtype == np.float64 and found.tolist() == [100, 101, 102, 103]
 
 
-def test_a_file_without_half_cubes(tmp_path):
-    """A file without half-cubes gets NYU's."""
-    assert labels.read(write_hdf5(tmp_path / "a.h5", joint=ROWS), 2).half_cube.tolist() == [150] * 4
-
-
-def test_the_origin_of_labels(tmp_path):
+def test_what_a_file_need_not_have(tmp_path):
+    """Without half-cubes NYU's are taken; the origin is unknown unless the file names it."""
     path = write_hdf5(tmp_path / "a.h5", joint=ROWS)
-    assert labels.read(path, 2).made_from == "an unknown source"
+    found = labels.read(path, 2)
+    assert found.half_cube.tolist() == [150] * 4 and found.made_from == "an unknown source"
     with h5py.File(path, "a") as file:
         file.attrs["made_from"] = "a test"
     assert labels.read(path, 2).made_from == "a test"
@@ -74,13 +64,10 @@ JOINTS = "(N, 6) for 2 joints"
     line: (arrays, f"...a.h5: {line}") for arrays, line in (
         ({"other": np.zeros(2)}, "no data set 'joint'; it has other"),
         ({"joint": np.array([b"a", b"b"])}, "data set '/joint' holds |S1, expected numbers"),
-        ({"joint": np.float64(1)}, "data set 'joint' has no rows"),
-        ({"joint": np.zeros((0, 6))}, "data set 'joint' has no rows..."),
         *(({"joint": np.zeros(shape)}, f"data set 'joint' has shape {shape}, expected {JOINTS}")
           for shape in ((6,), (4, 7), (4, 12), (4, 3, 2))),
         ({"joint": at(ROWS, -np.inf, [2, 3])}, "data set 'joint' is infinite in frame 2 (2 such frames), expected ..."),
         ({"half_cube": np.array([b"150"] * 4)}, "data set '/half_cube' holds |S3, expected numbers"),
-        ({"half_cube": 150.0}, "data set 'half_cube' has no rows"),
         *(({"half_cube": np.ones(shape)}, f"data set 'half_cube' has shape {shape}, expected (4,): mm, one ...")
           for shape in ((3,), (4, 3))),
         *(({"half_cube": at(np.full(4, 150.0), value)},
@@ -96,31 +83,30 @@ def test_labels_with_something_wrong_in_them(tmp_path, given, rejected):
         labels.read(path, 2)
 
 
-def test_centers_that_tell_no_camera(tmp_path):
-    """On the optical axis all cameras agree; an unknown camera, and several, are refused."""
-    own = Camera("mine", 500.0, 510.0, 333.0, 222.0, 666, 444)
-    for camera, by in ((NYU, 0.0), (own, 50.0)):
-        uvd = np.tile([camera.u0 + by, camera.v0 + by, 700.0], (4, 1))
-        path = write_hdf5(tmp_path / "a.h5", joint=ROWS, center_uvd=uvd, center=camera.unproject(uvd))
-        with pytest.raises(DataError, match=r"a\.h5: its crop centres in px and in mm fit none of the cameras nyu, "):
-            labels.read_crop_centers([File(path, ("joint",))])
-
-
-@pytest.mark.parametrize("value", [1e-300, 1e300, np.nan, np.inf, -700.0, 0.0])
-def test_centers_that_are_nowhere(tmp_path, value):
-    """Centres that are not finite, or not in front of the camera, raise an error of one line."""
-    uvd = np.array([[200.0, 100, 700], [400, 90, 600], [300, 300, 500], [500, 200, 800]])
-    xyz = NYU.unproject(uvd)
-    xyz[2, 2] = value
-    path = write_hdf5(tmp_path / "a.h5", joint=ROWS, center_uvd=uvd, center=xyz)
-    with pytest.raises(DataError, match=r"a\.h5: crop centres that are not finite, or not before the camera"):
-        labels.read_crop_centers([File(path, ("joint",))])
+def centers_in(path, uvd, xyz):
+    """The crop centres of a file that has these."""
+    return labels.read_crop_centers([File(write_hdf5(path, joint=ROWS, center_uvd=uvd, center=xyz), ("joint",))])
 
 
 @pytest.mark.parametrize("name", CAMERAS)
 def test_the_camera_of_one_frame(tmp_path, name):
     """A known camera is recognised from the centre of one frame."""
     uvd = np.tile([200.0, 100.0, 700.0], (4, 1))
-    path = write_hdf5(tmp_path / "a.h5", joint=ROWS, center_uvd=uvd, center=CAMERAS[name].unproject(uvd))
-    found, camera = labels.read_crop_centers([File(path, ("joint",))])
+    found, camera = centers_in(tmp_path / "a.h5", uvd, CAMERAS[name].unproject(uvd))
     assert camera == CAMERAS[name] and np.allclose(found, uvd)
+
+
+@pytest.mark.parametrize(("camera", "by"), [(NYU, 0.0), (Camera("mine", 500.0, 510.0, 333.0, 222.0, 666, 444), 50.0)])
+def test_centers_that_tell_no_camera(tmp_path, camera, by):
+    """On the optical axis all cameras agree; an unknown camera, and several, are refused."""
+    uvd = np.tile([camera.u0 + by, camera.v0 + by, 700.0], (4, 1))
+    with pytest.raises(DataError, match=r"a\.h5: its crop centres in px and in mm fit none of the cameras nyu, "):
+        centers_in(tmp_path / "a.h5", uvd, camera.unproject(uvd))
+
+
+@pytest.mark.parametrize("value", [1e-300, 1e300, np.nan, np.inf, -700.0, 0.0])
+def test_centers_that_are_nowhere(tmp_path, value):
+    """Centres that are not finite, or not in front of the camera, raise an error of one line."""
+    uvd = np.array([[200.0, 100, 700], [400, 90, 600], [300, 300, 500], [500, 200, 800]])
+    with pytest.raises(DataError, match=r"a\.h5: crop centres that are not finite, or not before the camera"):
+        centers_in(tmp_path / "a.h5", uvd, at(NYU.unproject(uvd), value, (2, 2)))

@@ -14,7 +14,7 @@ from handpose.body.nyu import frame_name
 from handpose.datasets import nyu_files
 from handpose.frames.cameras import NYU
 from netlib.errors import DataError
-from tests.handpose.datasets.nyu_frames import hand, write_frame, write_labels
+from tests.support.nyu_data_set import pack_depth, write_annotation
 
 
 def flaws(root: Path, split: str = "test") -> list[tuple[str, bool]]:
@@ -35,17 +35,28 @@ def test_a_grey_image(tmp_path: Path) -> None:
         nyu_files.read_nyu_depth(tmp_path / "grey.png")
 
 
+UVD = np.array([320.0, 240.0, 800.0]) + np.random.default_rng(0).normal(0, 5, (8253, 36, 3))
+XYZ = NYU.unproject(UVD[:20])
+
+
+def write(folder: Path, count: int) -> Path:
+    """Write the labels of some frames, and the first frame; returns the file of labels."""
+    folder.mkdir()
+    write_annotation(folder / nyu_files.ANNOTATION, NYU.unproject(UVD[:count]))
+    cv2.imwrite(str(folder / frame_name(0)), pack_depth(np.full((480, 640), 800)))
+    return folder / nyu_files.ANNOTATION
+
+
 @pytest.mark.parametrize(("count", "fatal"), [(100, False), (8253, True)])
 def test_another_number_of_frames(tmp_path: Path, count: int, fatal: bool) -> None:
-    write_labels(tmp_path / "test", hand(count))
-    write_frame(tmp_path / "test" / frame_name(0), np.full((480, 640), 800))
-    (number, is_fatal), missing = flaws(tmp_path)
-    assert f"{count} labelled frames, the whole test set has 8252" in number and is_fatal == fatal
-    expected = f"{count - 1} of {count} depth frames are missing, the first is depth_1_0000002.png"
-    assert missing == (f"{tmp_path}/test: {expected}", False)
+    path = write(tmp_path / "test", count)
+    missing = f"{count - 1} of {count} depth frames are missing, the first is {path.with_name('depth_1_0000002.png')}"
+    assert flaws(tmp_path) == [(f"{path}: {count} labelled frames, the whole test set has 8252", fatal),
+                               (f"{path.parent}: {missing}", False)]
 
 
 def test_something_else_than_the_data_set(tmp_path: Path) -> None:
+    assert flaws(tmp_path / "no") == [(f"{tmp_path}/no: no such folder", True)]
     expected = f"{tmp_path}: no folder 'test', which holds depth_1_0000001.png ... and joint_data.mat; found "
     assert flaws(tmp_path) == [(f"{expected}nothing", True)]
     for name in "hgfedcba":
@@ -53,35 +64,24 @@ def test_something_else_than_the_data_set(tmp_path: Path) -> None:
     assert flaws(tmp_path) == [(f"{expected}a, b, c, d, e, f ...", True)]
 
 
-def test_other_images_than_depth(tmp_path: Path) -> None:
-    write_labels(tmp_path / "test", hand(2440))
-    (tmp_path / "test" / "rgb_1_0000001.png").touch()
-    line = "no depth frames of camera 1 such as depth_1_0000001.png; found rgb_1_0000001.png"
-    assert flaws(tmp_path)[0] == (f"{tmp_path}/test: {line}", True)
-
-
 def write_matlab(path: Path, version: str = "5", **variables: np.ndarray) -> None:
     scipy.io.savemat(path, variables, format=version)
-
-
-XYZ = NYU.unproject(hand(20))
 
 
 @pytest.mark.parametrize(("damage", "reported"), [
     (lambda path: path.unlink(), "no such file; it holds the joints"),
     (lambda path: path.write_bytes(path.read_bytes()[:-1000]), "not a readable MATLAB file, perhaps truncated"),
     (lambda path: path.write_text("u v d " * 100), "not a readable MATLAB file"),
-    (lambda path: write_matlab(path, "4", joint_uvd=hand(20)[0], joint_xyz=XYZ[0]),
+    (lambda path: write_matlab(path, "4", joint_uvd=UVD[:20][0], joint_xyz=XYZ[0]),
      "version 4, or none; expected version 5"),
     (lambda path: write_matlab(path, pred_joint_uvconf=XYZ[None]), "no variable 'joint_uvd'; it has pred_joint_uvconf"),
-    (lambda path: write_matlab(path, joint_uvd=hand(20)[None, :, :14], joint_xyz=XYZ[None, :, :14]),
+    (lambda path: write_matlab(path, joint_uvd=UVD[:20][None, :, :14], joint_xyz=XYZ[None, :, :14]),
      "(1, 20, 14, 3), expected numbers (cameras, frames, 36, 3)"),
-    (lambda path: write_matlab(path, joint_uvd=hand(20)[None], joint_xyz=XYZ[None] * (1, -1, 1)),
+    (lambda path: write_matlab(path, joint_uvd=UVD[:20][None], joint_xyz=XYZ[None] * (1, -1, 1)),
      "joint_xyz is not where joint_uvd is, off by x 0, "),
 ])
 def test_damaged_labels(tmp_path: Path, damage: Callable[[Path], object], reported: str) -> None:
-    write_labels(tmp_path / "test", hand(20))
-    write_frame(tmp_path / "test" / frame_name(0), np.full((480, 640), 800))
-    damage(tmp_path / "test" / nyu_files.ANNOTATION)
+    path = write(tmp_path / "test", 20)
+    damage(path)
     ((line, fatal),) = flaws(tmp_path)
-    assert reported in line and line.startswith(f"{tmp_path / 'test' / nyu_files.ANNOTATION}: ") and fatal
+    assert reported in line and line.startswith(f"{path}: ") and fatal

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -26,79 +28,78 @@ def pieces(rows: int) -> Iterator[dict[str, np.ndarray]]:
 
 
 @pytest.mark.parametrize("rows", [0, 1, 100, 130])
-def test_fewer_rows_than_expected(tmp_path: Path, rows: int) -> None:
-    """A part with fewer rows than expected has their number of rows, and the attributes as of the end of writing."""
-    part = Part(tmp_path / "part.h5", 130, "recipe")
-    read = []
-
-    def counted() -> Iterator[dict[str, np.ndarray]]:
-        for piece in pieces(rows):
-            read.extend(piece["b"])
-            yield piece
-
-    assert parts.write_part(part, COLUMNS, counted(), lambda: {"read": len(read)}) == rows
+def test_rows_in_pieces(tmp_path: Path, rows: int) -> None:
+    """A part has the rows of all pieces in order, and its attributes; large arrays can be mapped."""
+    part = Part(tmp_path / "part.h5", 0, 130, "us", "recipe")
+    expected = [*pieces(rows), COLUMNS]
+    parts.write_part(part, rows, expected, {"more": 5})
     with h5py.File(part.path) as file:
-        assert dict(file.attrs) == {"read": rows, "recipe": "recipe"}
-        expected = [piece for piece in pieces(rows) if len(piece["b"])]
+        assert dict(file.attrs) == {"more": 5, "made_from": "us", "recipe": "recipe"}
         for name in "ab":
-            whole = np.concatenate([piece[name] for piece in expected]) if expected else COLUMNS[name]
-            np.testing.assert_array_equal(file[name][...], whole)
+            np.testing.assert_array_equal(file[name][...], np.concatenate([piece[name] for piece in expected]))
+        assert file["a"].chunks is None and file["a"].compression is None
+        assert rows < 100 or file["a"].id.get_offset() % 4096 == 0
     assert [path.name for path in tmp_path.iterdir()] == ["part.h5"]
-    assert parts.is_whole(part) and not parts.is_whole(Part(part.path, 130, "another"))
-
-
-def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
-    def failing() -> Iterator[dict[str, np.ndarray]]:
-        yield from pieces(30)
-        raise DataError("no more")
-
-    (tmp_path / "part.h5").write_text("before")
-    with pytest.raises(DataError, match="no more"):
-        parts.write_part(Part(tmp_path / "part.h5", 60, ""), COLUMNS, failing(), dict)
-    assert [path.name for path in tmp_path.iterdir()] == ["part.h5"]
-    assert (tmp_path / "part.h5").read_text() == "before"
 
 
 def test_room(tmp_path: Path) -> None:
-    """Insufficient disk space raises an error in MB, also for a folder that does not exist yet."""
+    """Insufficient disk space raises an error in MB, also for a folder that does not exist yet; files make room."""
     for folder in (tmp_path, tmp_path / "new" / "er"):
-        parts.check_room(folder, 1)
-        with pytest.raises(DataError, match=r"needs 1000000000000 MB, \d+ MB are free"):
-            parts.check_room(folder, 10**18)
-    with pytest.raises(DataError, match=r"needs 10+ MB"):
-        parts.check_room(tmp_path, 10**400)
+        parts.check_space(folder, [(1, COLUMNS)])
+        with pytest.raises(DataError, match=r"needs 4034214400000000 MB, \d+ MB are free"):
+            parts.check_space(folder, [(10**18, COLUMNS)])
+    with (tmp_path / "train_000.h5").open("wb") as file:
+        file.truncate(10**13)  # without content
+    parts.check_space(tmp_path, [(10**9, COLUMNS)])
 
 
-@pytest.fixture
-def ours(tmp_path: Path) -> Path:
-    """The file data/a.h5, whose attribute ``made_from`` is ours."""
-    (tmp_path / "data").mkdir()
-    with h5py.File(tmp_path / "data" / "a.h5", "w") as file:
-        file.attrs["made_from"] = "us"
-    return tmp_path / "data" / "a.h5"
+# ------------------------------------------------------------------------------------------ what may be replaced
+
+OWN = ("us", '{"skeleton": "ours.prototxt", "seed": 1}')
+PART, LIST = "train_001.h5", "train.txt"
 
 
-@pytest.mark.parametrize("line", ["{folder}/a.h5", "a.h5", "data/a.h5", "data/b.h5", ""])
-def test_our_own_list(ours: Path, line: str) -> None:
-    """A list that names our own files may be replaced, relative to any folder, also if the files are missing."""
-    (ours.parent / "list.txt").write_text(line.format(folder=ours.parent) + "\n")
-    parts.refuse_foreign([ours, ours.with_name("b.h5")], [ours.parent / "list.txt"], ["us"])
+@pytest.mark.parametrize(("name", "there", "refused"), [
+    (PART, ("us", '{"skeleton": "ours.prototxt", "seed": 2}'), ""),
+    (PART, ("NYU", "{}"), "holds data made from NYU, expected us frames of ours.prototxt; "),
+    (PART, ("us", '{"skeleton": "arm.prototxt"}'), "holds data made from us frames of arm.prototxt, expected us "),
+    (PART, (None, OWN[1][:-1]), "holds data made from an unknown source frames of ours.prototxt, expected "),
+    (PART, "notes", "not a readable HDF5 file; "),
+    (LIST, " \n", ""),
+    (LIST, "elsewhere/train_000.h5\ntrain_012.h5\n", ""),
+    (LIST, "train_000.h5\nprecious.h5\n", "names 'precious.h5', expected train_000.h5, ...; "),
+    (LIST, "a\0" + "x" * 5000, "names 'a\\x00x"),
+], ids=range(9))
+def test_what_may_be_replaced(tmp_path: Path, name: str, there: Any, refused: str) -> None:
+    """A part of the same source and body and a list of parts are replaced, anything else only with ``force``."""
+    wanted = parts.parts_of(tmp_path, "train", 3000, OWN[0], lambda start, rows: json.loads(OWN[1]))
+    lists = [tmp_path / "train.txt", tmp_path / "test.txt"]
+    assert parts.missing_of(wanted, lists) == wanted
+    if isinstance(there, str):
+        (tmp_path / name).write_text(there)
+    else:
+        with h5py.File(tmp_path / name, "w") as file:
+            file.attrs.update({key: value for key, value in zip(("made_from", "recipe"), there) if value})
+    if refused:
+        with pytest.raises(DataError) as error:
+            parts.missing_of(wanted, lists)
+        assert str(error.value).startswith(f"{tmp_path / name}: {refused}") and "\n" not in str(error.value)
+        assert str(error.value).endswith("; choose another --out, or use --force to replace it")
+    assert parts.missing_of(wanted, lists, force=bool(refused)) == wanted
 
 
-@pytest.mark.parametrize("line", ["precious", "real/a.h5", "/gone/a.h5", "c.h5", "a\0.h5", "x" * 5000])
-def test_a_list_of_others(ours: Path, line: str) -> None:
-    """A list of other files, or a file that is not a list, is replaced only with ``force``."""
-    given = [ours, ours.with_name("b.h5")], [ours.parent / "list.txt"], ["us"]
-    (ours.parent / "list.txt").write_text(f"a.h5\n{line}\n")
-    with pytest.raises(DataError, match=r"list.txt: names .*, which is not there; .* or use --force") as error:
-        parts.refuse_foreign(*given)
-    assert "\n" not in str(error.value)
-    parts.refuse_foreign(*given, force=True)
+def test_parts_with_their_recipe_are_kept(tmp_path: Path) -> None:
+    first, last = wanted = parts.parts_of(tmp_path, "train", 2600, "us", lambda start, rows: {"first": start})
+    assert (first.path.name, last.path.name, last.start, last.rows) == ("train_000.h5", "train_001.h5", 2500, 100)
+    assert json.loads(last.recipe) == {"first": 2500, "start": 2500, "frames": 100}
+    parts.write_part(last, 100, pieces(100), {})
+    assert parts.missing_of(wanted, []) == [first] and parts.missing_of(wanted, [], force=True) == wanted
 
 
 @pytest.mark.parametrize("force", [False, True])
-@pytest.mark.parametrize("name", ["a.h5", "list.txt"])
+@pytest.mark.parametrize("name", ["train_000.h5", "train.txt"])
 def test_folders_are_never_replaced(tmp_path: Path, name: str, force: bool) -> None:
     (tmp_path / name).mkdir()
+    wanted = parts.parts_of(tmp_path, "train", 1, "us", lambda start, rows: {})
     with pytest.raises(DataError, match=rf"/{name}: is not a file; move it away"):
-        parts.refuse_foreign([tmp_path / "a.h5"], [tmp_path / "list.txt"], ["us"], force)
+        parts.missing_of(wanted, [tmp_path / "train.txt"], force)

@@ -12,9 +12,10 @@ from handpose.body.nyu import CUBE_MM
 from handpose.estimate.finder import Finder, FoundHand
 from handpose.estimate.hand import MIN_PRESENCE
 from handpose.frames.cameras import KINECT2, Camera
+from handpose.sequences.recordings import render_image
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
-from tests.handpose.whole_images import ARM_BEHIND, capsules_of, render_image
+from tests.handpose.drawn_hands import ARM_BEHIND, capsules_of
 
 NET = """
 layer { name: "in" type: "Input" top: "depth" input_param { shape { dim: %d dim: 1 dim: 128 dim: 128 } } }

@@ -10,7 +10,7 @@ import pytest
 from handpose.body.render import CLEAR_MM, Capsules
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.surface_prior import DEFAULT_SURFACE, SurfacePrior
-from tests.handpose.whole_images import capsules_of
+from tests.handpose.drawn_hands import capsules_of
 
 EXACT = replace(DEFAULT_SURFACE, thickness_std=0)
 
@@ -45,12 +45,9 @@ def test_thickness_and_single_radii(sampler: BodySampler) -> None:
 
 def test_offsets(sampler: BodySampler) -> None:
     """With offsets of 0, capsules end at the joints."""
-    rng = np.random.default_rng(0)
-    hands = sampler.draw(rng, 10)
-    capsules = capsules_of(sampler, rng, hands, (0, 0, 800), replace(EXACT, offsets=(0.0, 0.0)))
-    own = ~sampler.surface.limbs
+    own, hands = ~sampler.surface.limbs, sampler.draw(np.random.default_rng(0), 10)
     joints = hands.joints[:, sampler.surface.start[own]] * 150 + (0, 0, 800)
-    np.testing.assert_allclose(capsules.a[:, own], joints, atol=1e-9)
+    np.testing.assert_allclose(drawn(sampler, replace(EXACT, offsets=(0.0, 0.0)), 10).a[:, own], joints, atol=1e-9)
 
 
 def test_cut_forearms_and_sleeves(sampler: BodySampler) -> None:

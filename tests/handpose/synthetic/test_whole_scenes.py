@@ -45,17 +45,13 @@ def test_solids_agree_with_steps_along_the_rays(kind: int) -> None:
     x = np.linspace(-0.2, 0.2, 9, dtype=np.float32)
     entry = whole_scenes._entry(kind, center, axes, half, x, x)
     steps = np.arange(350.0, 650.0, 0.25)
-    for i, down in enumerate(x):
-        for j, across in enumerate(x):
-            local = (np.outer(steps, (across, -down, 1.0)) - center) @ axes / half
-            size = {BOX: np.abs(local).max(1), ELLIPSOID: np.linalg.norm(local, axis=1),
-                    CYLINDER: np.maximum(np.abs(local[:, 1]), np.hypot(local[:, 0], local[:, 2]))}[kind]
-            inside = steps[size <= 1]
-            if len(inside) > 8:
-                assert entry[i, j] == pytest.approx(inside[0], abs=0.5)
-            elif not len(inside):
-                assert np.isinf(entry[i, j]) or (size.min() < 1.01)
-    assert np.isfinite(entry).sum() > 10
+    rays = np.stack(np.broadcast_arrays(x[None, :], -x[:, None], np.float32(1)), axis=-1)
+    local = np.abs((steps[:, None] * rays[..., None, :] - center) @ axes / half)
+    size = {BOX: local.max(axis=-1), ELLIPSOID: np.linalg.norm(local, axis=-1),
+            CYLINDER: np.maximum(local[..., 1], np.hypot(local[..., 0], local[..., 2]))}[kind]
+    hit, missed = (size <= 1).sum(axis=-1) > 8, size.min(axis=-1) > 1.01
+    np.testing.assert_allclose(entry[hit], steps[(size <= 1).argmax(axis=-1)][hit], atol=0.5)
+    assert np.isinf(entry[missed]).all() and hit.sum() > 10
 
 
 def test_left_hands_are_mirrored_right_hands() -> None:
