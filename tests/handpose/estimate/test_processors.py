@@ -13,11 +13,10 @@ from tests.support.running import run_python
 SCRIPT = """
 import json
 import netlib
-import numpy as np
 from handpose.estimate.packaged import load_predictor
-from handpose.synthetic.scenes import draw_scenes
-depth = np.rint(draw_scenes(np.random.default_rng(9), 1)[0]).astype(np.uint16)
-print(json.dumps([load_predictor(fit=fit).in_frame(depth[0]).xyz.tolist() for fit in ("accurate", "fast")]))
+from handpose.sequences.recordings import SyntheticRecording
+depth = SyntheticRecording("body", seed=9).frame(20).depth
+print(json.dumps([load_predictor(fit=fit).in_frame(depth).xyz.tolist() for fit in ("accurate", "fast")]))
 """
 
 
