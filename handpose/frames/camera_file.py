@@ -36,7 +36,6 @@ from typing import Any, NoReturn
 import numpy as np
 
 from handpose.frames.cameras import MIN_FOCAL_PX, MIN_RANGE_MM, Camera
-from handpose.frames.json_fields import parsed
 from handpose.frames.lens import Lens, lens_of
 from handpose.frames.recording import CameraInfo
 from netlib import files
@@ -127,6 +126,25 @@ def parse_document(text: str, where: str) -> Any:
     if text.lstrip().startswith("<"):
         raise DataError(f"{where}: XML; expected JSON or YAML, which OpenCV's FileStorage writes, too")
     return _of_lines(text, where)
+
+
+def parsed(text: str, where: str) -> Any:
+    """The value of a JSON text without repeated keys. Raises DataError."""
+
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        for key, value in pairs:
+            if key in found:
+                raise DataError(f"{where}: has {key!r} twice")
+            found[key] = value
+        return found
+
+    try:
+        return json.loads(text, object_pairs_hook=unique)
+    except RecursionError:
+        raise DataError(f"{where}: JSON of too many levels") from None
+    except ValueError as error:  # JSONDecodeError, and integers of thousands of digits
+        raise DataError(f"{where}: not whole JSON: {error}") from None
 
 
 def _of_lines(text: str, where: str) -> dict[str, Any]:

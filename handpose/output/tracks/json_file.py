@@ -56,7 +56,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from handpose.frames.json_fields import Fields, parsed
+from handpose.frames.camera_file import parsed
+from handpose.output.tracks.fields import Fields
 from handpose.output.tracks.json_values import FrameValues, header_of
 from handpose.tracking.track import TrackedFrame, TrackHeader
 from netlib import files

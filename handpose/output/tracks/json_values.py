@@ -14,8 +14,8 @@ from handpose.body.model import FINGERS
 from handpose.body.sides import Side, side_of
 from handpose.fit.pose_confidence import unknown_finger_errors
 from handpose.frames.cameras import Camera
-from handpose.frames.json_fields import Fields
 from handpose.output.tracks import joint_values
+from handpose.output.tracks.fields import Fields
 from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackedHand, TrackHeader
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter, text_of
