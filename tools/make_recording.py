@@ -33,7 +33,7 @@ tools.begin(__name__)
 
 from handpose import CAMERAS, NYU, RecordingWriter
 from handpose.body.sides import SIDES
-from handpose.output.tracks.writing import JsonWriter
+from handpose.output.tracks.writing import open_writer
 from handpose.sequences.recordings import SCRIPTS, SyntheticRecording
 from netlib.errors import NetlibError
 from netlib.files import make_folder
@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         with (
             Stopper() as stopper,
-            JsonWriter(truth, recording.header) as track,
+            open_writer(truth, recording.header) as track,
             writer,
             ProgressBar(recording.count, what="recording") as progress,
         ):
