@@ -74,8 +74,8 @@ def inspect(recording: Recording) -> Inspection:
         low, middle, high = np.percentile(shown.readings, (1, 50, 99)).tolist()
         depth_mm = (low, middle, high)
     else:
-        warnings.append(f"no depth in the first {len(seen)} frames: every depth is 0; is the camera covered, or the hand "
-                        "too near?")
+        warnings.append(f"no depth in the first {len(seen)} frames: every depth is 0; is the camera covered, or the "
+                        "hand too near?")
     return Inspection(
         recording=recording,
         remarks=recording.remarks,

@@ -27,11 +27,6 @@ from netlib.errors import DataError
 
 RATE = 30.0  # frames per second, if unknown
 MAX_UINT16 = 65535  # maximum of 16 bits
-HEADERLESS = (  # about .raw files
-    "values without a header, as rs-convert -r and the RealSense Viewer write them. Write PNG instead (rs-convert -p), "
-    "or convert them, with their height and width: python -c \"import glob, numpy as np; np.save('take.npy', "
-    "[np.fromfile(name, '<u2').reshape(480, 640) for name in sorted(glob.glob('*.raw'))])\""
-)
 
 
 class DepthFrame(NamedTuple):

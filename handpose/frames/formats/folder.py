@@ -31,14 +31,11 @@ from numpy.typing import NDArray
 
 from handpose.frames import camera_file
 from handpose.frames.cameras import NYU
+from handpose.frames.formats import PICTURES, conversion
 from handpose.frames.images import read_picture, unpack_depth
-from handpose.frames.recording import HEADERLESS, UNKNOWN, CameraInfo, DepthFrame, Recording, decoder_of
+from handpose.frames.recording import UNKNOWN, CameraInfo, DepthFrame, Recording, decoder_of
 from netlib.errors import DataError, did_you_mean, system_error_of
 from netlib.files.paths import exists, list_folder, names_in
-
-PICTURES = (".png", ".tif", ".tiff")
-SINGLE_ARRAYS = ("a file for each frame. Join them: python -c \"import glob, numpy as np; np.save('../take.npy', "
-                 "[np.load(name) for name in sorted(glob.glob('*.npy'))])\"")
 
 
 class FolderRecording(Recording):
@@ -112,9 +109,8 @@ def _no_frames(folder: Path) -> str:
     names = sorted(name for name in names_in(folder) if not name.startswith("."))
     shown = f"{', '.join(names[:MAX_SHOWN])}{' ...' * (len(names) > MAX_SHOWN)}" or "nothing"
     inner = next((folder / name for name in names if "depth" in name.lower() and (folder / name).is_dir()), None)
-    kinds = {PurePath(name).suffix.lower() for name in names}
-    advice = f"; name the folder of the frames, as '{inner}'" if inner else ""
-    advice = f": {SINGLE_ARRAYS}" if ".npy" in kinds else f": {HEADERLESS}" if ".raw" in kinds else advice
+    kind = next((kind for name in names if (kind := PurePath(name).suffix.lower()) in (".npy", ".raw")), None)
+    advice = f": {conversion(kind)}" if kind else f"; name the folder of the frames, as '{inner}'" if inner else ""
     return f"{folder}: holds no depth frames (16-bit grey PNG or TIFF); found {shown}{advice}"
 
 

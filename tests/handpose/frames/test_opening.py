@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from fractions import Fraction
 from pathlib import Path
@@ -88,7 +87,7 @@ def test_a_unit_of_times_where_there_is_none(
 @bad_inputs(DataError, {
     **{name: f"{name}: no such file" for name in ("none.npz", "none.mkv", "none.bag")},
     **{name: f"{name}: no such file or folder" for name in ("none", "none/of/these.png")},
-    "a.raw": "a.raw: values without a header, as rs-convert -r ...(rs-convert -p), or convert them, ...: python -c ...",
+    "a.raw": "a.raw: values without a header, as rs-convert -r ...(rs-convert -p), or give their height and width; ...",
     "a.txt": "a.txt: not a recording; expected a folder of 16-bit PNG, ..., .npz, ...: realsense or realsense:SERIAL",
 })
 def test_what_is_no_recording(
@@ -103,10 +102,11 @@ def test_what_is_no_recording(
     assert not asked
 
 
-def in_python(error: str) -> None:
-    """Run the Python statement in an error message."""
-    command = error.partition('python -c "')[2].removesuffix('"')
-    subprocess.run([sys.executable, "-c", command], check=True)
+def converted(source: Path | str, said: str) -> None:
+    """Run the Python statement in the error for a source."""
+    with pytest.raises(DataError, match=said) as raised:
+        open_recording(source)
+    run_python("-c", str(raised.value).partition('; this converts: python -c "')[2].removesuffix('"'), cwd=Path())
 
 
 def test_videos_are_converted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -124,9 +124,7 @@ def test_videos_are_converted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
             picture.pts, picture.time_base = milliseconds, Fraction(1, 1000)
             video.mux(stream.encode(picture))
         video.mux(stream.encode(None))
-    with pytest.raises(DataError, match=r"^take.mkv: not a recording; .* and this converts it: python") as raised:
-        open_recording("take.mkv")
-    in_python(str(raised.value))
+    converted("take.mkv", "^take.mkv: a video; ")
     with open_recording("frames") as recording:
         assert (recording.camera, recording.unit_mm) == (GIVEN.camera, GIVEN.unit_mm)
         assert [frame.time for frame in recording] == pytest.approx([0, 0.033, 0.1])
@@ -138,26 +136,20 @@ def test_hdf5_is_converted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     with h5py.File("take.h5", "w") as file:
         file["depth"], file["timestamps_ms"] = hand_sized()[None], [5]
         file.attrs.update(fx=60.0, fy=61.0, cx=31.5, cy=23.5)
-    with pytest.raises(DataError, match=r"^take.h5: not a recording") as raised:
-        open_recording("take.h5")
-    in_python(str(raised.value))
+    converted("take.h5", "^take.h5: HDF5; ")
     assert open_recording("frames.npz").camera.fy == 61
 
 
 @pytest.mark.parametrize(("kind", "said", "take"), [
     ("raw", "values without a header", "take.npy"), ("npy", "a file for each frame", "../take.npy"),
 ])
-def test_the_line_that_joins_files_of_values(
+def test_files_of_single_frames_are_joined(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, said: str, take: str
 ) -> None:
-    folder = tmp_path / "frames"
-    folder.mkdir()
-    monkeypatch.chdir(folder)
+    (tmp_path / "frames").mkdir()
+    monkeypatch.chdir(tmp_path / "frames")
     values = np.arange(2 * 480 * 640, dtype=np.uint16).reshape(2, 480, 640)
     for number, frame in enumerate(values):
         frame.tofile(f"{number}.raw") if kind == "raw" else np.save(f"{number}.npy", frame)
-    with pytest.raises(DataError, match=rf"holds no depth frames .*; found 0\.{kind}, 1\.{kind}: {said}") as error:
-        open_recording(folder)
-    code = str(error.value).partition(' -c "')[2].removesuffix('"')
-    run_python("-c", code, cwd=folder)
+    converted(Path(), rf"holds no depth frames .*; found 0\.{kind}, 1\.{kind}: {said}")
     np.testing.assert_array_equal(np.load(take), values)
