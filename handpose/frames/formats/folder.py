@@ -33,7 +33,7 @@ from handpose.frames import camera_file
 from handpose.frames.cameras import NYU
 from handpose.frames.formats import PICTURES, conversion
 from handpose.frames.images import read_picture, unpack_depth
-from handpose.frames.recording import UNKNOWN, CameraInfo, DepthFrame, Recording, decoder_of
+from handpose.frames.recording import UNKNOWN, CameraInfo, DepthDecoder, DepthFrame, Recording
 from netlib.errors import DataError, did_you_mean, system_error_of
 from netlib.files.paths import exists, list_folder, names_in
 
@@ -56,7 +56,7 @@ class FolderRecording(Recording):
         raw = _grey(image, self._packed, path)
         if path.suffix.lower() in (".tif", ".tiff") and (pictures := cv2.imcount(str(path))) > 1:
             raise DataError(f"{path}: a TIFF of {pictures} pictures; expected one for each frame, or all in an .npy")
-        self._decode = decode = decoder_of(given, UNKNOWN, camera_json, raw.shape, raw.dtype, str(path))
+        self._decode = decode = DepthDecoder(raw.shape, raw.dtype, str(path), given, camera_json=camera_json)
         self.name, self.count, self.rate = str(source), len(names), decode.rate
         self.camera, self.unit_mm = decode.camera, decode.unit_mm
         remarks = [self._reading.how, *decode.remarks]

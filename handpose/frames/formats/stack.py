@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from handpose.frames import camera_file
 from handpose.frames.formats.folder import FRAMES, TICKS, since_1970
-from handpose.frames.recording import RATE, UNKNOWN, CameraInfo, DepthFrame, Recording, check_values, decoder_of
+from handpose.frames.recording import RATE, UNKNOWN, CameraInfo, DepthDecoder, DepthFrame, Recording, check_values
 from netlib import files
 from netlib.errors import DataError, NetlibError, reason_of, system_error_of
 from netlib.files.pictures import MAX_PIXELS
@@ -44,7 +44,7 @@ class StackRecording(Recording):
         frames = (_Npy if path.suffix.lower() == ".npy" else _Npz)(path)
         camera_json = camera_file.next_to(path)
         self._times, own, remarks, self.warnings = recognise(frames, str(path), given, camera_json)
-        self._decode = decode = decoder_of(given, own, camera_json, frames.shape[1:], frames.dtype, str(path))
+        self._decode = decode = DepthDecoder(frames.shape[1:], frames.dtype, str(path), given, own, camera_json)
         self.name, self.camera, self.unit_mm = str(path), decode.camera, decode.unit_mm
         self.count, self.rate, self.remarks = frames.shape[0], decode.rate, (*remarks, *decode.remarks)
         if self._times is None and given.time_unit is not None:
