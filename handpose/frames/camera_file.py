@@ -421,40 +421,52 @@ class Found:
     def _set(self, key: str, value: Any, name: str) -> None:
         if key in self._values:
             self._refuse(f"says {key} twice" + (f", once as {name}" if key != name else ""))
-        self._values[key] = value
+        self._values[key] = self._checked(key, value)
         self.fields[name] = "lens" if key in LENS else key if key in FIELDS else "camera"
+
+    def _checked(self, key: str, value: Any) -> Any:
+        """The value of a key, numbers as such. Raises DataError for one of another kind, or out of range."""
+        if key == "coefficients":
+            if (numbers := _numbers(value)) is None:
+                self._refuse(f"distortion is {_shown(value)}; expected a list of numbers: k1, k2, p1, p2, k3 ...")
+            return numbers
+        if key == "time_unit":
+            if value not in TIME_UNITS:
+                self._refuse(f"time_unit is {_shown(value)}; expected {', '.join(TIME_UNITS)}")
+            return value
+        if key in ("name", "model"):
+            if not isinstance(value, str):
+                self._refuse(f"{key} is {_shown(value)}; expected a text")
+            return value
+        low, high = RANGES.get(key, (-math.inf, math.inf))
+        if not _is_number(value) or not low < value <= high:
+            expected = f"more than {low:g} and at most {high:g}" if key in RANGES else "that is finite"
+            self._refuse(f"{key} is {_shown(value)}; expected a number {expected}")
+        if key in SIZE and value % 1:
+            self._refuse(f"{key} is {value}; expected a whole number")
+        return int(value) if key in SIZE else float(value)
 
     def _info(self) -> CameraInfo:
         """The parameters. Raises DataError."""
-        camera = None
+        camera, said = None, self._values
         if self._all_or_none(INTRINSICS):
-            fx, fy, u0, v0 = (self._number(key) for key in INTRINSICS)
-            sized = self._all_or_none(SIZE)
-            width, height = (self._whole(key) if sized else 0 for key in SIZE)
-            min_range = self._number(MIN_RANGE) if MIN_RANGE in self._values else MIN_RANGE_MM
-            camera = Camera(self._text("name", "own"), fx, fy, u0, v0, width, height, min_range)
-        elif stray := [key for key in (*SIZE, "name", MIN_RANGE) if key in self._values]:
+            self._all_or_none(SIZE)
+            fx, fy, u0, v0, width, height = (said.get(key, 0) for key in (*INTRINSICS, *SIZE))
+            near = said.get(MIN_RANGE, MIN_RANGE_MM)
+            camera = Camera(said.get("name", "own"), fx, fy, u0, v0, width, height, near)
+        elif stray := [key for key in (*SIZE, "name", MIN_RANGE) if key in said]:
             self._refuse(f"has {stray[0]}, but not fx, fy, u0, v0")
-        unit, rate = (self._number(key) if key in self._values else None for key in ("unit_mm", "rate"))
-        time_unit = self._values.get("time_unit")
-        if time_unit not in (None, *TIME_UNITS):
-            self._refuse(f"time_unit is {_shown(time_unit)}; expected {', '.join(TIME_UNITS)}")
-        return CameraInfo(camera, self._lens(), unit, rate, self._where, time_unit)
+        unit_mm, rate, time_unit = (said.get(key) for key in FIELDS)
+        return CameraInfo(camera, self._lens(), unit_mm, rate, self._where, time_unit)
 
     def _lens(self) -> Lens | None:
-        model = self._text("model", "brown_conrady")
-        named = any(key in self._values for key in BROWN)
-        values = [self._number(key) if key in self._values else 0.0 for key in BROWN] if named else []
-        if "coefficients" in self._values:
-            if named:
-                self._refuse("says the distortion twice, once as k1 ... or p1 ...")
-            found = _numbers(given := self._values["coefficients"])
-            if found is None:
-                self._refuse(f"distortion is {_shown(given)}; expected a list of numbers: k1, k2, p1, p2, k3 ...")
-            values = found
-        elif not named and "model" not in self._values:
+        said = self._values
+        by_name = [said.get(key, 0.0) for key in BROWN] if not said.keys().isdisjoint(BROWN) else []
+        if by_name and "coefficients" in said:
+            self._refuse("says the distortion twice, once as k1 ... or p1 ...")
+        if not (by_name or "coefficients" in said or "model" in said):
             return None
-        return lens_of(model, values, self._where)
+        return lens_of(said.get("model", "brown_conrady"), said.get("coefficients", by_name), self._where)
 
     def _all_or_none(self, keys: tuple[str, ...]) -> bool:
         """True if all of the keys are present, False if none is; raises DataError otherwise."""
@@ -463,25 +475,6 @@ class Found:
             there = next(key for key in keys if key in self._values)
             self._refuse(f"has {there}, but not {' and '.join(missing)}")
         return not missing
-
-    def _number(self, key: str) -> float:
-        value = self._values[key]
-        low, high = RANGES.get(key, (-math.inf, math.inf))
-        if not _is_number(value) or not low < value <= high:
-            expected = f"more than {low:g} and at most {high:g}" if key in RANGES else "that is finite"
-            self._refuse(f"{key} is {_shown(value)}; expected a number {expected}")
-        return float(value)
-
-    def _whole(self, key: str) -> int:
-        if self._number(key) % 1:
-            self._refuse(f"{key} is {self._values[key]}; expected a whole number")
-        return int(self._values[key])
-
-    def _text(self, key: str, default: str) -> str:
-        value = self._values.get(key, default)
-        if not isinstance(value, str):
-            self._refuse(f"{key} is {_shown(value)}; expected a text")
-        return value
 
 
 def _of_matrix(value: Any, where: str) -> list[float]:
