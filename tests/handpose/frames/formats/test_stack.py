@@ -251,7 +251,7 @@ def test_what_is_not_used_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         ("two units", {"unit_mm": [1.0, 2.0]}, "unit_mm is [1.0, 2.0]; expected a number more than 1e-06 and ..."),
         ("too many numbers", {"K": np.zeros(1001)}, "K is float64 (1001,), expected numbers, or a text"),
         ("a camera's fx alone", {"camera": '{"fx": 1}'}, "camera: has fx, but not fy and u0 and v0"),
-        ("two cameras", {"camera": ["a", "b"]}, "camera has the shape (2,), expected one text: a camera.json"),
+        ("two cameras", {"camera": ["a", "b"]}, "camera is <U1 (2,), expected numbers, or a text"),
     )
 })
 def test_what_is_wrong(tmp_path: Path, given: dict[str, Any], rejected: Any) -> None:
