@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import sys
 from fractions import Fraction
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 
-from handpose.frames import camera_file, formats
-from handpose.frames.formats import open_recording
+from handpose.frames import camera_file
+from handpose.frames.formats import open_recording, realsense, ros_bag
 from handpose.frames.formats.folder import FolderRecording
 from handpose.frames.formats.stack import StackRecording
-from handpose.frames.recording import CameraInfo
+from handpose.frames.recording import CameraInfo, Recording
 from netlib.errors import DataError
-from tests.handpose.frames.conftest import GIVEN, hand_sized
+from tests.handpose.frames.conftest import GIVEN, hand_sized, put
 from tests.support.bad_input import bad_inputs
 from tests.support.running import run_python
 
@@ -27,28 +25,24 @@ from tests.support.running import run_python
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, object, CameraInfo]]:
     """The calls of readers that need packages; the readers themselves are replaced."""
     found: list[tuple[str, object, CameraInfo]] = []
-    for module, name in (("ros_bag", "BagRecording"), ("realsense", "open_live")):
-
-        def opened(source: object, given: CameraInfo, name: str = name) -> None:
-            found.append((name, source, given))
-
-        replaced = SimpleNamespace(**{name: opened})
-        monkeypatch.setitem(sys.modules, f"handpose.frames.formats.{module}", replaced)
-        monkeypatch.setattr(formats, module, replaced, raising=False)
+    for owner, name in ((ros_bag, "BagRecording"), (realsense, "open_live")):
+        monkeypatch.setattr(owner, name, lambda source, given, name=name: found.append((name, source, given)))
     return found
 
 
-def test_folders_and_pictures(folder: Path) -> None:
-    for source in (folder, str(folder), folder / "*.png", folder / "1.png"):
-        with open_recording(source, GIVEN) as recording:
-            assert isinstance(recording, FolderRecording)
-
-
-def test_stacks(tmp_path: Path) -> None:
-    """Suffixes in capitals are accepted."""
-    np.save(tmp_path / "a.npy", hand_sized()[None])
-    (tmp_path / "a.npy").rename(tmp_path / "B.NPY")
-    assert isinstance(open_recording(tmp_path / "B.NPY", GIVEN), StackRecording)
+@pytest.mark.parametrize(("source", "kind"), [
+    ("frames", FolderRecording), ("frames/*.png", FolderRecording), (Path("frames/1.png"), FolderRecording),
+    ("B.NPY", StackRecording),  # suffixes in capitals are accepted
+])
+def test_readers_of_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, source: str | Path, kind: type[Recording]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    put(Path("frames/1.png"), hand_sized())
+    np.save("b.npy", hand_sized()[None])
+    Path("b.npy").rename("B.NPY")
+    with open_recording(source, GIVEN) as recording:
+        assert isinstance(recording, kind)
 
 
 @pytest.mark.parametrize(("source", "calls"), [
@@ -56,7 +50,7 @@ def test_stacks(tmp_path: Path) -> None:
     ("bag", ("BagRecording", Path("bag"))),  # a folder
     ("realsense", ("open_live", None)), ("realsense:/a:b", ("open_live", "/a:b")),
 ])
-def test_readers_that_are_imported_on_demand(
+def test_readers_that_need_packages(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, asked: list[Any], source: str, calls: tuple[str, object]
 ) -> None:
     """Of bags, and of the first camera or that with a serial number."""
@@ -93,7 +87,7 @@ def test_a_unit_of_times_where_there_is_none(
 def test_what_is_no_recording(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any, asked: list[Any]
 ) -> None:
-    """A missing or unknown file raises an error before any reader is imported."""
+    """A missing or unknown file raises an error before any reader is asked."""
     monkeypatch.chdir(tmp_path)
     Path("a.txt").touch()
     Path("a.raw").touch()

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from handpose.frames.cameras import KINECT2, NYU, SR305
 from handpose.frames.lens import Lens, Undistorter
-from handpose.frames.recording import UNKNOWN, CameraInfo, DepthDecoder, sized, stored
+from handpose.frames.recording import UNKNOWN, CameraInfo, DepthDecoder, stored
 from tests.handpose.frames.conftest import CAMERA, hand_sized
 
 U16, F32 = np.dtype(np.uint16), np.dtype(np.float32)
@@ -63,10 +63,6 @@ def test_the_unit_of_a_known_camera() -> None:
     stranger = CameraInfo(replace(SR305, fx=500.0), origin="--camera")
     found = DepthDecoder((480, 640), U16, "take", stranger)
     assert found.unit_mm == 1 and "unit unknown: a value of 1 is taken for 1 mm" in found.remarks[1]
-
-
-def test_a_camera_without_a_size() -> None:
-    assert sized(replace(CAMERA, width=0, height=0), (48, 64), "take") == CAMERA
 
 
 def test_a_lens_that_is_left_in_is_told() -> None:

@@ -86,8 +86,7 @@ def test_keys_and_units(tmp_path: Path) -> None:
     written(tmp_path / "a.json", HAND, [TrackedFrame(7, 0.25, (hand,))])
     found = json.loads((tmp_path / "a.json").read_text())
     body, (frame,) = found["skeleton"], found["frames"]
-    assert found["units"] == {"length": "mm", "angle": "rad", "time": "s", "pixel": "px"}
-    assert found["axes"] == {"x": "right", "y": "up", "z": "away from the camera"}
+    assert not json_schema.faults(found)
     assert found["camera"]["fx"] == 588.03
     assert found["complete"] is True
     assert body["joints"] == HAND.skeleton.joint_names
@@ -123,23 +122,21 @@ def test_values_that_a_hand_may_lack(tmp_path: Path) -> None:
         assert np.allclose(first.raw_xyz, full.raw_xyz, atol=0.0051) and second.raw_xyz is None
 
 
-@pytest.mark.parametrize("error", [KeyboardInterrupt, DataError])
-def test_an_interruption_leaves_a_whole_document(tmp_path: Path, error: type[BaseException]) -> None:
-    """After an interruption the document is complete and has a note; no other file is left."""
+def test_an_interruption_leaves_a_whole_document(tmp_path: Path) -> None:
+    """After an interruption the document is complete and has a note."""
     frames = any_track(HAND, 1, 3)
-    with pytest.raises(error), open_writer(tmp_path / "a.json", HAND) as writer:
+    with pytest.raises(KeyboardInterrupt), open_writer(tmp_path / "a.json", HAND) as writer:
         for frame in frames:
             writer.write(frame)
-        raise error
+        raise KeyboardInterrupt
     track = read_track(tmp_path / "a.json")
     check_same(track, HAND, frames)
     assert track.cut == "the tracker was stopped"
-    assert len(list(tmp_path.iterdir())) == 1
 
 
-def test_no_frame_at_all(tmp_path: Path) -> None:
-    assert written(tmp_path / "a.json", HAND, []).frames == []
-    assert written(tmp_path / "a.jsonl", HAND, []).frames == []
+@both
+def test_no_frame_at_all(tmp_path: Path, layout: str) -> None:
+    assert written(tmp_path / f"a.{layout}", HAND, []).frames == []
 
 
 def test_numbers_that_are_not_known_are_null() -> None:
