@@ -279,14 +279,12 @@ def find(document: Any, where: str, is_replaced: bool = False) -> Found:
         numbers = _numbers(document) or []
         is_sized = len(numbers) == 6  # fx, fy, cx, cy, width, height
         document = {"matrix": numbers[:4], "size": numbers[4:]} if is_sized else {"matrix": document}
-    chosen = _chosen(document)
+    chosen = _chosen(document) or [(("", document),)]
     found = [Found(chain, where, is_replaced) for chain in chosen]
-    if not found:
-        return Found((("", document),), where, is_replaced)
-    if len({one.info for one in found}) == 1:
-        return found[0]
-    names = ", ".join(dict.fromkeys(map(_name_of, chosen)))
-    raise DataError(f"{where}: has several cameras: {names}; expected one, or one of depth")
+    if len({one.info for one in found}) > 1:
+        names = ", ".join(dict.fromkeys(map(_name_of, chosen)))
+        raise DataError(f"{where}: has several cameras: {names}; expected one, or one of depth")
+    return found[0]
 
 
 _Chain = tuple[tuple[str, dict[str, Any]], ...]  # names and objects, from the document to one within it

@@ -44,14 +44,11 @@ def read_track(path: str | Path) -> Track:
     head = _value_or_none(first)
     if isinstance(head, dict) and "frames" not in head:
         return _read_lines(path, Fields(head, f"{path}:1"), rest)
-    return _read_document(Fields(parsed(text, str(path)), str(path)))
-
-
-def _read_document(fields: Fields) -> Track:
-    header = header_of(fields)
+    document = Fields(parsed(text, str(path)), str(path))
+    header = header_of(document)
     values = FrameValues(header)
-    frames = [values.frame(frame) for frame in fields.parts("frames")]
-    return Track(header, frames, "" if fields.truth("complete") else "the tracker was stopped")
+    frames = [values.frame(frame) for frame in document.parts("frames")]
+    return Track(header, frames, "" if document.truth("complete") else "the tracker was stopped")
 
 
 def _read_lines(path: str | Path, head: Fields, text: str) -> Track:
