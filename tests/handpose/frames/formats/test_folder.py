@@ -34,9 +34,6 @@ def test_frames_by_number(folder: Path) -> None:
     assert recording.remarks == (
         "frames in the order of the numbers in their names; numbers missing between 1 and 4: 1, which stay gaps in "
         "time (--time-unit if they are times)", "camera own, by --camera")
-
-
-def test_the_rate_is_assumed_and_said(folder: Path) -> None:
     recording = FolderRecording(folder, replace(GIVEN, rate=None))
     assert [frame.time for frame in recording] == [0, 1 / 30, 0.1]
     assert recording.remarks[-1].startswith("rate unknown: 30 frames per second assumed")
