@@ -29,7 +29,7 @@ COMPRESSED = "sensor_msgs/msg/CompressedImage"
 GIVEN = CameraInfo(camera=Camera("own", 60, 60, 32, 24, 0, 0), origin="--camera")
 KINDS: dict[str, Any] = {
     "realsense.bag": bags.write_realsense,
-    "older.bag": functools.partial(bags.write_realsense, tail=False, unit_m=0.001, option="Depth Units"),
+    "older_realsense.bag": functools.partial(bags.write_realsense, tail=False, option="Depth Units"),
     "plain.bag": bags.write_ros1,
     "bz2.bag": functools.partial(bags.write_ros1, compression="BZ2"),
     "sqlite": bags.write_ros2,
