@@ -125,6 +125,7 @@ class _Stack:
         with atomic.error_names(self._path):
             self._kept.write(values.astype("<u2").tobytes())
         self._times.append(time)
+        self._size = values.shape
 
     def close(self) -> None:
         """Make the file of all whole frames."""
@@ -133,9 +134,7 @@ class _Stack:
                 atomic.replace(self._path, self._fill)
 
     def _fill(self, fresh: Path) -> None:
-        camera = self._given.camera
-        assert isinstance(camera, Camera)  # of a recording
-        shape = (len(self._times), camera.height, camera.width)
+        shape = (len(self._times), *self._size)
         said = camera_file.to_text(replace(self._given, time_unit="s"))
         with zipfile.ZipFile(fresh, "w", zipfile.ZIP_DEFLATED, compresslevel=FASTEST) as archive:
             for name, small in (("time", np.array(self._times)), ("camera", np.array(said))):
