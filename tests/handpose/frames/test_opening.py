@@ -81,6 +81,9 @@ def test_a_unit_of_times_where_there_is_none(
 @bad_inputs(DataError, {
     **{name: f"{name}: no such file" for name in ("none.npz", "none.mkv", "none.bag")},
     **{name: f"{name}: no such file or folder" for name in ("none", "none/of/these.png")},
+    "a null character": ("a\0b", r"a\x00b: no such file or folder"),
+    "5000 letters": ("x" * 5000, "xxx...xxx: no such file or folder"),
+    "loop": "loop: no such file or folder (did you mean 'loop'?)",
     "a.raw": "a.raw: values without a header, as rs-convert -r ...(rs-convert -p), or give their height and width; ...",
     "a.txt": "a.txt: not a recording; expected a folder of 16-bit PNG, ..., .npz, ...: realsense or realsense:SERIAL",
 })
@@ -91,6 +94,7 @@ def test_what_is_no_recording(
     monkeypatch.chdir(tmp_path)
     Path("a.txt").touch()
     Path("a.raw").touch()
+    Path("loop").symlink_to("loop")
     with rejected:
         open_recording(given)
     assert not asked

@@ -99,20 +99,6 @@ def test_places_that_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert {path: path.is_file() and path.read_bytes() for path in Path().rglob("*")} == before
 
 
-@bad_inputs(DataError, {
-    "a null character": ("a\0b", r"a\x00b: no such file or folder"),
-    "5000 letters": ("x" * 5000, "xxx...xxx: no such file or folder"),
-    "loop": "loop: no such file or folder (did you mean 'loop'?)",
-})
-def test_a_name_that_no_recording_can_have(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "loop").symlink_to("loop")
-    with rejected:
-        open_recording(given)
-
-
 @pytest.mark.parametrize("name", ["take", "take.npz"])
 def test_without_frames_there_is_no_recording(tmp_path: Path, name: str) -> None:
     write(tmp_path / name, [])
