@@ -28,7 +28,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
@@ -235,7 +235,10 @@ RANGES = {  # exclusive lower and inclusive upper bounds
     "rate": (1e-6, 1e4), "width": (0, 1 << 14), "height": (0, 1 << 14), "min_range_mm": (0, 1e4),
 }
 MIN_RANGE = "min_range_mm"
-TIME_UNITS = ("s", "ms", "us", "ns", "frames")
+TICKS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}  # per second, of the units of times
+FRAMES = "frames"  # the unit of numbers that count frames
+TIME_UNITS = (*TICKS, FRAMES)
+EPOCH = (946684800, 4102444800)  # s since 1970 of the years 2000 and 2100
 INTRINSICS, SIZE = ("fx", "fy", "u0", "v0"), ("width", "height")
 BROWN = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")  # in OpenCV's order
 LENS = ("distortion", "model", "coefficients", *BROWN)
@@ -263,6 +266,14 @@ ALIASES = {key.replace("_", ""): key for key in KNOWN} | {alias: key for key, al
 IN_METRES, PER_METRE = 0.01, 100.0  # a depth scale below, and from here on
 OF_DEPTH, OF_COLOUR = re.compile(r"depth|infra|(?<![a-z])ir(?![a-z])", re.I), re.compile(r"colou?r|rgb", re.I)
 MAX_NAMES = 8  # of unused keys that are named
+
+
+def since_1970(numbers: Sequence[float]) -> str | None:
+    """The unit in which all numbers are times from 2000 to 2100; None without one."""
+    for unit, ticks in TICKS.items():
+        if all(EPOCH[0] * ticks <= number < EPOCH[1] * ticks for number in numbers):
+            return unit
+    return None
 
 
 def find(document: Any, where: str, is_replaced: bool = False) -> Found:

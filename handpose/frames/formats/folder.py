@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.frames import camera_file
+from handpose.frames.camera_file import FRAMES, TICKS, since_1970
 from handpose.frames.cameras import NYU
 from handpose.frames.formats import PICTURES, conversion
 from handpose.frames.images import read_picture, unpack_depth
@@ -140,10 +141,7 @@ def _grey(image: NDArray[Any], packed: bool, path: Path) -> NDArray[Any]:
 
 # ---------------------------------------------------------------------------------------------- names
 
-TICKS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}  # per second
 NANO = TICKS["ns"]
-FRAMES = "frames"  # the unit of numbers that count frames
-EPOCH = (946684800, 4102444800)  # s since 1970 of the years 2000 and 2100
 NAMED_UNIT = re.compile(r"(?<!\d)(\d+)([mun]s)(?:ec)?(?![A-Za-z])")
 SINCE_1970 = re.compile(r"(?<!\d)(\d{9,19})(?:\.(\d+)|(?<=(?<!\d)\d{10})[_-](\d{6}|\d{9}))?(?!\d)")
 DATE = re.compile(r"(?<!\d)20\d\d\D?[01]\d\D?[0-3]\d(?:\D{0,4}[0-2]\d\D?[0-5]\d\D?[0-5]\d(?:\.\d+)?)?")
@@ -187,14 +185,6 @@ def in_order(names: Iterable[str], where: str, unit: str | None = None) -> tuple
     shown = ", ".join(f"{pattern} ({count})" for pattern, count in sequences[:MAX_SHOWN])
     example = min((pattern for pattern, _ in sequences), key=lambda pattern: "depth" not in pattern.lower())
     raise DataError(f"{where}: holds {len(sequences)} sequences: {shown}{more}; name one, as '{where}/{example}'")
-
-
-def since_1970(numbers: Sequence[float]) -> str | None:
-    """The unit in which all numbers are times from 2000 to 2100; None without one."""
-    for unit, ticks in TICKS.items():
-        if all(EPOCH[0] * ticks <= number < EPOCH[1] * ticks for number in numbers):
-            return unit
-    return None
 
 
 def _sorted(names: Sequence[str], found: Reading, where: str) -> tuple[list[str], Reading]:

@@ -26,7 +26,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from handpose.frames import camera_file
-from handpose.frames.formats.folder import FRAMES, TICKS, since_1970
+from handpose.frames.camera_file import FRAMES, TICKS, since_1970
 from handpose.frames.recording import RATE, UNKNOWN, CameraInfo, DepthDecoder, DepthFrame, Recording, check_values
 from netlib import files
 from netlib.errors import DataError, NetlibError, reason_of, system_error_of
