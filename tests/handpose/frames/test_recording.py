@@ -14,7 +14,7 @@ from handpose.frames.lens import Lens, Undistorter
 from handpose.frames.recording import UNKNOWN, CameraInfo, DepthDecoder, stored
 from tests.handpose.frames.conftest import CAMERA, hand_sized
 
-U16, F32 = np.dtype(np.uint16), np.dtype(np.float32)
+U16 = np.dtype(np.uint16)
 
 
 def decode(raw: np.ndarray, unit_mm: float = 0.5) -> np.ndarray:

@@ -24,8 +24,7 @@ from tests.support.bad_input import bad_inputs
 pytest.importorskip("rosbags", reason="rosbags is missing: pip install rosbags")
 
 DEPTH = np.random.default_rng(0).integers(0, 4000, (4, 48, 64)).astype(np.uint16)
-IMAGE, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
-COMPRESSED = "sensor_msgs/msg/CompressedImage"
+IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 GIVEN = CameraInfo(camera=Camera("own", 60, 60, 32, 24, 0, 0), origin="--camera")
 KINDS: dict[str, Any] = {
     "realsense.bag": bags.write_realsense,
