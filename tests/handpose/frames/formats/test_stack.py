@@ -79,6 +79,10 @@ def test_a_stack_by_another_name(tmp_path: Path) -> None:
     assert StackRecording(tmp_path / "other.npz", GIVEN).count == 4
 
 
+def test_a_single_frame_has_no_rate(tmp_path: Path) -> None:
+    assert StackRecording(save(tmp_path / "one.npy", DEPTH[:1]), replace(GIVEN, rate=None)).rate is None
+
+
 EXPECTED = "expected an array depth (frames, height, width)"
 
 
