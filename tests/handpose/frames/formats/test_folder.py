@@ -157,6 +157,7 @@ NANO = 10**9
         ([f"v1.{n}.png" for n in range(98, 102)], tuple(range(4)), 0, "numbers"),
         (["background.png"], (0,), 0, "numbers"),
         (["z_34512.png", "z_34545.png"], (0, 33), 0, "(--time-unit if they are times)"),
+        (["5000000000.png", "5000000033.png"], (0, 33), 0, "numbers"),  # too late in s, too early in ms
         (["frame1616799936.png", "frame1616799938.png"], (0, 2 * NANO), NANO, "in s since 1970"),
         (["1616799936125.png", "1616799936158.png"], (0, 33 * 10**6), NANO, "in ms since 1970: a frame every 33 ms"),
         (["1616799936125000.png", "1616799936158000.png"], (0, 33 * 10**6), NANO, "in us since 1970"),
