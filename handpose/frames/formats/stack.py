@@ -48,22 +48,21 @@ class StackRecording(Recording):
         self.name, self.count = where, count = str(path), frames.shape[0]
         camera_json, others = camera_file.next_to(path), frames.others
         own, fields = _parameters(others, where, given)
+        used = [name for name, field in fields.items() if getattr(given, field, None) is None
+                and not (field == "lens" and given.camera)]
+        taken = [f"parameters from {', '.join(map(repr, used))}"] if used else []
         self._times, times = None, _name_of_times(others, count)
         if times is not None:
             numbers = _checked(others[times], count, f"{where}: {times}")
             unit, how = _unit_of_times(times, numbers, where, given.time_unit, own, camera_json)
             rate = given.or_else(own).or_else(camera_json).rate or RATE
             self._times = numbers / (rate if unit == FRAMES else TICKS[unit])
+            taken.append(f"times from {times!r}, {how}")
         elif given.time_unit is not None:
             raise DataError(f"{path}: has no times, so --time-unit has no meaning; expected an array time")
         self._decode = decode = DepthDecoder(frames.shape[1:], frames.dtype, where, given, own, camera_json)
         self.camera, self.unit_mm = decode.camera, decode.unit_mm
         self.rate, assumed = (decode.rate, ()) if times is not None or count == 1 else decode.paced()
-        used = [name for name, field in fields.items() if getattr(given, field, None) is None
-                and not (field == "lens" and given.camera)]
-        taken = [f"parameters from {', '.join(map(repr, used))}"] if used else []
-        if times is not None:
-            taken.append(f"times from {times!r}, {how}")
         self.remarks = (*(["; ".join(taken)] if taken else []), *decode.remarks, *assumed)
         unused = [name for name in frames.names if name not in fields and name != times]
         self.warnings = (_not_used(unused),) if unused else ()
