@@ -53,7 +53,8 @@ class FolderRecording(Recording):
         known = given.or_else(camera_json)
         self._packed = known.camera == NYU
         self._names, self._reading = in_order(names, str(self.folder), known.time_unit)
-        path, image = _first_whole(self.folder, self._names)
+        self._remarks: tuple[str, ...] = ()
+        _, path, image = next(self._pictures())
         raw = _grey(image, self._packed, path)
         if path.suffix.lower() in (".tif", ".tiff") and (pictures := cv2.imcount(str(path))) > 1:
             raise DataError(f"{path}: a TIFF of {pictures} pictures; expected one for each frame, or all in an .npy")
@@ -68,19 +69,26 @@ class FolderRecording(Recording):
 
     def __iter__(self) -> Iterator[DepthFrame]:
         """The frames that can be read. Raises DataError for one of another size or kind, and for a system error."""
-        damaged, first = 0, ""
         ticks = self._reading.ticks or self.rate or 1.0
-        for number, (name, time) in enumerate(zip(self._names, self._reading.times)):
-            path = self.folder / name
+        for number, path, image in self._pictures():
+            values = _grey(image, self._packed, path)
+            yield DepthFrame(number, self._reading.times[number] / ticks, self._decode(values, str(path)))
+
+    def _pictures(self) -> Iterator[tuple[int, Path, NDArray[Any]]]:
+        """The pictures that can be read, with their numbers. Raises DataError if none can, and for a system error."""
+        damaged: list[DataError] = []
+        for number, name in enumerate(self._names):
             try:
-                image = read_picture(path)
+                image = read_picture(self.folder / name)
             except DataError as error:
                 if system_error_of(error):
                     raise
-                damaged, first = damaged + 1, first or str(error)
-                self.remarks = (*self._remarks, f"{damaged} damaged frames are left out, the first: {first}")
-                continue
-            yield DepthFrame(number, time / ticks, self._decode(_grey(image, self._packed, path), str(path)))
+                damaged.append(error)
+                self.remarks = (*self._remarks, f"{len(damaged)} damaged frames are left out, the first: {damaged[0]}")
+            else:
+                yield number, self.folder / name, image
+        if len(damaged) == len(self._names):
+            raise damaged[0]
 
 
 def _frames_in(source: Path) -> tuple[Path, list[str]]:
@@ -113,20 +121,6 @@ def _no_frames(folder: Path) -> str:
     kind = next((kind for name in names if (kind := PurePath(name).suffix.lower()) in (".npy", ".raw")), None)
     advice = f": {conversion(kind)}" if kind else f"; name the folder of the frames, as '{inner}'" if inner else ""
     return f"{folder}: holds no depth frames (16-bit grey PNG or TIFF); found {shown}{advice}"
-
-
-def _first_whole(folder: Path, names: Sequence[str]) -> tuple[Path, NDArray[Any]]:
-    """The first frame that can be read. Raises DataError if none can."""
-    first = None
-    for name in names:
-        try:
-            return folder / name, read_picture(folder / name)
-        except DataError as error:
-            if system_error_of(error):
-                raise
-            first = first or error
-    assert first is not None
-    raise first
 
 
 def _grey(image: NDArray[Any], packed: bool, path: Path) -> NDArray[Any]:

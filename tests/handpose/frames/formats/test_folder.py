@@ -87,6 +87,13 @@ def test_a_damaged_frame_is_left_out_and_said(folder: Path, name: str, left: lis
             *before, f"1 damaged frames are left out, the first: {path}: truncated or damaged PNG")
 
 
+def test_no_frame_is_whole(folder: Path) -> None:
+    for path in folder.iterdir():
+        path.write_bytes(b"")
+    with pytest.raises(DataError, match=r"1\.png: not an image"):
+        FolderRecording(folder, GIVEN)
+
+
 @bad_inputs(DataError, {
     "another size": (hand_sized((24, 32)), "...2.png: 32 x 24 pixels; the camera has 64 x 48"),
     "8 bits": (np.zeros((48, 64), np.uint8),
