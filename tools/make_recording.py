@@ -33,10 +33,10 @@ tools.begin(__name__)
 
 from handpose import CAMERAS, NYU, RecordingWriter
 from handpose.body.sides import SIDES
-from handpose.output.tracks.writing import JsonWriter
+from handpose.output.tracks.writing import open_writer
 from handpose.sequences.recordings import SCRIPTS, SyntheticRecording
 from netlib.errors import NetlibError
-from netlib.files import atomic, make_folder
+from netlib.files import make_folder
 from tools.common.arguments import parser_of, seconds, seed
 from tools.common.console import DONE, guarded, say
 from tools.common.progress import ProgressBar, StoppedError, Stopper
@@ -47,7 +47,7 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
     parser.add_argument("script", metavar="SCRIPT", choices=SCRIPTS, help=", ".join(SCRIPTS))
-    parser.add_argument("--out", required=True, metavar="FOLDER|FILE.npz", type=Path, help="output")
+    parser.add_argument("--out", required=True, metavar="FOLDER|FILE.npz", type=Path, help="output, new")
     parser.add_argument("--camera", type=camera, default=NYU, metavar="NAME|FX,FY,U0,V0",
                         help=f"{', '.join(CAMERAS)}, or four numbers in px (default: nyu)")
     parser.add_argument("--rate", type=rate, default=30.0, metavar="HZ",
@@ -56,7 +56,6 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--hand", choices=SIDES, help="side of the first hand; a second one is the other")
     parser.add_argument("--clean", action="store_true", help="without noise and other artefacts of a camera")
     parser.add_argument("--seed", type=seed, default=0, metavar="N", help="random seed (default: %(default)s)")
-    parser.add_argument("--force", action="store_true", help="replace an existing recording and its ground truth")
     return guarded(run, parser.parse_args(argv))
 
 
@@ -65,24 +64,21 @@ def run(args: argparse.Namespace) -> int:
     if not args.out.name:
         raise NetlibError(f"{args.out}: expected the name of a new folder or FILE.npz")
     truth = args.out.with_name(f"{args.out.stem if args.out.suffix == '.npz' else args.out.name}.truth.json")
-    if truth.exists() and not args.force:
-        raise NetlibError(f"{truth}: exists already; choose another --out, or replace it with --force")
-    with atomic.error_names(truth):
-        make_folder(truth.parent)
-        atomic.require_regular_file(truth)
+    if truth.exists():
+        raise NetlibError(f"{truth}: is there already; choose another --out or remove it")
     recording = SyntheticRecording(
         args.script, args.camera, rate=args.rate, seconds=args.seconds, seed=args.seed,
         clean=args.clean, mirrored=args.hand not in (None, next(iter(SCRIPTS[args.script].acts))),
     )
-    writer = RecordingWriter(args.out, recording.camera, recording.unit_mm, recording.rate, replace=args.force)
+    writer = RecordingWriter(args.out, recording.camera, recording.unit_mm, recording.rate)
+    make_folder(truth.parent)
     try:
         with (
             Stopper() as stopper,
-            JsonWriter(truth, recording.header) as track,
+            open_writer(truth, recording.header) as track,
             writer,
             ProgressBar(recording.count, what="recording") as progress,
         ):
-            truth.unlink(missing_ok=True)  # never that of another recording
             for frame in recording:
                 stopper.check()
                 writer.write(frame)
@@ -91,10 +87,6 @@ def run(args: argparse.Namespace) -> int:
     except StoppedError:
         say(f"stopped; {args.out} and {truth} have {writer.count} frames", file=sys.stderr)
         return 128 + stopper.signum
-    except BaseException:
-        if writer.count:
-            truth.unlink(missing_ok=True)  # the recording may lack its frames, or be an older one
-        raise
     say(f"wrote {args.out}: {writer.count} frames of {writer.count / recording.rate:.1f} s, "
         f"unit {recording.unit_mm:g} mm; ground truth in {truth}")
     return DONE

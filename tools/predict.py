@@ -49,7 +49,7 @@ from handpose.estimate.packaged import predictor_of
 from handpose.estimate.predictor import MAX_REFINE, Predictor
 from handpose.fit.search import PLANS
 from handpose.frames.images import UnitError, read_crop, read_frame
-from handpose.frames.inspection import doubt_of
+from handpose.frames.inspection import checked
 from netlib.errors import DataError
 from netlib.files.paths import ROOT
 from tools.common import arguments, findings, outputs, sources
@@ -149,7 +149,7 @@ def _in_frame(predictor: Predictor, depth: NDArray[Any], middle: Any, image: str
         return predictor.in_frame(depth, middle)
     except DataError as error:
         known = isinstance(error, UnitError) or (middle and len(middle) == 3)
-        doubt = "" if middle else doubt_of(depth, predictor.camera, given.unit_mm)
+        doubt = "" if middle else checked([depth], predictor.camera, given.unit_mm).doubt
         body = "hand" if predictor.is_hand else "body"
         advice = "" if known else f"{doubt and f'; {doubt}'}; give the position of the {body} with --center U,V,D"
         raise DataError(f"{image}: {error}{advice}") from None

@@ -9,7 +9,7 @@ SOURCE is a folder of 16-bit PNG or a quoted pattern of their names, an array fi
 realsense, a connected camera. --out is a folder of 16-bit PNG, named by their times, with a camera.json, or FILE.npz.
 The output is undistorted.
 
-Ctrl-C ends a recording and keeps it. Nothing is overwritten without --force.
+Ctrl-C ends a recording and keeps it. Nothing is overwritten.
 """
 
 from __future__ import annotations
@@ -40,9 +40,8 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
     add_source_options(parser)
-    parser.add_argument("--out", required=True, metavar="FOLDER|FILE.npz", type=Path, help="output")
+    parser.add_argument("--out", required=True, metavar="FOLDER|FILE.npz", type=Path, help="output, new")
     parser.add_argument("--seconds", type=seconds, metavar="S", help="maximum duration")
-    parser.add_argument("--force", action="store_true", help="replace an existing output")
     return guarded(run, parser.parse_args(argv))
 
 
@@ -52,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
     outputs.refuse_inputs(args.out, [source, source.parent], "contains the source")
     with opened(args) as recording:
         unit = min(recording.unit_mm, COARSEST_MM)
-        writer = RecordingWriter(args.out, recording.camera, unit, recording.rate, replace=args.force)
+        writer = RecordingWriter(args.out, recording.camera, unit, recording.rate)
         seen = inspect(recording)
         print_inspection(seen)
         try:

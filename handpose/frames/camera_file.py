@@ -28,7 +28,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
@@ -36,7 +36,6 @@ from typing import Any, NoReturn
 import numpy as np
 
 from handpose.frames.cameras import MIN_FOCAL_PX, MIN_RANGE_MM, Camera
-from handpose.frames.json_fields import parsed
 from handpose.frames.lens import Lens, lens_of
 from handpose.frames.recording import CameraInfo
 from netlib import files
@@ -129,6 +128,25 @@ def parse_document(text: str, where: str) -> Any:
     return _of_lines(text, where)
 
 
+def parsed(text: str, where: str) -> Any:
+    """The value of a JSON text without repeated keys. Raises DataError."""
+
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        for key, value in pairs:
+            if key in found:
+                raise DataError(f"{where}: has {key!r} twice")
+            found[key] = value
+        return found
+
+    try:
+        return json.loads(text, object_pairs_hook=unique)
+    except RecursionError:
+        raise DataError(f"{where}: JSON of too many levels") from None
+    except ValueError as error:  # JSONDecodeError, and integers of thousands of digits
+        raise DataError(f"{where}: not whole JSON: {error}") from None
+
+
 def _of_lines(text: str, where: str) -> dict[str, Any]:
     """The value of lines ``key: value`` or ``key = value``.
 
@@ -217,7 +235,10 @@ RANGES = {  # exclusive lower and inclusive upper bounds
     "rate": (1e-6, 1e4), "width": (0, 1 << 14), "height": (0, 1 << 14), "min_range_mm": (0, 1e4),
 }
 MIN_RANGE = "min_range_mm"
-TIME_UNITS = ("s", "ms", "us", "ns", "frames")
+TICKS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}  # per second, of the units of times
+FRAMES = "frames"  # the unit of numbers that count frames
+TIME_UNITS = (*TICKS, FRAMES)
+EPOCH = (946684800, 4102444800)  # s since 1970 of the years 2000 and 2100
 INTRINSICS, SIZE = ("fx", "fy", "u0", "v0"), ("width", "height")
 BROWN = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")  # in OpenCV's order
 LENS = ("distortion", "model", "coefficients", *BROWN)
@@ -247,6 +268,14 @@ OF_DEPTH, OF_COLOUR = re.compile(r"depth|infra|(?<![a-z])ir(?![a-z])", re.I), re
 MAX_NAMES = 8  # of unused keys that are named
 
 
+def since_1970(numbers: Sequence[float]) -> str | None:
+    """The unit in which all numbers are times from 2000 to 2100; None without one."""
+    for unit, ticks in TICKS.items():
+        if all(EPOCH[0] * ticks <= number < EPOCH[1] * ticks for number in numbers):
+            return unit
+    return None
+
+
 def find(document: Any, where: str, is_replaced: bool = False) -> Found:
     """The camera in a document of plain values; ``where`` begins errors.
 
@@ -261,14 +290,12 @@ def find(document: Any, where: str, is_replaced: bool = False) -> Found:
         numbers = _numbers(document) or []
         is_sized = len(numbers) == 6  # fx, fy, cx, cy, width, height
         document = {"matrix": numbers[:4], "size": numbers[4:]} if is_sized else {"matrix": document}
-    chosen = _chosen(document)
+    chosen = _chosen(document) or [(("", document),)]
     found = [Found(chain, where, is_replaced) for chain in chosen]
-    if not found:
-        return Found((("", document),), where, is_replaced)
-    if len({one.info for one in found}) == 1:
-        return found[0]
-    names = ", ".join(dict.fromkeys(map(_name_of, chosen)))
-    raise DataError(f"{where}: has several cameras: {names}; expected one, or one of depth")
+    if len({one.info for one in found}) > 1:
+        names = ", ".join(dict.fromkeys(map(_name_of, chosen)))
+        raise DataError(f"{where}: has several cameras: {names}; expected one, or one of depth")
+    return found[0]
 
 
 _Chain = tuple[tuple[str, dict[str, Any]], ...]  # names and objects, from the document to one within it
@@ -403,40 +430,52 @@ class Found:
     def _set(self, key: str, value: Any, name: str) -> None:
         if key in self._values:
             self._refuse(f"says {key} twice" + (f", once as {name}" if key != name else ""))
-        self._values[key] = value
+        self._values[key] = self._checked(key, value)
         self.fields[name] = "lens" if key in LENS else key if key in FIELDS else "camera"
+
+    def _checked(self, key: str, value: Any) -> Any:
+        """The value of a key, numbers as such. Raises DataError for one of another kind, or out of range."""
+        if key == "coefficients":
+            if (numbers := _numbers(value)) is None:
+                self._refuse(f"distortion is {_shown(value)}; expected a list of numbers: k1, k2, p1, p2, k3 ...")
+            return numbers
+        if key == "time_unit":
+            if value not in TIME_UNITS:
+                self._refuse(f"time_unit is {_shown(value)}; expected {', '.join(TIME_UNITS)}")
+            return value
+        if key in ("name", "model"):
+            if not isinstance(value, str):
+                self._refuse(f"{key} is {_shown(value)}; expected a text")
+            return value
+        low, high = RANGES.get(key, (-math.inf, math.inf))
+        if not _is_number(value) or not low < value <= high:
+            expected = f"more than {low:g} and at most {high:g}" if key in RANGES else "that is finite"
+            self._refuse(f"{key} is {_shown(value)}; expected a number {expected}")
+        if key in SIZE and value % 1:
+            self._refuse(f"{key} is {value}; expected a whole number")
+        return int(value) if key in SIZE else float(value)
 
     def _info(self) -> CameraInfo:
         """The parameters. Raises DataError."""
-        camera = None
+        camera, said = None, self._values
         if self._all_or_none(INTRINSICS):
-            fx, fy, u0, v0 = (self._number(key) for key in INTRINSICS)
-            sized = self._all_or_none(SIZE)
-            width, height = (self._whole(key) if sized else 0 for key in SIZE)
-            min_range = self._number(MIN_RANGE) if MIN_RANGE in self._values else MIN_RANGE_MM
-            camera = Camera(self._text("name", "own"), fx, fy, u0, v0, width, height, min_range)
-        elif stray := [key for key in (*SIZE, "name", MIN_RANGE) if key in self._values]:
+            self._all_or_none(SIZE)
+            fx, fy, u0, v0, width, height = (said.get(key, 0) for key in (*INTRINSICS, *SIZE))
+            near = said.get(MIN_RANGE, MIN_RANGE_MM)
+            camera = Camera(said.get("name", "own"), fx, fy, u0, v0, width, height, near)
+        elif stray := [key for key in (*SIZE, "name", MIN_RANGE) if key in said]:
             self._refuse(f"has {stray[0]}, but not fx, fy, u0, v0")
-        unit, rate = (self._number(key) if key in self._values else None for key in ("unit_mm", "rate"))
-        time_unit = self._values.get("time_unit")
-        if time_unit not in (None, *TIME_UNITS):
-            self._refuse(f"time_unit is {_shown(time_unit)}; expected {', '.join(TIME_UNITS)}")
-        return CameraInfo(camera, self._lens(), unit, rate, self._where, time_unit)
+        unit_mm, rate, time_unit = (said.get(key) for key in FIELDS)
+        return CameraInfo(camera, self._lens(), unit_mm, rate, self._where, time_unit)
 
     def _lens(self) -> Lens | None:
-        model = self._text("model", "brown_conrady")
-        named = any(key in self._values for key in BROWN)
-        values = [self._number(key) if key in self._values else 0.0 for key in BROWN] if named else []
-        if "coefficients" in self._values:
-            if named:
-                self._refuse("says the distortion twice, once as k1 ... or p1 ...")
-            found = _numbers(given := self._values["coefficients"])
-            if found is None:
-                self._refuse(f"distortion is {_shown(given)}; expected a list of numbers: k1, k2, p1, p2, k3 ...")
-            values = found
-        elif not named and "model" not in self._values:
+        said = self._values
+        by_name = [said.get(key, 0.0) for key in BROWN] if not said.keys().isdisjoint(BROWN) else []
+        if by_name and "coefficients" in said:
+            self._refuse("says the distortion twice, once as k1 ... or p1 ...")
+        if not (by_name or "coefficients" in said or "model" in said):
             return None
-        return lens_of(model, values, self._where)
+        return lens_of(said.get("model", "brown_conrady"), said.get("coefficients", by_name), self._where)
 
     def _all_or_none(self, keys: tuple[str, ...]) -> bool:
         """True if all of the keys are present, False if none is; raises DataError otherwise."""
@@ -445,25 +484,6 @@ class Found:
             there = next(key for key in keys if key in self._values)
             self._refuse(f"has {there}, but not {' and '.join(missing)}")
         return not missing
-
-    def _number(self, key: str) -> float:
-        value = self._values[key]
-        low, high = RANGES.get(key, (-math.inf, math.inf))
-        if not _is_number(value) or not low < value <= high:
-            expected = f"more than {low:g} and at most {high:g}" if key in RANGES else "that is finite"
-            self._refuse(f"{key} is {_shown(value)}; expected a number {expected}")
-        return float(value)
-
-    def _whole(self, key: str) -> int:
-        if self._number(key) % 1:
-            self._refuse(f"{key} is {self._values[key]}; expected a whole number")
-        return int(self._values[key])
-
-    def _text(self, key: str, default: str) -> str:
-        value = self._values.get(key, default)
-        if not isinstance(value, str):
-            self._refuse(f"{key} is {_shown(value)}; expected a text")
-        return value
 
 
 def _of_matrix(value: Any, where: str) -> list[float]:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from handpose.frames.cameras import UNIT_MM
 from handpose.frames.crops import SIZE, numbers
-from handpose.frames.recording import UNKNOWN, CameraInfo, decoder_of
+from handpose.frames.recording import CameraInfo, DepthDecoder
 from netlib import files
 from netlib.blob import Array
 from netlib.errors import DataError, system_error_of
@@ -70,7 +70,7 @@ def read_frame(path: str | Path, given: CameraInfo) -> NDArray[np.float32]:
         raise DataError(f"{path}: found {image.dtype} {image.shape}; expected a 16-bit grey PNG of depth")
     if given.unit_mm is None and given.camera is not None:
         given = replace(given, unit_mm=UNIT_MM.get(given.camera.name, 1.0))
-    return decoder_of(given, UNKNOWN, UNKNOWN, image.shape, image.dtype, str(path))(image)
+    return DepthDecoder(image.shape, image.dtype, str(path), given)(image)
 
 
 def read_crop(path: str | Path) -> NDArray[np.float32]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -61,53 +62,62 @@ class Inspection:
         return iter(self.recording) if self.recording.live else chain(self.frames, self.rest)
 
 
-def inspect(recording: Recording, frames: int = FRAMES) -> Inspection:
+def inspect(recording: Recording) -> Inspection:
     """Inspect the first frames of a recording. Raises DataError if none can be read."""
     iterator = iter(recording)
-    seen = tuple(islice(iterator, frames))
+    seen = tuple(islice(iterator, FRAMES))
     if not seen:
         raise DataError(f"{recording.name}: no frame in it{recording.cut and f': {recording.cut}'}")
-    camera = recording.camera
-    values = np.concatenate([frame.depth[frame.depth > 0] for frame in seen])
-    low, middle, high = np.percentile(values, (1, 50, 99)).tolist() if len(values) else (0.0, 0.0, 0.0)
-    near = next((found for frame in seen if (found := nearest_thing(frame.depth, camera)) is not None), None)
-    warnings = [
-        *recording.warnings,
-        *_of_camera(camera),
-        *((f"no depth in the first {len(seen)} frames: every depth is 0; is the camera covered, or the hand too near?",)
-          if not len(values) else ()),
-        *(_of_depths(near, recording.unit_mm, values, camera) if near else ()),
-    ]
+    shown = checked([frame.depth for frame in seen], recording.camera, recording.unit_mm)
+    depth_mm, warnings = None, [*recording.warnings, *shown.of_camera, *shown.of_depths]
+    if len(shown.readings):
+        low, middle, high = np.percentile(shown.readings, (1, 50, 99)).tolist()
+        depth_mm = (low, middle, high)
+    else:
+        warnings.append(f"no depth in the first {len(seen)} frames: every depth is 0; is the camera covered, or the "
+                        "hand too near?")
     return Inspection(
         recording=recording,
         remarks=recording.remarks,
         frames=seen,
         rest=iter(()) if recording.live else iterator,
-        depth_mm=(low, middle, high) if len(values) else None,
-        zeros=1 - len(values) / sum(frame.depth.size for frame in seen),
-        nearest=near,
+        depth_mm=depth_mm,
+        zeros=1 - len(shown.readings) / sum(frame.depth.size for frame in seen),
+        nearest=shown.nearest,
         warnings=tuple(warnings),
-        doubt=_doubt(near, recording.unit_mm) if near else "",
+        doubt=shown.doubt,
     )
 
 
-def warnings_of(depth: NDArray[np.float32], camera: Camera, unit_mm: float, unit_is_known: bool = False) -> list[str]:
-    """Likely errors of the camera and the unit of a single frame (height, width) in mm, one line each.
+class Checked(NamedTuple):
+    """What frames show, and what is likely wrong with their parameters, one line each.
 
-    With ``unit_is_known`` only the camera is checked.
+    readings   (N,) mm, of all frames
+    nearest    distance and width in mm of the nearest object, None without a reading
+    of_camera  warnings about its focal lengths and its principal point
+    of_depths  about the unit and the range of the depths
+    doubt      why the unit may be wrong if no hand is found, else empty
     """
-    near = None if unit_is_known else nearest_thing(depth, camera)
-    values = depth[depth > 0]
-    return [*_of_camera(camera), *(_of_depths(near, unit_mm, values, camera) if near else ())]
+
+    readings: NDArray[np.float32]
+    nearest: tuple[float, float] | None
+    of_camera: tuple[str, ...]
+    of_depths: tuple[str, ...]
+    doubt: str
 
 
-def doubt_of(depth: NDArray[np.float32], camera: Camera, unit_mm: float | None = None) -> str:
-    """Why the unit of a frame (height, width) in mm without a hand may be wrong; else empty.
-
-    The default unit is that of the camera.
-    """
-    near = nearest_thing(depth, camera)
-    return _doubt(near, unit_mm or UNIT_MM.get(camera.name, 1.0)) if near else ""
+def checked(frames: Sequence[NDArray[np.float32]], camera: Camera, unit_mm: float | None = None) -> Checked:
+    """Check frames (height, width) in mm, one or more, and their parameters; the default unit is the camera's."""
+    readings = np.concatenate([depth[depth > 0] for depth in frames])
+    nearest = next((found for depth in frames if (found := nearest_thing(depth, camera)) is not None), None)
+    if nearest is None:
+        return Checked(readings, None, tuple(_of_camera(camera)), (), "")
+    warning, doubt = _of_unit(nearest, unit_mm or UNIT_MM.get(camera.name, 1.0))
+    share = float(np.mean(readings < camera.min_range_mm))
+    if not warning and share > MIN_NEAR_SHARE:
+        warning = (f"{share:.1%} of the readings are nearer than {camera.min_range_mm:g} mm, the minimum range of the "
+                   "camera, and count as missing; if it measures them, give min_range_mm in camera.json")
+    return Checked(readings, nearest, tuple(_of_camera(camera)), (warning,) if warning else (), doubt)
 
 
 def nearest_thing(depth: NDArray[np.float32], camera: Camera) -> tuple[float, float] | None:
@@ -154,51 +164,24 @@ def _of_camera(camera: Camera) -> Iterator[str]:
                "which may be for another image size")
 
 
-def _of_depths(
-    nearest: tuple[float, float], unit_mm: float, values: NDArray[np.floating], camera: Camera
-) -> Iterator[str]:
-    wrong = list(_of_unit(nearest, unit_mm))
-    yield from wrong
-    share = 0.0 if wrong else float(np.mean(values < camera.min_range_mm))
-    if share > MIN_NEAR_SHARE:
-        yield (
-            f"{share:.1%} of the readings are nearer than {camera.min_range_mm:g} mm, the minimum range of the camera, "
-            "and count as missing; if it measures them, give min_range_mm in camera.json"
-        )
-
-
-def _of_unit(nearest: tuple[float, float], unit_mm: float) -> Iterator[str]:
+def _of_unit(nearest: tuple[float, float], unit_mm: float) -> tuple[str, str]:
+    """A warning if the nearest object cannot be a hand, and a doubt if it may be one in another unit; else empty."""
     distance, width = nearest
-    near = distance < NEAR_MM or not NARROW_MM <= width <= WIDE_MM
-    far = distance > FAR_MM or (distance > BODY_MM[0] and width > BODY_MM[1])
-    if near or far:
-        others = _other_units(nearest, unit_mm)
-        advice = f"{others}; " if others else ""
-        yield (f"the nearest object is {_length(distance)} away and {_length(width)} wide, which is not plausible "
-               f"for a hand: {advice}check the unit, here {unit_mm:g} mm")
-
-
-def _other_units(nearest: tuple[float, float], unit_mm: float) -> str:
-    """With which units the nearest object may be a hand, and where it would be; empty if with none."""
-    distance, width = nearest
-    parts: list[str] = []
+    others = ""
     for unit in UNITS:
         factor = unit / unit_mm
         plausible = USUAL_MM[0] <= distance * factor <= USUAL_MM[1] and HAND_MM[0] <= width * factor <= HAND_MM[1]
         if plausible and unit != unit_mm:
-            start = f"--unit {unit:g}" if parts else f"with --unit {unit:g} it would be"
-            parts.append(f"{start} {distance * factor / 1000:.2f} m away and {_length(width * factor)} wide")
-    return ", with ".join(parts)
-
-
-def _doubt(nearest: tuple[float, float], unit_mm: float) -> str:
-    distance, width = nearest
-    others = _other_units(nearest, unit_mm)
+            others += f", with --unit {unit:g}" if others else f"with --unit {unit:g} it would be"
+            others += f" {distance * factor / 1000:.2f} m away and {_length(width * factor)} wide"
+    seen = f"the nearest object is {_length(distance)} away and {_length(width)} wide"
+    near = distance < NEAR_MM or not NARROW_MM <= width <= WIDE_MM
+    far = distance > FAR_MM or (distance > BODY_MM[0] and width > BODY_MM[1])
+    warning = (f"{seen}, which is not plausible for a hand: {others and f'{others}; '}check the unit, here "
+               f"{unit_mm:g} mm") if near or far else ""
     is_usual = MIN_RANGE_MM <= distance <= BODY_MM[0] and width <= SMALL_MM
-    if is_usual or not others:
-        return ""
-    return (f"the unit, {unit_mm:g} mm, may be wrong: the nearest object is {_length(distance)} away and "
-            f"{_length(width)} wide, {others}")
+    doubt = f"the unit, {unit_mm:g} mm, may be wrong: {seen}, {others}" if others and not is_usual else ""
+    return warning, doubt
 
 
 def _length(mm: float) -> str:

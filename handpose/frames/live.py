@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.frames.cameras import Camera
-from handpose.frames.recording import RATE, UNKNOWN, CameraInfo, DepthFrame, Recording, decoder_of
+from handpose.frames.recording import RATE, UNKNOWN, CameraInfo, DepthDecoder, DepthFrame, Recording
 from netlib.errors import DataError, NetlibError, reason_of
 
 WAIT_S, WAITS = 1.0, 5  # Ctrl-C is handled after each; a starting camera may need a few seconds
@@ -140,8 +140,8 @@ class LiveRecording(Recording):
             camera = device.info.camera
             if not isinstance(camera, Camera) or not camera.width or device.info.unit_mm is None:
                 raise DataError(f"{device.name}: expected the camera with its width and height, and unit_mm")
-            shape, depth_type = (camera.height, camera.width), np.dtype(np.uint16)
-            self._decode = decoder_of(given, device.info, UNKNOWN, shape, depth_type, self.name)
+            shape = (camera.height, camera.width)
+            self._decode = DepthDecoder(shape, np.dtype(np.uint16), self.name, given, device.info)
             stack.pop_all()
         self.camera, self.unit_mm, self.rate = self._decode.camera, self._decode.unit_mm, self._decode.rate
         self.remarks = self._decode.remarks

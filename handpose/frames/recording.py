@@ -6,7 +6,7 @@ with open_recording("my_frames") as recording:     # handpose.frames.formats
 
 What is known of its camera is ``CameraInfo``: from the user, the file itself, or a camera.json, by order of precedence.
 
-    decode = decoder_of(given, own, camera_json, raw.shape, raw.dtype, "take.bag")
+    decode = DepthDecoder(raw.shape, raw.dtype, "take.bag", given, own, camera_json)
     decode(raw)                                    # (height, width) in mm
 """
 
@@ -27,11 +27,6 @@ from netlib.errors import DataError
 
 RATE = 30.0  # frames per second, if unknown
 MAX_UINT16 = 65535  # maximum of 16 bits
-HEADERLESS = (  # about .raw files
-    "values without a header, as rs-convert -r and the RealSense Viewer write them. Write PNG instead (rs-convert -p), "
-    "or convert them, with their height and width: python -c \"import glob, numpy as np; np.save('take.npy', "
-    "[np.fromfile(name, '<u2').reshape(480, 640) for name in sorted(glob.glob('*.raw'))])\""
-)
 
 
 class DepthFrame(NamedTuple):
@@ -124,7 +119,9 @@ UNKNOWN = CameraInfo()
 
 
 class DepthDecoder:
-    """The parameters of a recording, which convert its stored frames to depth. Raises DataError for an invalid lens.
+    """The parameters of frames of a shape and type, which convert stored values to depth.
+
+    They come from the user (``given``), else from the file itself, else from a camera.json.
 
     camera   of the frames, with their size
     lens     None without distortion
@@ -132,19 +129,47 @@ class DepthDecoder:
     where    name of the recording, for messages
     rate     frames per second, or None
     remarks  assumed values, and the origin of the others, one line each
+
+    Raises DataError for an invalid lens, and if the camera is unknown, or the unit of numbers that may be metres.
     """
 
     def __init__(
-        self, camera: Camera, lens: Lens | None, unit_mm: float, where: str, rate: float | None = None,
-        remarks: tuple[str, ...] = (),
+        self, shape: tuple[int, ...], dtype: np.dtype[Any], where: str, given: CameraInfo, own: CameraInfo = UNKNOWN,
+        camera_json: CameraInfo = UNKNOWN,
     ) -> None:
-        self.camera, self.lens, self.unit_mm, self.where = camera, lens, unit_mm, where
-        self.rate, self.remarks = rate, remarks
-        self._unit = np.float32(unit_mm)
-        try:
-            self._undistort = None if lens is None or lens.is_straight else Undistorter(camera, lens)
-        except DataError as error:
-            raise DataError(f"{where}: {error}") from None
+        check_values(dtype, where)
+        known = given.or_else(own).or_else(camera_json)
+        if known.camera is None:
+            raise DataError(f"{where}: the camera of these frames is unknown; give --camera FILE with its intrinsics "
+                            "from the SDK (also as camera.json next to the frames), or FX,FY,U0,V0, or a model, "
+                            f"{', '.join((*CAMERAS, *VIEWS))}, or --fov DEGREES, its horizontal field of view")
+        self.camera, self.lens, self.rate = sized(known.camera, shape, where), known.lens, known.rate
+        self.where, remarks = where, list[str]()
+        if isinstance(known.camera, View) and known.lens is None:
+            remarks.append(f"camera {known.camera.name}: focal lengths {self.camera.fx:.0f}, {self.camera.fy:.0f} px "
+                           "by the field of view alone, often 5% off; the intrinsics from the SDK are better")
+        elif own.camera is None:
+            remarks.append(f"camera {known.camera.name}, by {given.origin if given.camera else camera_json.origin}")
+        unit = known.unit_mm
+        if unit is None and dtype.kind != "f" and CAMERAS.get(known.camera.name) == known.camera:
+            unit = UNIT_MM.get(known.camera.name, 1.0)
+        if unit is None:
+            if dtype.kind == "f":
+                raise DataError(f"{where}: {dtype} depth of unknown unit; give --unit 1 for mm, --unit 1000 for "
+                                'metres, or write "unit_mm" into a camera.json next to it')
+            unit = 1.0
+            remarks.append("unit unknown: a value of 1 is taken for 1 mm; --unit MM if that is wrong")
+        self.unit_mm, self._unit, self._undistort = unit, np.float32(unit), None
+        if known.lens is not None and not known.lens.is_straight:
+            remarks.append("the distortion of the lens is taken out")
+            try:
+                self._undistort = Undistorter(self.camera, known.lens)
+            except DataError as error:
+                raise DataError(f"{where}: {error}") from None
+        elif own.lens is not None and not own.lens.is_straight:  # the user gave a camera without a lens
+            remarks.append(f"the distortion in {where} is of another camera and is not removed; --distortion "
+                           "if it holds for this one")
+        self.remarks = tuple(remarks)
 
     def __call__(self, raw: NDArray[Any], where: str = "") -> NDArray[np.float32]:
         """Depth (height, width) in mm for stored values of the same shape; 0 without a reading, and for NaN.
@@ -181,44 +206,6 @@ def stored(depth: NDArray[np.float32], unit_mm: float, where: str) -> NDArray[np
         raise DataError(f"{where}: depth from {depth.min():g} to {depth.max():g} mm does not fit into 16 bits of "
                         f"{unit_mm:g} mm; expected 0 to {MAX_UINT16 * unit_mm:g}, or take a larger unit")
     return values.astype(np.uint16)
-
-
-def decoder_of(
-    given: CameraInfo, own: CameraInfo, camera_json: CameraInfo, shape: tuple[int, ...], dtype: np.dtype[Any],
-    where: str,
-) -> DepthDecoder:
-    """The decoder of frames of a shape and type: parameters from the user, else the file itself, else a camera.json.
-
-    Raises DataError if the camera is unknown, or the unit of numbers that may be metres.
-    """
-    check_values(dtype, where)
-    known = given.or_else(own).or_else(camera_json)
-    if known.camera is None:
-        raise DataError(f"{where}: the camera of these frames is unknown; give --camera FILE with its intrinsics from "
-                        "the SDK (also as camera.json next to the frames), or FX,FY,U0,V0, or a model, "
-                        f"{', '.join((*CAMERAS, *VIEWS))}, or --fov DEGREES, its horizontal field of view")
-    remarks = []
-    camera = sized(known.camera, shape, where)
-    if isinstance(known.camera, View) and known.lens is None:
-        remarks.append(f"camera {known.camera.name}: focal lengths {camera.fx:.0f}, {camera.fy:.0f} px by the field of "
-                       "view alone, often 5% off; the intrinsics from the SDK are better")
-    elif own.camera is None:
-        remarks.append(f"camera {known.camera.name}, by {given.origin if given.camera else camera_json.origin}")
-    unit = known.unit_mm
-    if unit is None and dtype.kind != "f" and CAMERAS.get(known.camera.name) == known.camera:
-        unit = UNIT_MM.get(known.camera.name, 1.0)
-    if unit is None:
-        if dtype.kind == "f":
-            raise DataError(f"{where}: {dtype} depth of unknown unit; give --unit 1 for mm, --unit 1000 for metres, or "
-                            'write "unit_mm" into a camera.json next to it')
-        unit = 1.0
-        remarks.append("unit unknown: a value of 1 is taken for 1 mm; --unit MM if that is wrong")
-    if known.lens is not None and not known.lens.is_straight:
-        remarks.append("the distortion of the lens is taken out")
-    elif own.lens is not None and not own.lens.is_straight:  # the user gave a camera without a lens
-        remarks.append(f"the distortion in {where} is of another camera and is not removed; --distortion "
-                       "if it holds for this one")
-    return DepthDecoder(camera, known.lens, unit, where, known.rate, tuple(remarks))
 
 
 def sized(camera: Camera | View, shape: tuple[int, ...], where: str) -> Camera:

@@ -11,7 +11,6 @@ arrays depth (frames, height, width) uint16, time (frames,) s, and camera as JSO
 from __future__ import annotations
 
 import contextlib
-import re
 import shutil
 import zipfile
 from dataclasses import replace
@@ -33,40 +32,34 @@ from netlib.files import atomic
 from netlib.files.paths import exists, names_in
 
 FASTEST = 1  # level of compression: a minute of frames takes seconds
-OURS = re.compile(r"\d{12,}us\.png")
 MICRO = 10**6
 
 
 class RecordingWriter:
     """Writes a recording that exists after the block, also if an exception or Ctrl-C ends it.
 
-    On a full disk a folder keeps all frames so far; FILE.npz, which is written at the end, keeps none, and an old
-    FILE.npz stays.
+    On a full disk a folder keeps all frames so far; FILE.npz, which is written at the end, keeps none.
 
-    path     a folder, or FILE.npz
+    path     a new or empty folder, or a new FILE.npz
     camera   of the frames, with their size; the frames have no distortion
     unit_mm  depth of a stored value of 1: depths are rounded to it, and must fit into 16 bits
     rate     frames per second, if known; every frame keeps its own time
-    replace  an existing recording; a folder's old frames are removed when the first new one is written
 
     Raises NetlibError for an invalid path, DataError for frames that cannot be stored, OSError.
     """
 
-    def __init__(
-        self, path: Path, camera: Camera, unit_mm: float, rate: float | None = None, *, replace: bool = False
-    ) -> None:
+    def __init__(self, path: Path, camera: Camera, unit_mm: float, rate: float | None = None) -> None:
         suffix = path.suffix.lower()
-        self._is_folder = suffix not in (*STACKS, *CONVERTED, *BAGS, *PICTURES)
-        if not self._is_folder and suffix != ".npz":
+        self._kind = _Stack if suffix in (*STACKS, *CONVERTED, *BAGS, *PICTURES) else _Folder
+        if self._kind is _Stack and suffix != ".npz":
             raise NetlibError(f"{path}: cannot write {suffix}; expected a folder or FILE.npz")
-        if not self._is_folder and path.exists() and not replace:
-            raise NetlibError(f"{path}: is there already; name a new file or replace it by --force")
+        if names_in(path) if path.is_dir() else exists(path):
+            raise NetlibError(f"{path}: is there already; name a new one or remove it")
         self.path, self.camera, self.unit_mm, self.count = path, camera, unit_mm, 0
-        self._rate, self._replace, self._last = rate, replace, -1
+        self._rate, self._last = rate, -1
 
     def __enter__(self) -> RecordingWriter:
-        given = CameraInfo(self.camera, unit_mm=self.unit_mm, rate=self._rate)
-        self._writer = _Folder(self.path, given, self._replace) if self._is_folder else _Stack(self.path, given)
+        self._writer = self._kind(self.path, CameraInfo(self.camera, unit_mm=self.unit_mm, rate=self._rate))
         return self
 
     def write(self, frame: DepthFrame) -> None:
@@ -90,54 +83,33 @@ class RecordingWriter:
 class _Folder:
     """Writes each frame at once, completely or not at all; times are rounded to microseconds.
 
-    given    the parameters in camera.json
-    replace  a recording written in the same way; no other files are ever removed
+    The folder is made for the first frame, with the parameters ``given`` in camera.json. Raises NetlibError, OSError.
     """
 
-    def __init__(self, path: Path, given: CameraInfo, replace: bool = False) -> None:
+    def __init__(self, path: Path, given: CameraInfo) -> None:
         self._path, self._given, self._has_frames = path, given, False
-        old = sorted(name for name in names_in(path) if not name.startswith("."))
-        foreign = [name for name in old if not _is_ours(name)]
-        if old and (foreign or not replace):
-            held = f"holds {foreign[0]}, which no recording has" if foreign and replace else "is not empty"
-            raise NetlibError(f"{path}: {held}; name a new folder" + ("" if replace else " or replace it by --force"))
-        self._is_new = not exists(path)
-        files.make_folder(path)
 
     def write(self, time: float, values: NDArray[np.uint16]) -> None:
-        """Add a frame. Raises OSError."""
+        """Add a frame."""
         content = cv2.imencode(".png", values)[1].tobytes()
         if not self._has_frames:
             with atomic.error_names(self._path):
-                self._remove()
+                files.make_folder(self._path)
                 camera_file.write(self._path / camera_file.NAME, self._given)
         name = f"{round(time * MICRO):012d}us.png"
         atomic.replace(self._path / name, lambda fresh: fresh.write_bytes(content), sync=False)
         self._has_frames = True
 
     def close(self) -> None:
-        """Sync the names to the disk; a new folder without frames is removed."""
-        with atomic.error_names(self._path):
-            if self._has_frames:
-                atomic.sync_directory(self._path)
-            elif self._is_new:
-                self._path.rmdir()
-
-    def _remove(self) -> None:
-        for name in filter(_is_ours, names_in(self._path)):
-            (self._path / name).unlink()
-
-
-def _is_ours(name: str) -> bool:
-    """True for the names of a recording's files."""
-    return bool(OURS.fullmatch(name)) or name == camera_file.NAME
+        """Sync the names to the disk."""
+        if self._has_frames:
+            atomic.sync_directory(self._path)
 
 
 class _Stack:
     """Keeps frames in a hidden file next to ``path``, and writes ``path`` from them at the end, if there are any.
 
-    Both need disk space. If there is not enough for the second, the frames are lost: there is no file, or the old one.
-    Raises OSError.
+    Both need disk space. If there is not enough for the second, the frames are lost. Raises OSError.
     """
 
     def __init__(self, path: Path, given: CameraInfo) -> None:
@@ -153,6 +125,7 @@ class _Stack:
         with atomic.error_names(self._path):
             self._kept.write(values.astype("<u2").tobytes())
         self._times.append(time)
+        self._size = values.shape
 
     def close(self) -> None:
         """Make the file of all whole frames."""
@@ -161,9 +134,7 @@ class _Stack:
                 atomic.replace(self._path, self._fill)
 
     def _fill(self, fresh: Path) -> None:
-        camera = self._given.camera
-        assert isinstance(camera, Camera)  # of a recording
-        shape = (len(self._times), camera.height, camera.width)
+        shape = (len(self._times), *self._size)
         said = camera_file.to_text(replace(self._given, time_unit="s"))
         with zipfile.ZipFile(fresh, "w", zipfile.ZIP_DEFLATED, compresslevel=FASTEST) as archive:
             for name, small in (("time", np.array(self._times)), ("camera", np.array(said))):

@@ -23,18 +23,15 @@ from tests.support.running import Done, run_python
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def handpose(*words: str, status: int = 0) -> Done:
-    return run_python("-m", "handpose", *words, status=status)
-
-
-def netlib(*words: str, status: int = 0) -> Done:
-    return run_python("-c", "from handpose.__main__ import netlib; netlib()", *words, status=status)
+def run(program: str, *words: str, status: int = 0) -> Done:
+    code = ["-m", "handpose"] if program == "handpose" else ["-c", "from handpose.__main__ import netlib; netlib()"]
+    return run_python(*code, *words, status=status)
 
 
 @functools.cache
 def listed(program: str) -> str:
     """The list of a program's commands."""
-    return (netlib if program == "netlib" else handpose)("--help").out
+    return run(program, "--help").out
 
 
 @pytest.fixture
@@ -84,52 +81,42 @@ def test_help_of_an_installed_command_names_commands(shown: Callable[..., str]) 
         text = path.read_text(encoding="utf-8")
         if "tools/" in text or "docs/" in text:
             assert not re.search(r"tools/\w+\.py|docs/\w+\.md|python -m mpi4py", shown(name, "--help")), name
-    assert "'handpose docs live'" in handpose("track", "--help").out
-    assert "mpiexec -n 4 handpose train" in handpose("train", "--help").out
+    assert "'handpose docs live'" in shown("track", "--help")
+    assert "mpiexec -n 4 handpose train" in shown("train", "--help")
 
 
-def test_messages_name_the_command_that_was_typed() -> None:
-    """Usage, errors and examples name the command as typed."""
-    done = handpose("train", status=2)
-    assert done.err.startswith("usage: handpose train [-h]") and "\nhandpose train: error: " in done.err
-    done = handpose("export_onnx", "--help")
-    assert done.out.startswith("usage: handpose export-onnx [-h]")
-    assert "handpose export-onnx prototxt/nyu_deploy.prototxt" in done.out and "python tools/" not in done.out
-    assert handpose("caffe", "train", "--help").out.startswith("usage: handpose caffe [-h]")
+@pytest.mark.parametrize(("line", "status", "texts"), [
+    ("handpose train", 2, ["usage: handpose train [-h]", "\nhandpose train: error: "]),
+    ("handpose export_onnx --help", 0, ["usage: handpose export-onnx [-h]", "handpose export-onnx prototxt/nyu_de"]),
+    ("handpose caffe train --help", 0, ["usage: handpose caffe [-h]"]),
+    ("handpose --version", 0, [f"handpose {__version__}\n"]),
+    ("handpose trian", 2, ["handpose: error: unknown command 'trian' (did you mean 'train'?); 'handpose --help'"]),
+    ("netlib run --help", 0, ["usage: netlib run [-h]", "\n    netlib run deploy.prototxt net.caffemodel cat.jpg"]),
+    ("netlib plot_log --help", 0, ["usage: netlib plot-log [-h]"]),
+    ("netlib run-net --help", 0, ["usage: netlib run-net [-h]"]),
+    ("netlib --version", 0, [f"netlib {__version__}\n"]),
+    ("netlib test", 2, ["usage: netlib test [-h]", "netlib test: error: "]),
+    ("netlib trian", 2, ["netlib: error: unknown command 'trian' (did you mean 'train'?); 'netlib --help'"]),
+])
+def test_messages_name_the_command_that_was_typed(line: str, status: int, texts: list[str]) -> None:
+    """Usage, errors and examples; errors alone go to stderr."""
+    done = run(*line.split(), status=status)
+    said, other = (done.err, done.out) if status else (done.out, done.err)
+    assert said.startswith(texts[0]) and all(text in said for text in texts)
+    assert other == "" and "python tools/" not in said
 
 
 def test_without_a_command() -> None:
-    """Without a command the list is printed and the status is 2; --help and --version succeed."""
-    assert handpose(status=2).out == listed("handpose")
-    assert handpose("--version").out == f"handpose {__version__}\n"
-
-
-def test_an_unknown_command() -> None:
-    """An unknown command gives an error of one line."""
-    done = handpose("trian", status=2)
-    assert done.out == "" and done.err == (
-        "handpose: error: unknown command 'trian' (did you mean 'train'?); 'handpose --help' lists them\n"
-    )
+    """The list is printed, and the status is 2."""
+    assert run("handpose", status=2).out == listed("handpose")
 
 
 def test_netlib_lists_the_tools_for_any_net() -> None:
-    """``netlib`` lists its tools under short names, in order; it accepts the other names, too."""
+    """Under short names, in order."""
     lines = listed("netlib").splitlines()
     assert lines[0] == "usage: netlib COMMAND ..."
     assert [line.split()[0] for line in lines[5:] if re.match(r"  \S", line)] == list(NET_TOOLS)
     assert set(NET_TOOLS.values()) <= {path.stem for path in commands().values()}
-    assert netlib("--version").out == f"netlib {__version__}\n"
-    assert netlib("plot_log", "--help").out.startswith("usage: netlib plot-log [-h]")
-    assert netlib("run-net", "--help").out.startswith("usage: netlib run-net [-h]")
-
-
-def test_netlib_shows_the_short_names() -> None:
-    """Help, examples and errors name the command as typed."""
-    done = netlib("run", "--help")
-    assert done.out.startswith("usage: netlib run [-h]")
-    assert "\n    netlib run deploy.prototxt net.caffemodel cat.jpg" in done.out and "python tools/" not in done.out
-    assert "netlib test: error: " in netlib("test", status=2).err
-    assert "unknown command 'trian' (did you mean 'train'?); 'netlib --help'" in netlib("trian", status=2).err
 
 
 def test_both_are_installed() -> None:

@@ -143,17 +143,16 @@ def write_ros2(path: Path, depth: Depth, storage: str = "SQLITE3", make: Callabl
 def realsense(
     messages: Messages,
     depth: Depth,
-    unit_m: float = 0.0001,
     tail: bool = True,
     option: str = "Depth_Units",
     **info: Any,
 ) -> Content:
     """Return messages as from RealSense's SDK: mono16, the unit in an option, images four bytes longer than in ROS."""
     topic = f"{REALSENSE}/Depth_0"
-    more = struct.pack("<f", unit_m) if tail else b""
+    more = struct.pack("<f", 0.0001) if tail else b""
     info = {"model": "Brown Conrady", **info}
     content = [
-        (f"{REALSENSE}/option/{option}/value", "std_msgs/msg/Float32", 1, messages.number(unit_m)),
+        (f"{REALSENSE}/option/{option}/value", "std_msgs/msg/Float32", 1, messages.number(0.0001)),
         (f"{topic}/info/camera_info", "sensor_msgs/msg/CameraInfo", 1, messages.info(depth.shape[1:], **info)),
     ]
     for i, image in enumerate(depth):

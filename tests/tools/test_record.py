@@ -82,7 +82,7 @@ def test_ctrl_c_keeps_what_was_done(frames: Path, monkeypatch: pytest.MonkeyPatc
         (["frames", "--out", "a"], "frames/0.png: the camera of these frames is unknown"),
         (["none", *CAMERA, "--out", "a"], "none: no such file or folder"),
         (["frames", *CAMERA, "--out", "frames"], "frames: contains the source; expected another output"),
-        (["frames/*.png", *CAMERA, "--out", "frames", "--force"], "frames: contains the source"),
+        (["frames/*.png", *CAMERA, "--out", "frames"], "frames: contains the source"),
         (["frames", *CAMERA, "--out", "."], ".: contains the source"),
         (["frames", *CAMERA, "--out", "a.bag"], "a.bag: cannot write .bag; expected a folder"),
         (["frames", "--camera", "none.json", "--out", "a"], "none.json: cannot read the camera"),

@@ -16,11 +16,11 @@ from handpose.body.joint_formats.formats import FORMAT_NAMES
 from handpose.estimate.hand import MIN_CONFIDENCE
 from handpose.frames import camera_file
 from handpose.frames.camera_file import INTRINSICS, RANGES, TIME_UNITS
-from handpose.frames.cameras import CAMERAS, UNIT_MM, VIEWS, View, by_field_of_view
+from handpose.frames.cameras import CAMERAS, VIEWS, View, by_field_of_view
 from handpose.frames.crops import CUBES_MM
 from handpose.frames.formats import EXPECTED
 from handpose.frames.images import read_picture
-from handpose.frames.inspection import Inspection, view_of, warnings_of
+from handpose.frames.inspection import Inspection, checked, view_of
 from handpose.frames.lens import Lens
 from handpose.frames.recording import sized
 from netlib.errors import DataError
@@ -162,7 +162,8 @@ def print_warnings(
 
     ``confidence`` is that of the hand found in the frame; a high one confirms the unit.
     """
-    for warning in warnings_of(depth, camera, unit_mm or UNIT_MM.get(camera.name, 1.0), confidence >= CONFIRMS_UNIT):
+    found = checked([depth], camera, unit_mm)
+    for warning in (*found.of_camera, *(found.of_depths if not confidence >= CONFIRMS_UNIT else ())):
         say(f"warning: {name}: {warning}", file=sys.stderr)
 
 

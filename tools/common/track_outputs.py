@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from handpose import Recording
 from handpose.frames import camera_file
-from handpose.frames.formats.folder import PICTURES, FolderRecording
+from handpose.frames.formats import PICTURES
+from handpose.frames.formats.folder import FolderRecording
 from handpose.output.drawing.strokes import ContactSheet
 from handpose.output.drawing.tracks import HEAD, Painter
 from handpose.output.drawing.video_file import VideoFile

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from handpose.frames.recording import HEADERLESS, UNKNOWN, CameraInfo, Recording
+from handpose.frames.recording import UNKNOWN, CameraInfo, Recording
 from netlib.errors import DataError
 from netlib.files.paths import exists
 
@@ -17,16 +17,32 @@ LIVE = "realsense"
 EXPECTED = (f"a folder of 16-bit PNG, FOLDER/NAME_*.png, {', '.join((*STACKS, *BAGS))}, or a camera that is "
             "connected: realsense or realsense:SERIAL")
 
-FROM_VIDEO = (  # also of the videos that tools/record.py wrote: their tag CAMERA is a camera.json
+_FROM_VIDEO = ("a video; expected 16-bit PNG or an .npz", (  # tools/record.py once wrote a camera.json as a tag CAMERA
     "import av, cv2, os; os.mkdir('frames'); v = av.open({name!r}); "
     "open('frames/camera.json', 'w').write(v.metadata.get('CAMERA', '{{}}')); "
     "[cv2.imwrite(f'frames/{{round(1000 * f.time):09d}}ms.png', f.to_ndarray()) for f in v.decode(video=0)]"
-)
-FROM_HDF5 = ("import h5py, numpy; f = h5py.File({name!r}); "
-             "numpy.savez('frames.npz', **f.attrs, **{{k: v[()] for k, v in f.items()}})")
-# Kinds of files that are not read, and the Python statement that converts one.
-CONVERTED = {**dict.fromkeys((".mkv", ".avi"), FROM_VIDEO),
-             **dict.fromkeys((".h5", ".hdf5"), FROM_HDF5)}
+))
+_FROM_HDF5 = ("HDF5; expected 16-bit PNG or an .npz",
+              "import h5py, numpy; f = h5py.File({name!r}); "
+              "numpy.savez('frames.npz', **f.attrs, **{{k: v[()] for k, v in f.items()}})")
+# Kinds of files that are not read: what they are, and the Python statement that converts them. An .npy is read, but not
+# several in a folder.
+CONVERTED = {
+    ".mkv": _FROM_VIDEO, ".avi": _FROM_VIDEO, ".h5": _FROM_HDF5, ".hdf5": _FROM_HDF5,
+    ".npy": ("a file for each frame; they are joined to one array",
+             "import glob, numpy as np; np.save('../take.npy', [np.load(name) for name in "
+             "sorted(glob.glob('*.npy'))])"),
+    ".raw": ("values without a header, as rs-convert -r and the RealSense Viewer write them; write PNG instead "
+             "(rs-convert -p), or give their height and width",
+             "import glob, numpy as np; np.save('take.npy', [np.fromfile(name, '<u2').reshape(480, 640) for name in "
+             "sorted(glob.glob('*.raw'))])"),
+}
+
+
+def conversion(suffix: str, name: str = "") -> str:
+    """What files of a kind in CONVERTED are, and the command that converts them."""
+    what, statement = CONVERTED[suffix]
+    return f'{what}; this converts: python -c "{statement.format(name=name)}"'
 
 
 def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording:
@@ -48,9 +64,6 @@ def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording
         suffix = BAGS[1] if (file / "metadata.yaml").is_file() else PICTURES[0]  # a bag of ROS 2 is a folder
     elif not exists(file) and suffix in (*STACKS, *CONVERTED, *BAGS):
         raise DataError(f"{source}: no such file")
-    if suffix in CONVERTED:
-        raise DataError(f"{source}: not a recording; frames in 16-bit PNG or an .npz are, and this converts it: "
-                        f'python -c "{CONVERTED[suffix].format(name=name)}"')
     if suffix in STACKS:
         from handpose.frames.formats.stack import StackRecording
 
@@ -64,8 +77,8 @@ def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording
         from handpose.frames.formats.folder import FolderRecording
 
         return FolderRecording(path, given)
-    if suffix == ".raw":
-        raise DataError(f"{source}: {HEADERLESS}")
+    if suffix in CONVERTED:
+        raise DataError(f"{source}: {conversion(suffix, name)}")
     raise DataError(f"{source}: not a recording; expected {EXPECTED}")
 
 

@@ -30,15 +30,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.frames import camera_file
+from handpose.frames.camera_file import FRAMES, TICKS, since_1970
 from handpose.frames.cameras import NYU
+from handpose.frames.formats import PICTURES, conversion
 from handpose.frames.images import read_picture, unpack_depth
-from handpose.frames.recording import HEADERLESS, UNKNOWN, CameraInfo, DepthFrame, Recording, decoder_of
+from handpose.frames.recording import UNKNOWN, CameraInfo, DepthDecoder, DepthFrame, Recording
 from netlib.errors import DataError, did_you_mean, system_error_of
 from netlib.files.paths import exists, list_folder, names_in
-
-PICTURES = (".png", ".tif", ".tiff")
-SINGLE_ARRAYS = ("a file for each frame. Join them: python -c \"import glob, numpy as np; np.save('../take.npy', "
-                 "[np.load(name) for name in sorted(glob.glob('*.npy'))])\"")
 
 
 class FolderRecording(Recording):
@@ -55,11 +53,12 @@ class FolderRecording(Recording):
         known = given.or_else(camera_json)
         self._packed = known.camera == NYU
         self._names, self._reading = in_order(names, str(self.folder), known.time_unit)
-        path, image = _first_whole(self.folder, self._names)
+        self._remarks: tuple[str, ...] = ()
+        _, path, image = next(self._pictures())
         raw = _grey(image, self._packed, path)
         if path.suffix.lower() in (".tif", ".tiff") and (pictures := cv2.imcount(str(path))) > 1:
             raise DataError(f"{path}: a TIFF of {pictures} pictures; expected one for each frame, or all in an .npy")
-        self._decode = decode = decoder_of(given, UNKNOWN, camera_json, raw.shape, raw.dtype, str(path))
+        self._decode = decode = DepthDecoder(raw.shape, raw.dtype, str(path), given, camera_json=camera_json)
         self.name, self.count, self.rate = str(source), len(names), decode.rate
         self.camera, self.unit_mm = decode.camera, decode.unit_mm
         remarks = [self._reading.how, *decode.remarks]
@@ -70,19 +69,26 @@ class FolderRecording(Recording):
 
     def __iter__(self) -> Iterator[DepthFrame]:
         """The frames that can be read. Raises DataError for one of another size or kind, and for a system error."""
-        damaged, first = 0, ""
         ticks = self._reading.ticks or self.rate or 1.0
-        for number, (name, time) in enumerate(zip(self._names, self._reading.times)):
-            path = self.folder / name
+        for number, path, image in self._pictures():
+            values = _grey(image, self._packed, path)
+            yield DepthFrame(number, self._reading.times[number] / ticks, self._decode(values, str(path)))
+
+    def _pictures(self) -> Iterator[tuple[int, Path, NDArray[Any]]]:
+        """The pictures that can be read, with their numbers. Raises DataError if none can, and for a system error."""
+        damaged: list[DataError] = []
+        for number, name in enumerate(self._names):
             try:
-                image = read_picture(path)
+                image = read_picture(self.folder / name)
             except DataError as error:
                 if system_error_of(error):
                     raise
-                damaged, first = damaged + 1, first or str(error)
-                self.remarks = (*self._remarks, f"{damaged} damaged frames are left out, the first: {first}")
-                continue
-            yield DepthFrame(number, time / ticks, self._decode(_grey(image, self._packed, path), str(path)))
+                damaged.append(error)
+                self.remarks = (*self._remarks, f"{len(damaged)} damaged frames are left out, the first: {damaged[0]}")
+            else:
+                yield number, self.folder / name, image
+        if len(damaged) == len(self._names):
+            raise damaged[0]
 
 
 def _frames_in(source: Path) -> tuple[Path, list[str]]:
@@ -112,24 +118,9 @@ def _no_frames(folder: Path) -> str:
     names = sorted(name for name in names_in(folder) if not name.startswith("."))
     shown = f"{', '.join(names[:MAX_SHOWN])}{' ...' * (len(names) > MAX_SHOWN)}" or "nothing"
     inner = next((folder / name for name in names if "depth" in name.lower() and (folder / name).is_dir()), None)
-    kinds = {PurePath(name).suffix.lower() for name in names}
-    advice = f"; name the folder of the frames, as '{inner}'" if inner else ""
-    advice = f": {SINGLE_ARRAYS}" if ".npy" in kinds else f": {HEADERLESS}" if ".raw" in kinds else advice
+    kind = next((kind for name in names if (kind := PurePath(name).suffix.lower()) in (".npy", ".raw")), None)
+    advice = f": {conversion(kind)}" if kind else f"; name the folder of the frames, as '{inner}'" if inner else ""
     return f"{folder}: holds no depth frames (16-bit grey PNG or TIFF); found {shown}{advice}"
-
-
-def _first_whole(folder: Path, names: Sequence[str]) -> tuple[Path, NDArray[Any]]:
-    """The first frame that can be read. Raises DataError if none can."""
-    first = None
-    for name in names:
-        try:
-            return folder / name, read_picture(folder / name)
-        except DataError as error:
-            if system_error_of(error):
-                raise
-            first = first or error
-    assert first is not None
-    raise first
 
 
 def _grey(image: NDArray[Any], packed: bool, path: Path) -> NDArray[Any]:
@@ -144,10 +135,7 @@ def _grey(image: NDArray[Any], packed: bool, path: Path) -> NDArray[Any]:
 
 # ---------------------------------------------------------------------------------------------- names
 
-TICKS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}  # per second
 NANO = TICKS["ns"]
-FRAMES = "frames"  # the unit of numbers that count frames
-EPOCH = (946684800, 4102444800)  # s since 1970 of the years 2000 and 2100
 NAMED_UNIT = re.compile(r"(?<!\d)(\d+)([mun]s)(?:ec)?(?![A-Za-z])")
 SINCE_1970 = re.compile(r"(?<!\d)(\d{9,19})(?:\.(\d+)|(?<=(?<!\d)\d{10})[_-](\d{6}|\d{9}))?(?!\d)")
 DATE = re.compile(r"(?<!\d)20\d\d\D?[01]\d\D?[0-3]\d(?:\D{0,4}[0-2]\d\D?[0-5]\d\D?[0-5]\d(?:\.\d+)?)?")
@@ -191,14 +179,6 @@ def in_order(names: Iterable[str], where: str, unit: str | None = None) -> tuple
     shown = ", ".join(f"{pattern} ({count})" for pattern, count in sequences[:MAX_SHOWN])
     example = min((pattern for pattern, _ in sequences), key=lambda pattern: "depth" not in pattern.lower())
     raise DataError(f"{where}: holds {len(sequences)} sequences: {shown}{more}; name one, as '{where}/{example}'")
-
-
-def since_1970(numbers: Sequence[float]) -> str | None:
-    """The unit in which all numbers are times from 2000 to 2100; None without one."""
-    for unit, ticks in TICKS.items():
-        if all(EPOCH[0] * ticks <= number < EPOCH[1] * ticks for number in numbers):
-            return unit
-    return None
 
 
 def _sorted(names: Sequence[str], found: Reading, where: str) -> tuple[list[str], Reading]:

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from handpose.frames import camera_file
 from handpose.frames.cameras import Camera
 from handpose.frames.lens import Lens, lens_of
-from handpose.frames.recording import CameraInfo, DepthFrame, Recording, decoder_of
+from handpose.frames.recording import CameraInfo, DepthDecoder, DepthFrame, Recording
 from netlib.errors import DataError, NetlibError, did_you_mean, reason_of, system_error_of
 from netlib.files import pictures
 from netlib.files.paths import exists
@@ -128,7 +128,7 @@ class BagRecording(Recording):
             values = values_of(image, where)
             own = _own(bag, self._topic, encoding_of(image), values.shape, given.camera is not None)
             camera_json = camera_file.next_to(self._path)
-            self._decode = decoder_of(given, own, camera_json, values.shape, values.dtype, where)
+            self._decode = DepthDecoder(values.shape, values.dtype, where, given, own, camera_json)
             self.name, self.count = str(self._path), bag.topics(*IMAGES)[self._topic]
         self.camera, self.unit_mm, self.rate = self._decode.camera, self._decode.unit_mm, self._decode.rate
         self.remarks = self._decode.remarks

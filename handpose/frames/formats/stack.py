@@ -26,8 +26,8 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from handpose.frames import camera_file
-from handpose.frames.formats.folder import FRAMES, TICKS, since_1970
-from handpose.frames.recording import RATE, UNKNOWN, CameraInfo, DepthFrame, Recording, check_values, decoder_of
+from handpose.frames.camera_file import FRAMES, TICKS, since_1970
+from handpose.frames.recording import RATE, UNKNOWN, CameraInfo, DepthDecoder, DepthFrame, Recording, check_values
 from netlib import files
 from netlib.errors import DataError, NetlibError, reason_of, system_error_of
 from netlib.files.pictures import MAX_PIXELS
@@ -38,21 +38,34 @@ PARAMETERS = "biufSU"  # their kinds: numbers and texts
 
 
 class StackRecording(Recording):
-    """The frames of an .npy or .npz file. Raises DataError."""
+    """The frames of an .npy or .npz file. Raises DataError, also for times of an unknown unit.
+
+    The first remark is what was taken from which of the other arrays; ``warnings`` names those that are not used.
+    """
 
     def __init__(self, path: Path, given: CameraInfo = UNKNOWN) -> None:
-        frames = (_Npy if path.suffix.lower() == ".npy" else _Npz)(path)
-        camera_json = camera_file.next_to(path)
-        self._times, own, remarks, self.warnings = recognise(frames, str(path), given, camera_json)
-        self._decode = decode = decoder_of(given, own, camera_json, frames.shape[1:], frames.dtype, str(path))
-        self.name, self.camera, self.unit_mm = str(path), decode.camera, decode.unit_mm
-        self.count, self.rate, self.remarks = frames.shape[0], decode.rate, (*remarks, *decode.remarks)
-        if self._times is None and given.time_unit is not None:
+        self._frames = frames = (_Npy if path.suffix.lower() == ".npy" else _Npz)(path)
+        self.name, self.count = where, count = str(path), frames.shape[0]
+        camera_json, others = camera_file.next_to(path), frames.others
+        own, fields = _parameters(others, where, given)
+        used = [name for name, field in fields.items() if getattr(given, field, None) is None
+                and not (field == "lens" and given.camera)]
+        taken = [f"parameters from {', '.join(map(repr, used))}"] if used else []
+        self._times, times = None, _name_of_times(others, count)
+        if times is not None:
+            numbers = _checked(others[times], count, f"{where}: {times}")
+            unit, how = _unit_of_times(times, numbers, where, given.time_unit, own, camera_json)
+            rate = given.or_else(own).or_else(camera_json).rate or RATE
+            self._times = numbers / (rate if unit == FRAMES else TICKS[unit])
+            taken.append(f"times from {times!r}, {how}")
+        elif given.time_unit is not None:
             raise DataError(f"{path}: has no times, so --time-unit has no meaning; expected an array time")
-        if self._times is None and self.count > 1:
-            self.rate, remarks = decode.paced()
-            self.remarks += remarks
-        self._frames = frames
+        self._decode = decode = DepthDecoder(frames.shape[1:], frames.dtype, where, given, own, camera_json)
+        self.camera, self.unit_mm = decode.camera, decode.unit_mm
+        self.rate, assumed = (decode.rate, ()) if times is not None or count == 1 else decode.paced()
+        self.remarks = (*(["; ".join(taken)] if taken else []), *decode.remarks, *assumed)
+        unused = [name for name in frames.names if name not in fields and name != times]
+        self.warnings = (_not_used(unused),) if unused else ()
 
     def __iter__(self) -> Iterator[DepthFrame]:
         times = self._times
@@ -180,33 +193,6 @@ MAX_VALUES = 1000  # in an array of parameters
 MAX_NAMES = 8  # number of unused arrays that are named
 
 
-def recognise(frames: _Npy | _Npz, where: str, given: CameraInfo, camera_json: CameraInfo) -> tuple[
-    NDArray[np.float64] | None, CameraInfo, tuple[str, ...], tuple[str, ...]
-]:
-    """What is recognised in the other arrays of a file: the times (frames,) in s or None, camera parameters, at most
-    one line of what was taken from which array, and at most one about the arrays that are not used.
-
-    where        name of the file, for messages
-    given        parameters from the user, which have precedence
-    camera_json  those of a camera.json next to the file, over which the file has precedence
-
-    Raises DataError for invalid values, and for times of an unknown unit.
-    """
-    own, fields = _parameters(frames.others, where, given)
-    used = [name for name, field in fields.items() if getattr(given, field, None) is None
-            and not (field == "lens" and given.camera)]
-    words = [f"parameters from {', '.join(map(repr, used))}"] if used else []
-    name, times = _name_of_times(frames.others, frames.shape[0]), None
-    if name is not None:
-        numbers = _checked(frames.others[name], frames.shape[0], f"{where}: {name}")
-        unit, how = _unit_of_times(name, numbers, where, given.time_unit, own, camera_json)
-        rate = given.or_else(own).or_else(camera_json).rate or RATE
-        times = numbers / (rate if unit == FRAMES else TICKS[unit])
-        words.append(f"times from {name!r}, {how}")
-    unused = [one for one in frames.names if one not in fields and one != name]
-    return times, own, ("; ".join(words),) if words else (), (_not_used(unused),) if unused else ()
-
-
 def _not_used(names: list[str]) -> str:
     """The warning about arrays that are not used."""
     shown = ", ".join(map(repr, names[:MAX_NAMES]))
@@ -224,26 +210,17 @@ def _parameters(found: Mapping[str, NDArray[Any]], where: str, given: CameraInfo
     said = camera_file.find(values, where, given.camera is not None)
     if TEXT not in found:
         return said.info, said.fields
-    if found[TEXT].size != 1:
-        raise DataError(f"{where}: camera has the shape {found[TEXT].shape}, expected one text: a camera.json")
-    text = camera_file.parse(_text(found[TEXT]), f"{where}: camera")
+    text = camera_file.parse(str(_plain(found[TEXT], f"{where}: camera")), f"{where}: camera")
     return said.info.or_else(text), {**said.fields, TEXT: "parameters"}
 
 
 def _plain(value: NDArray[Any], where: str) -> Any:
-    """An array as a value of JSON. Raises DataError."""
-    if value.dtype.kind in "biuf":
-        plain = value.squeeze().tolist() if value.size <= MAX_VALUES else None
-        if plain is not None:
-            return plain
-    elif value.dtype.kind in "SUO" and value.size == 1:
-        return _text(value)
-    raise DataError(f"{where} is {value.dtype} {value.shape}, expected numbers, or a text")
-
-
-def _text(value: NDArray[Any]) -> str:
-    text = value.reshape(-1)[0]
-    return text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text)
+    """An array as a value of JSON: numbers, or one text. Raises DataError."""
+    is_text = value.dtype.kind in "SU"
+    if value.size > (1 if is_text else MAX_VALUES):
+        raise DataError(f"{where} is {value.dtype} {value.shape}, expected numbers, or a text")
+    plain = value.squeeze().tolist()
+    return plain.decode("utf-8", "replace") if isinstance(plain, bytes) else plain
 
 
 def _name_of_times(found: Mapping[str, NDArray[Any]], count: int) -> str | None:

@@ -24,13 +24,46 @@ import io
 import math
 from collections.abc import Iterable, Sequence
 
+from handpose.body.gestures import GestureReader
 from handpose.body.joint_formats.formats import FormatName
 from handpose.body.model import FINGERS, has_fingers
 from handpose.frames.cameras import Camera
 from handpose.output.tracks import joint_values
 from handpose.output.tracks.json_values import free_dofs
-from handpose.tracking.track import TrackedHand
+from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
 from layers.hand.skeleton import Skeleton
+
+
+class FrameRows:
+    """Frames as rows of a table, in the order of time.
+
+    head      the line with the names of the columns
+    joints    a joint format, whose columns replace the joints and angles
+    gestures  add two columns: the hand's gesture, empty for none, and its confidence
+    """
+
+    def __init__(self, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False) -> None:
+        self._camera, self._columns = header.camera, HandColumns(header.skeleton, joints)
+        self._gestures = GestureReader(header.skeleton) if gestures else None
+        own = [*self._columns.about, *self._columns.pose, *["gesture", "gesture_confidence"] * gestures]
+        self._empty = [""] * len(own)
+        self.head = rows_of([["number", "time_s", "id", "hand", "lost", *own]])
+
+    def encoded(self, frame: TrackedFrame) -> bytes:
+        """The lines of a frame."""
+        about = [frame.number, f"{frame.time:.6f}"]
+        rows = [[*about, hand.id, hand.side_name, "", *self._values(hand, frame.time)] for hand in frame.hands]
+        rows += [[*about, lost.id, lost.side_name, lost.reason, *self._empty] for lost in frame.lost]
+        rows += [[*about, one.id, one.side_name, one.reason, known("%.3f", one.presence),
+                  known("%.4f", one.confidence), *self._empty[2:]] for one in frame.present]
+        return rows_of(rows)
+
+    def _values(self, hand: TrackedHand, time: float) -> list[str]:
+        values = self._columns.about_values(hand) + self._columns.pose_values(hand, self._camera)
+        if self._gestures:
+            name, confidence = self._gestures.read(hand.id, hand.hand, hand.xyz, time)
+            values += [name, f"{confidence:.3f}"]
+        return values
 
 
 class HandColumns:

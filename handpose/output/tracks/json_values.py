@@ -14,8 +14,8 @@ from handpose.body.model import FINGERS
 from handpose.body.sides import Side, side_of
 from handpose.fit.pose_confidence import unknown_finger_errors
 from handpose.frames.cameras import Camera
-from handpose.frames.json_fields import Fields
 from handpose.output.tracks import joint_values
+from handpose.output.tracks.fields import Fields
 from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackedHand, TrackHeader
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter, text_of
@@ -67,11 +67,12 @@ def header_values(header: TrackHeader, joints: FormatName | None = None, *, in_f
 def _skeleton_values(skeleton: Skeleton) -> dict[str, Any]:
     joints, (turning, sliding) = skeleton.joint_names, free_dofs(skeleton)
     parents = [joints[parent] if parent >= 0 else None for parent in skeleton.parents]
-    limits = {skeleton.dof_names[d]: limits_of(skeleton, d) for d in turning}
+    angles = [{"name": skeleton.dof_names[d], "lower": _limit(skeleton.lower[d], skeleton.initial[d]),
+               "upper": _limit(skeleton.upper[d], skeleton.initial[d])} for d in turning]
     return {
         "name": skeleton.name, "joints": joints, "parents": parents,
         "bones": [[parent, joint] for parent, joint in zip(parents, joints) if parent is not None],
-        "angles": [{"name": name, "lower": low, "upper": high} for name, (low, high) in limits.items()],
+        "angles": angles,
         "translations": [skeleton.dof_names[d] for d in sliding],
         "prototxt": text_of(skeleton.param, skeleton.name, ""),
     }
@@ -247,8 +248,6 @@ def free_dofs(skeleton: Skeleton) -> tuple[list[int], list[int]]:
     return turning.tolist(), np.setdiff1d(skeleton.driven, turning).tolist()
 
 
-def limits_of(skeleton: Skeleton, dof: int) -> tuple[float | None, float | None]:
-    """Lowest and highest value of an angle in rad, input plus initial value; None without a limit."""
-    initial = float(skeleton.initial[dof])
-    lower, upper = float(skeleton.lower[dof]), float(skeleton.upper[dof])
-    return (lower + initial if lower > -NO_LIMIT else None), (upper + initial if upper < NO_LIMIT else None)
+def _limit(limit: float, initial: float) -> float | None:
+    """A limit of an angle in rad, which is its input plus its initial value; None without one."""
+    return float(limit) + float(initial) if abs(limit) < NO_LIMIT else None

@@ -16,7 +16,7 @@ from handpose.frames.crops import crop
 from handpose.frames.images import BadFrameError, UnitError, check_unit, depth_image
 from handpose.frames.inspection import inspect
 from handpose.frames.lens import Lens, Undistorter, lens_of
-from handpose.frames.recording import UNKNOWN, CameraInfo, DepthDecoder, decoder_of, sized, stored
+from handpose.frames.recording import UNKNOWN, CameraInfo, DepthDecoder, sized, stored
 from netlib.errors import DataError
 from tests.handpose.frames.conftest import CAMERA
 from tests.handpose.frames.test_inspection import Taken
@@ -37,7 +37,7 @@ def cut(*uvd: float, cube: float = 300) -> Callable[[], object]:
 
 
 def decode(raw: np.ndarray) -> Callable[[], object]:
-    return lambda: DepthDecoder(CAMERA, None, 0.5, "take")(raw)
+    return lambda: DepthDecoder((48, 64), U16, "take", CameraInfo(CAMERA, unit_mm=0.5))(raw)
 
 
 def undistort(model: str, *coefficients: float) -> Callable[[], object]:
@@ -96,10 +96,10 @@ def undistort(model: str, *coefficients: float) -> Callable[[], object]:
     **{f"to store {depth}": (lambda depth=depth: stored(np.array([[5, depth]], np.float32), 1.0, "take"),
         f"take: depth from {least} to {most} mm does not fit into 16 bits of 1 mm; expected 0 to 65535, or take a ...")
        for depth, least, most in ((65535.6, 5, 65535.6), (-0.6, -0.6, 5), (np.nan, np.nan, np.nan))},  # not clipped
-    "no camera": (lambda: decoder_of(UNKNOWN, UNKNOWN, UNKNOWN, (48, 64), U16, "take"), f"take: {UNKNOWN_CAMERA}"),
-    "no unit": (lambda: decoder_of(CameraInfo(CAMERA), UNKNOWN, UNKNOWN, (48, 64), F32, "take"),
+    "no camera": (lambda: DepthDecoder((48, 64), U16, "take", UNKNOWN), f"take: {UNKNOWN_CAMERA}"),
+    "no unit": (lambda: DepthDecoder((48, 64), F32, "take", CameraInfo(CAMERA)),
                 f"take: {UNKNOWN_UNIT}"),
-    "no unit of floats": (lambda: decoder_of(CameraInfo(SR305), UNKNOWN, UNKNOWN, (480, 640), F32, "take"),
+    "no unit of floats": (lambda: DepthDecoder((480, 640), F32, "take", CameraInfo(SR305)),
                           f"take: {UNKNOWN_UNIT}"),  # the unit of the camera's own images is known
     "an upright frame": (lambda: sized(CAMERA, (64, 48), "take"), "take: 48 x 64 pixels; camera own has 64 x 48"),
     "frames at once": (lambda: sized(CAMERA, (4, 48, 64), "take"),

@@ -95,15 +95,11 @@ def test_single_missing_pixels_of_a_surface_are_filled(dtype: type) -> None:
     assert np.array_equal(filled, whole)
 
 
-def test_an_image_without_dropouts_is_not_copied() -> None:
-    """Also one whose background has no readings."""
+def test_single_pixels_of_other_images() -> None:
+    """Without one the image is not copied, also if its background has no readings; NaN counts as no reading."""
     image = np.zeros((9, 9), np.uint16)
     image[2:7, 2:7] = 400
     assert without_dropouts(image) is image
-
-
-def test_what_is_not_a_number_is_missing() -> None:
-    """Some drivers write NaN where there is no reading."""
     image = np.full((5, 5), 400.0)
     image[2, 2] = np.nan
     assert (without_dropouts(image) == 400).all()

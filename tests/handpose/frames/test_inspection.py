@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from handpose.frames.cameras import Camera
-from handpose.frames.inspection import inspect, nearest_thing, view_of, warnings_of
+from handpose.frames.inspection import checked, inspect, nearest_thing, view_of
 from handpose.frames.recording import DepthFrame, Recording
 from tests.handpose.frames.conftest import CAMERA, hand_sized
 
@@ -47,13 +47,12 @@ def test_what_is_seen() -> None:
 def test_every_frame_is_read_once() -> None:
     """The frames that were inspected are not read again; those of a camera are not kept."""
     taken = Taken(moving() * 4)
-    seen = inspect(taken, frames=2)
-    assert len(seen.frames) == 2
+    seen = inspect(taken)
+    assert len(seen.frames) == 10
     assert [frame.number for frame in seen.all_frames()] == list(range(12))
-    camera = Taken(moving())
-    camera.live = True
-    seen = inspect(camera, frames=2)
-    assert [frame.number for frame in seen.all_frames()] == [0, 1, 2] and list(seen.rest) == []
+    taken.live = True
+    seen = inspect(taken)
+    assert [frame.number for frame in seen.all_frames()] == list(range(12)) and list(seen.rest) == []
 
 
 @pytest.mark.parametrize("factor", [0.001, 1.0, 30.0])
@@ -100,6 +99,7 @@ def test_a_unit_for_any_distance(true_mm: float, distance: int) -> None:
 
 def test_a_person_is_no_hand() -> None:
     """A wide object beyond 1 m is a person, or a hand of another unit; the hand of a near person is not doubted."""
+    assert inspect(Taken([hand_sized(distance=1300)])).warnings == ()
     image = np.full((48, 64), 2800)
     image[:, 16:48] = 1300
     (warning,) = inspect(Taken([image + i for i in range(3)])).warnings
@@ -122,13 +122,13 @@ def test_a_camera_of_another_picture(camera: Camera, what: str) -> None:
     assert what in " ".join(inspect(Taken(moving(), camera)).warnings)
 
 
-def test_warnings_of_a_single_frame() -> None:
-    (image, *_), wrong = moving(0.001), replace(CAMERA, fx=9.0, fy=9.0)
-    assert warnings_of(moving()[0].astype(np.float32), CAMERA, 1.0) == []
-    camera, unit = warnings_of(image.astype(np.float32), wrong, 1.0)
-    assert "check fx and fy" in camera and "check the unit, here 1 mm" in unit
-    assert warnings_of(image.astype(np.float32), wrong, 1.0, unit_is_known=True) == [camera]
-    assert len(warnings_of(np.zeros((48, 64), np.float32), wrong, 1.0)) == 1
+def test_a_single_frame() -> None:
+    """The default unit is the camera's."""
+    image, wrong = moving(0.001)[0].astype(np.float32), replace(CAMERA, fx=9.0, fy=9.0)
+    found = checked([image], wrong)
+    assert "check fx and fy" in found.of_camera[0] and "check the unit, here 1 mm" in found.of_depths[0]
+    assert "check the unit, here 0.125 mm" in checked([image], replace(CAMERA, name="sr305")).of_depths[0]
+    assert len(checked([np.zeros((48, 64), np.float32)], wrong).of_camera) == 1
 
 
 def test_readings_nearer_than_the_camera_measures() -> None:

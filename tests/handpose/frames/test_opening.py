@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from fractions import Fraction
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 
-from handpose.frames import camera_file, formats
-from handpose.frames.formats import open_recording
+from handpose.frames import camera_file
+from handpose.frames.formats import open_recording, realsense, ros_bag
 from handpose.frames.formats.folder import FolderRecording
 from handpose.frames.formats.stack import StackRecording
-from handpose.frames.recording import CameraInfo
+from handpose.frames.recording import CameraInfo, Recording
 from netlib.errors import DataError
-from tests.handpose.frames.conftest import GIVEN, hand_sized
+from tests.handpose.frames.conftest import GIVEN, hand_sized, put
 from tests.support.bad_input import bad_inputs
 from tests.support.running import run_python
 
@@ -28,28 +25,24 @@ from tests.support.running import run_python
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, object, CameraInfo]]:
     """The calls of readers that need packages; the readers themselves are replaced."""
     found: list[tuple[str, object, CameraInfo]] = []
-    for module, name in (("ros_bag", "BagRecording"), ("realsense", "open_live")):
-
-        def opened(source: object, given: CameraInfo, name: str = name) -> None:
-            found.append((name, source, given))
-
-        replaced = SimpleNamespace(**{name: opened})
-        monkeypatch.setitem(sys.modules, f"handpose.frames.formats.{module}", replaced)
-        monkeypatch.setattr(formats, module, replaced, raising=False)
+    for owner, name in ((ros_bag, "BagRecording"), (realsense, "open_live")):
+        monkeypatch.setattr(owner, name, lambda source, given, name=name: found.append((name, source, given)))
     return found
 
 
-def test_folders_and_pictures(folder: Path) -> None:
-    for source in (folder, str(folder), folder / "*.png", folder / "1.png"):
-        with open_recording(source, GIVEN) as recording:
-            assert isinstance(recording, FolderRecording)
-
-
-def test_stacks(tmp_path: Path) -> None:
-    """Suffixes in capitals are accepted."""
-    np.save(tmp_path / "a.npy", hand_sized()[None])
-    (tmp_path / "a.npy").rename(tmp_path / "B.NPY")
-    assert isinstance(open_recording(tmp_path / "B.NPY", GIVEN), StackRecording)
+@pytest.mark.parametrize(("source", "kind"), [
+    ("frames", FolderRecording), ("frames/*.png", FolderRecording), (Path("frames/1.png"), FolderRecording),
+    ("B.NPY", StackRecording),  # suffixes in capitals are accepted
+])
+def test_readers_of_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, source: str | Path, kind: type[Recording]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    put(Path("frames/1.png"), hand_sized())
+    np.save("b.npy", hand_sized()[None])
+    Path("b.npy").rename("B.NPY")
+    with open_recording(source, GIVEN) as recording:
+        assert isinstance(recording, kind)
 
 
 @pytest.mark.parametrize(("source", "calls"), [
@@ -57,7 +50,7 @@ def test_stacks(tmp_path: Path) -> None:
     ("bag", ("BagRecording", Path("bag"))),  # a folder
     ("realsense", ("open_live", None)), ("realsense:/a:b", ("open_live", "/a:b")),
 ])
-def test_readers_that_are_imported_on_demand(
+def test_readers_that_need_packages(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, asked: list[Any], source: str, calls: tuple[str, object]
 ) -> None:
     """Of bags, and of the first camera or that with a serial number."""
@@ -88,25 +81,30 @@ def test_a_unit_of_times_where_there_is_none(
 @bad_inputs(DataError, {
     **{name: f"{name}: no such file" for name in ("none.npz", "none.mkv", "none.bag")},
     **{name: f"{name}: no such file or folder" for name in ("none", "none/of/these.png")},
-    "a.raw": "a.raw: values without a header, as rs-convert -r ...(rs-convert -p), or convert them, ...: python -c ...",
+    "a null character": ("a\0b", r"a\x00b: no such file or folder"),
+    "5000 letters": ("x" * 5000, "xxx...xxx: no such file or folder"),
+    "loop": "loop: no such file or folder (did you mean 'loop'?)",
+    "a.raw": "a.raw: values without a header, as rs-convert -r ...(rs-convert -p), or give their height and width; ...",
     "a.txt": "a.txt: not a recording; expected a folder of 16-bit PNG, ..., .npz, ...: realsense or realsense:SERIAL",
 })
 def test_what_is_no_recording(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any, asked: list[Any]
 ) -> None:
-    """A missing or unknown file raises an error before any reader is imported."""
+    """A missing or unknown file raises an error before any reader is asked."""
     monkeypatch.chdir(tmp_path)
     Path("a.txt").touch()
     Path("a.raw").touch()
+    Path("loop").symlink_to("loop")
     with rejected:
         open_recording(given)
     assert not asked
 
 
-def in_python(error: str) -> None:
-    """Run the Python statement in an error message."""
-    command = error.partition('python -c "')[2].removesuffix('"')
-    subprocess.run([sys.executable, "-c", command], check=True)
+def converted(source: Path | str, said: str) -> None:
+    """Run the Python statement in the error for a source."""
+    with pytest.raises(DataError, match=said) as raised:
+        open_recording(source)
+    run_python("-c", str(raised.value).partition('; this converts: python -c "')[2].removesuffix('"'), cwd=Path())
 
 
 def test_videos_are_converted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -124,9 +122,7 @@ def test_videos_are_converted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
             picture.pts, picture.time_base = milliseconds, Fraction(1, 1000)
             video.mux(stream.encode(picture))
         video.mux(stream.encode(None))
-    with pytest.raises(DataError, match=r"^take.mkv: not a recording; .* and this converts it: python") as raised:
-        open_recording("take.mkv")
-    in_python(str(raised.value))
+    converted("take.mkv", "^take.mkv: a video; ")
     with open_recording("frames") as recording:
         assert (recording.camera, recording.unit_mm) == (GIVEN.camera, GIVEN.unit_mm)
         assert [frame.time for frame in recording] == pytest.approx([0, 0.033, 0.1])
@@ -138,26 +134,20 @@ def test_hdf5_is_converted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     with h5py.File("take.h5", "w") as file:
         file["depth"], file["timestamps_ms"] = hand_sized()[None], [5]
         file.attrs.update(fx=60.0, fy=61.0, cx=31.5, cy=23.5)
-    with pytest.raises(DataError, match=r"^take.h5: not a recording") as raised:
-        open_recording("take.h5")
-    in_python(str(raised.value))
+    converted("take.h5", "^take.h5: HDF5; ")
     assert open_recording("frames.npz").camera.fy == 61
 
 
 @pytest.mark.parametrize(("kind", "said", "take"), [
     ("raw", "values without a header", "take.npy"), ("npy", "a file for each frame", "../take.npy"),
 ])
-def test_the_line_that_joins_files_of_values(
+def test_files_of_single_frames_are_joined(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, said: str, take: str
 ) -> None:
-    folder = tmp_path / "frames"
-    folder.mkdir()
-    monkeypatch.chdir(folder)
+    (tmp_path / "frames").mkdir()
+    monkeypatch.chdir(tmp_path / "frames")
     values = np.arange(2 * 480 * 640, dtype=np.uint16).reshape(2, 480, 640)
     for number, frame in enumerate(values):
         frame.tofile(f"{number}.raw") if kind == "raw" else np.save(f"{number}.npy", frame)
-    with pytest.raises(DataError, match=rf"holds no depth frames .*; found 0\.{kind}, 1\.{kind}: {said}") as error:
-        open_recording(folder)
-    code = str(error.value).partition(' -c "')[2].removesuffix('"')
-    run_python("-c", code, cwd=folder)
+    converted(Path(), rf"holds no depth frames .*; found 0\.{kind}, 1\.{kind}: {said}")
     np.testing.assert_array_equal(np.load(take), values)

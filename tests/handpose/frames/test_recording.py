@@ -11,15 +11,16 @@ from hypothesis import strategies as st
 
 from handpose.frames.cameras import KINECT2, NYU, SR305
 from handpose.frames.lens import Lens, Undistorter
-from handpose.frames.recording import UNKNOWN, CameraInfo, DepthDecoder, decoder_of, sized, stored
+from handpose.frames.recording import UNKNOWN, CameraInfo, DepthDecoder, stored
 from tests.handpose.frames.conftest import CAMERA, hand_sized
 
-U16, F32 = np.dtype(np.uint16), np.dtype(np.float32)
+U16 = np.dtype(np.uint16)
 
 
 def decode(raw: np.ndarray, unit_mm: float = 0.5) -> np.ndarray:
     """Depth of a camera without a lens."""
-    return DepthDecoder(replace(CAMERA, width=raw.shape[1], height=raw.shape[0]), None, unit_mm, "take")(raw)
+    given = CameraInfo(replace(CAMERA, width=0, height=0), unit_mm=unit_mm)
+    return DepthDecoder(raw.shape, raw.dtype, "take", given)(raw)
 
 
 @pytest.mark.parametrize("dtype", [np.uint16, ">u2", np.int32, np.uint64, np.float32, np.float64])
@@ -36,7 +37,7 @@ def test_what_is_no_number_was_not_read() -> None:
 def test_the_lens_is_taken_out() -> None:
     lens, raw = Lens((0.3, 0, 0, 0)), hand_sized()
     expected = Undistorter(CAMERA, lens)(raw.astype(np.float32))
-    np.testing.assert_array_equal(DepthDecoder(CAMERA, lens, 1.0, "take")(raw), expected)
+    np.testing.assert_array_equal(DepthDecoder(raw.shape, U16, "take", CameraInfo(CAMERA, lens, 1.0))(raw), expected)
 
 
 @given(st.lists(st.integers(0, 65535), min_size=1, max_size=50), st.sampled_from([0.1, 0.125, 0.25, 1 / 3, 1, 5]))
@@ -49,39 +50,35 @@ def test_stored_is_the_inverse(values: list[int], unit_mm: float) -> None:
 def test_the_user_is_believed_first() -> None:
     own, beside = CameraInfo(SR305, unit_mm=0.25), CameraInfo(CAMERA, unit_mm=2.0, rate=5.0, origin="camera.json")
     shape = (SR305.height, SR305.width)
-    found = decoder_of(CameraInfo(unit_mm=3.0), own, beside, shape, U16, "take")
+    found = DepthDecoder(shape, U16, "take", CameraInfo(unit_mm=3.0), own, beside)
     assert (found.camera, found.unit_mm, found.rate, found.remarks) == (SR305, 3.0, 5.0, ())
-    assert decoder_of(UNKNOWN, own, beside, shape, U16, "take").unit_mm == 0.25
+    assert DepthDecoder(shape, U16, "take", UNKNOWN, own, beside).unit_mm == 0.25
 
 
 def test_the_unit_of_a_known_camera() -> None:
     """The unit is that of the camera's images unless another is given; a camera's name alone is not enough."""
     given = CameraInfo(SR305, origin="--camera")
-    found = decoder_of(given, UNKNOWN, UNKNOWN, (480, 640), U16, "take")
+    found = DepthDecoder((480, 640), U16, "take", given)
     assert found.unit_mm == 0.125 and found.remarks == ("camera sr305, by --camera",)
     stranger = CameraInfo(replace(SR305, fx=500.0), origin="--camera")
-    found = decoder_of(stranger, UNKNOWN, UNKNOWN, (480, 640), U16, "take")
+    found = DepthDecoder((480, 640), U16, "take", stranger)
     assert found.unit_mm == 1 and "unit unknown: a value of 1 is taken for 1 mm" in found.remarks[1]
-
-
-def test_a_camera_without_a_size() -> None:
-    assert sized(replace(CAMERA, width=0, height=0), (48, 64), "take") == CAMERA
 
 
 def test_a_lens_that_is_left_in_is_told() -> None:
     """The user's camera replaces the file's camera and its lens, which a remark reports."""
     own = CameraInfo(CAMERA, Lens((0.3, 0, 0, 0)), 1.0)
-    found = decoder_of(CameraInfo(CAMERA), own, UNKNOWN, (48, 64), U16, "take")
+    found = DepthDecoder((48, 64), U16, "take", CameraInfo(CAMERA), own)
     assert found.lens is None and "the distortion in take is of another camera" in found.remarks[0]
-    found = decoder_of(UNKNOWN, own, UNKNOWN, (48, 64), U16, "take")
+    found = DepthDecoder((48, 64), U16, "take", UNKNOWN, own)
     assert found.lens == own.lens and found.remarks == ("the distortion of the lens is taken out",)
 
 
 def test_frames_without_times() -> None:
     """30 frames per second are assumed, with a warning, unless a rate is given."""
     given = CameraInfo(CAMERA, unit_mm=1.0)
-    assert decoder_of(replace(given, rate=60.0), UNKNOWN, UNKNOWN, (48, 64), U16, "take").paced() == (60.0, ())
-    rate, remarks = decoder_of(given, UNKNOWN, UNKNOWN, (48, 64), U16, "take").paced()
+    assert DepthDecoder((48, 64), U16, "take", replace(given, rate=60.0)).paced() == (60.0, ())
+    rate, remarks = DepthDecoder((48, 64), U16, "take", given).paced()
     assert rate == 30 and "30 frames per second assumed" in remarks[0]
 
 

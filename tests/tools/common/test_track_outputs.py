@@ -20,7 +20,7 @@ import pytest
 from handpose.frames.cameras import ICVL
 from handpose.frames.writing import RecordingWriter
 from handpose.output.tracks.json_file import read_track
-from handpose.output.tracks.writing import CsvWriter
+from handpose.output.tracks.writing import TrackWriter
 from handpose.sequences.recordings import SyntheticRecording
 from handpose.tracking.track import TrackedFrame
 from netlib.errors import NetlibError
@@ -108,13 +108,14 @@ def test_what_ends_it_keeps_what_was_done(error: type[BaseException]) -> None:
 @pytest.mark.parametrize("stopped", [False, True])
 def test_one_that_fails_at_the_end(stopped: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """If one output fails at the end the others are complete; the first of several errors is raised."""
-    end = CsvWriter.__exit__
+    end = TrackWriter.__exit__
 
-    def failing(self: CsvWriter, *about: Any) -> None:
+    def failing(self: TrackWriter, *about: Any) -> None:
         end(self, *about)
-        raise OSError(28, "No space left on device")
+        if str(self.path) == "a.csv":
+            raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(CsvWriter, "__exit__", failing)
+    monkeypatch.setattr(TrackWriter, "__exit__", failing)
     with (
         pytest.raises(OSError, match="No space left"),
         Outputs(parsed(*ALL), HEADER, 30.0) as outputs,

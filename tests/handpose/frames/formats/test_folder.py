@@ -34,9 +34,6 @@ def test_frames_by_number(folder: Path) -> None:
     assert recording.remarks == (
         "frames in the order of the numbers in their names; numbers missing between 1 and 4: 1, which stay gaps in "
         "time (--time-unit if they are times)", "camera own, by --camera")
-
-
-def test_the_rate_is_assumed_and_said(folder: Path) -> None:
     recording = FolderRecording(folder, replace(GIVEN, rate=None))
     assert [frame.time for frame in recording] == [0, 1 / 30, 0.1]
     assert recording.remarks[-1].startswith("rate unknown: 30 frames per second assumed")
@@ -57,20 +54,15 @@ def test_a_given_unit_of_the_times(tmp_path: Path) -> None:
     assert [frame.time for frame in counted] == [0, 1, 2]
 
 
-def test_a_pattern_and_a_name(tmp_path: Path) -> None:
+@pytest.mark.parametrize("suffix", [".tif", ".TIFF", ".PNG"])
+def test_a_pattern_and_a_name(tmp_path: Path, suffix: str) -> None:
+    """TIFF, and suffixes in capitals, are accepted."""
     for name in ("a_1", "a_2", "b_1"):
-        put(tmp_path / f"{name}.png", hand_sized())
+        put(tmp_path / f"{name}{suffix}", hand_sized())
     with pytest.raises(DataError, match="holds 2 sequences"):
         FolderRecording(tmp_path, GIVEN)
-    assert FolderRecording(tmp_path / "a_*.png", GIVEN).count == 2
-    assert FolderRecording(tmp_path / "b_1.png", GIVEN).count == 1
-
-
-@pytest.mark.parametrize("suffix", [".tif", ".TIFF", ".PNG"])
-def test_other_endings(tmp_path: Path, suffix: str) -> None:
-    """TIFF, and suffixes in capitals, are accepted."""
-    put(tmp_path / f"1{suffix}", hand_sized())
-    assert [frame.depth[20, 30] for frame in FolderRecording(tmp_path, GIVEN)] == [500]
+    assert FolderRecording(tmp_path / f"a_*{suffix}", GIVEN).count == 2
+    assert [frame.depth[20, 30] for frame in FolderRecording(tmp_path / f"b_1{suffix}", GIVEN)] == [500]
 
 
 def test_camera_json(folder: Path) -> None:
@@ -82,22 +74,24 @@ def test_camera_json(folder: Path) -> None:
     assert FolderRecording(folder / "*.png", CameraInfo(unit_mm=1.0)).unit_mm == 1
 
 
-def test_a_damaged_frame_is_left_out_and_said(folder: Path) -> None:
-    """Its number and time are skipped, and a remark reports it."""
-    path = folder / "2.png"
+@pytest.mark.parametrize(("name", "left"), [("1.png", [(1, 0.1), (2, 0.3)]), ("2.png", [(0, 0.0), (2, 0.3)])])
+def test_a_damaged_frame_is_left_out_and_said(folder: Path, name: str, left: list[tuple[int, float]]) -> None:
+    """Its number and time are skipped, also of the first one, and a remark reports it."""
+    path = folder / name
     path.write_bytes(path.read_bytes()[:-30])
     recording = FolderRecording(folder, GIVEN)
     before = recording.remarks
     for _ in range(2):
-        assert [(frame.number, frame.time) for frame in recording] == [(0, 0.0), (2, 0.3)]
+        assert [(frame.number, frame.time) for frame in recording] == left
         assert recording.remarks == (
             *before, f"1 damaged frames are left out, the first: {path}: truncated or damaged PNG")
 
 
-def test_the_first_frame_is_damaged(folder: Path) -> None:
-    """If the first frame is damaged, the next one determines the size."""
-    (folder / "1.png").write_bytes(b"")
-    assert [frame.number for frame in FolderRecording(folder, GIVEN)] == [1, 2]
+def test_no_frame_is_whole(folder: Path) -> None:
+    for path in folder.iterdir():
+        path.write_bytes(b"")
+    with pytest.raises(DataError, match=r"1\.png: not an image"):
+        FolderRecording(folder, GIVEN)
 
 
 @bad_inputs(DataError, {
@@ -170,6 +164,7 @@ NANO = 10**9
         ([f"v1.{n}.png" for n in range(98, 102)], tuple(range(4)), 0, "numbers"),
         (["background.png"], (0,), 0, "numbers"),
         (["z_34512.png", "z_34545.png"], (0, 33), 0, "(--time-unit if they are times)"),
+        (["5000000000.png", "5000000033.png"], (0, 33), 0, "numbers"),  # too late in s, too early in ms
         (["frame1616799936.png", "frame1616799938.png"], (0, 2 * NANO), NANO, "in s since 1970"),
         (["1616799936125.png", "1616799936158.png"], (0, 33 * 10**6), NANO, "in ms since 1970: a frame every 33 ms"),
         (["1616799936125000.png", "1616799936158000.png"], (0, 33 * 10**6), NANO, "in us since 1970"),

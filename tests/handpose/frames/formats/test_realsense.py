@@ -18,23 +18,19 @@ from handpose.frames.recording import UNKNOWN, CameraInfo
 from netlib.errors import DataError, NetlibError
 from tests.support.bad_input import bad_inputs
 
-Sent = tuple[int, float, str]  # frame number, time in ms, the clock's name
+SENT = [(10 + i, 5000 + i * 33.0) for i in range(4)]  # frame numbers, and times in ms
 
 
 class FakeModule:
-    """The used part of pyrealsense2, with a camera that sends the frames ``sent`` and is then unplugged."""
+    """The used part of pyrealsense2, with a camera that sends the frames SENT and is then unplugged."""
 
-    def __init__(
-        self, sent: list[Sent], model: str = "distortion.brown_conrady", coeffs: tuple[float, ...] = (0,) * 5
-    ) -> None:
+    def __init__(self) -> None:
         self.stopped = 0
-        self.serials = ["0123"]
         self.stream = SimpleNamespace(depth="depth")
         self.format = SimpleNamespace(z16="z16")
         self.camera_info = SimpleNamespace(name="name", serial_number="serial_number")
-        self.intrinsics = SimpleNamespace(
-            width=64, height=48, fx=60.5, fy=61.5, ppx=31.25, ppy=23.75, model=model, coeffs=list(coeffs)
-        )
+        self.intrinsics = SimpleNamespace(width=64, height=48, fx=60.5, fy=61.5, ppx=31.25, ppy=23.75,
+                                          model="distortion.brown_conrady", coeffs=[0.0] * 5)
         self.video_stream_profile = SimpleNamespace(
             get_intrinsics=lambda: self.intrinsics, fps=lambda: 30, format=lambda: "z16"
         )
@@ -47,14 +43,14 @@ class FakeModule:
         self.pipeline_profile = SimpleNamespace(
             get_stream=lambda stream: self.video_stream_profile, get_device=lambda: self.device
         )
-        self._frames = iter([self.depth_frame(*frame) for frame in sent])
+        self._frames = iter([self.depth_frame(*frame) for frame in SENT])
 
     @staticmethod
-    def depth_frame(number: int, time_ms: float, domain: str) -> Any:
+    def depth_frame(number: int, time_ms: float) -> Any:
         return SimpleNamespace(
             get_frame_number=lambda: number,
             get_timestamp=lambda: time_ms,
-            get_frame_timestamp_domain=lambda: domain,
+            get_frame_timestamp_domain=lambda: "hardware",
             get_data=lambda: np.full((48, 64), number, np.uint16) + np.arange(64, dtype=np.uint16),
         )
 
@@ -70,7 +66,7 @@ class FakeModule:
         return SimpleNamespace(start=self._start, stop=self._stop, wait_for_frames=self._wait_for_frames)
 
     def _start(self, config: Any) -> Any:
-        if config.serial not in ("", *self.serials):
+        if config.serial not in ("", "0123"):
             raise RuntimeError("No device connected")
         return self.pipeline_profile
 
@@ -86,19 +82,15 @@ class FakeModule:
         return SimpleNamespace(get_depth_frame=lambda: frame)
 
 
-def every(count: int = 4, domain: str = "hardware") -> list[Sent]:
-    return [(10 + i, 5000 + i * 33.0, domain) for i in range(count)]
-
-
-def plug_in(monkeypatch: pytest.MonkeyPatch, *arguments: Any, **more: Any) -> FakeModule:
-    module = FakeModule(*arguments, **more)
+@pytest.fixture
+def fake(monkeypatch: pytest.MonkeyPatch) -> FakeModule:
+    module = FakeModule()
     monkeypatch.setitem(sys.modules, "pyrealsense2", module)
     return module
 
 
-def test_frames_as_they_come(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_frames_as_they_come(fake: FakeModule) -> None:
     """Depth is in the camera's unit, with its numbers and times; unplugging the camera ends the recording."""
-    module = plug_in(monkeypatch, every())
     with open_live("0123", UNKNOWN) as recording:
         assert recording.camera == Camera("Fake D400 0123", 60.5, 61.5, 31.25, 23.75, 64, 48)
         assert (recording.unit_mm, recording.rate, recording.live, recording.count) == (0.1, 30, True, None)
@@ -109,7 +101,7 @@ def test_frames_as_they_come(monkeypatch: pytest.MonkeyPatch) -> None:
         assert "was the camera unplugged" in recording.cut
         assert recording.remarks == ()
     recording.close()  # closing twice is harmless
-    assert module.stopped == 2
+    assert fake.stopped == 2
 
 
 @bad_inputs(DataError, {
@@ -120,13 +112,12 @@ def test_frames_as_they_come(monkeypatch: pytest.MonkeyPatch) -> None:
     "another size": ((None, 60.5, CameraInfo(Camera("own", 60, 60, 32, 24, 640, 480))),
                      "Fake D400 0123: 64 x 48 pixels; camera own has 640 x 480"),
 })
-def test_a_camera_that_does_not_fit(monkeypatch: pytest.MonkeyPatch, given: Any, rejected: Any) -> None:
+def test_a_camera_that_does_not_fit(fake: FakeModule, given: Any, rejected: Any) -> None:
     """An unknown number lists the cameras connected; a camera that does not fit is stopped."""
-    module = plug_in(monkeypatch, every())
-    number, module.intrinsics.fx, info = given
+    number, fake.intrinsics.fx, info = given
     with rejected:
         open_live(number, info)
-    assert module.stopped == (number is None)
+    assert fake.stopped == (number is None)
 
 
 @bad_inputs(NetlibError, {
@@ -153,12 +144,12 @@ def rs() -> Any:
 
 
 def test_the_stand_in_is_like_the_real_one(rs: Any) -> None:
-    fake = FakeModule([])
+    fake = FakeModule()
     for name, parts in vars(fake).items():
         if isinstance(parts, SimpleNamespace):
             assert [part for part in vars(parts) if not hasattr(getattr(rs, name), part)] == [], name
     for name, made in (("context", fake.context()), ("config", fake.config()), ("pipeline", fake.pipeline()),
-                       ("depth_frame", fake.depth_frame(0, 0, ""))):
+                       ("depth_frame", fake.depth_frame(0, 0))):
         assert [part for part in vars(made) if part != "serial" and not hasattr(getattr(rs, name), part)] == [], name
     assert hasattr(rs.composite_frame, "get_depth_frame")
 

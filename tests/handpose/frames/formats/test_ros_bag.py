@@ -24,16 +24,18 @@ from tests.support.bad_input import bad_inputs
 pytest.importorskip("rosbags", reason="rosbags is missing: pip install rosbags")
 
 DEPTH = np.random.default_rng(0).integers(0, 4000, (4, 48, 64)).astype(np.uint16)
-IMAGE, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
-COMPRESSED = "sensor_msgs/msg/CompressedImage"
+IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 GIVEN = CameraInfo(camera=Camera("own", 60, 60, 32, 24, 0, 0), origin="--camera")
 KINDS: dict[str, Any] = {
     "realsense.bag": bags.write_realsense,
+    "older_realsense.bag": functools.partial(bags.write_realsense, tail=False, option="Depth Units"),
     "plain.bag": bags.write_ros1,
     "bz2.bag": functools.partial(bags.write_ros1, compression="BZ2"),
     "sqlite": bags.write_ros2,
     "mcap": functools.partial(bags.write_ros2, storage="MCAP"),
     "realsense_db3": functools.partial(bags.write_ros2, make=bags.realsense_db3),
+    "a.db3": lambda path, depth: bags.write_ros2(path.with_suffix(""), depth) / "a.db3",  # files without their folder
+    "a.mcap": lambda path, depth: bags.write_ros2(path.with_suffix(""), depth, storage="MCAP") / "a.mcap",
 }
 
 
@@ -67,18 +69,6 @@ def test_every_kind_of_bag(tmp_path: Path, name: str) -> None:
     assert [f.number for f in frames] == list(range(4))
     assert all(np.array_equal(f.depth, d * np.float32(recording.unit_mm)) for f, d in zip(frames, DEPTH))
     assert len(list(recording)) == 4  # a second iteration starts at the first frame
-
-
-@pytest.mark.parametrize(("name", "file"), [("sqlite", "sqlite.db3"), ("mcap", "mcap.mcap")])
-def test_a_file_without_its_folder(tmp_path: Path, name: str, file: str) -> None:
-    assert len(read(KINDS[name](tmp_path / name, DEPTH) / file)[1]) == 4
-
-
-def test_older_realsense(tmp_path: Path) -> None:
-    """Older recordings of RealSense, with ROS image messages and spaces in option names, are read."""
-    path = bags.write_realsense(tmp_path / "a.bag", DEPTH, tail=False, unit_m=0.001, option="Depth Units")
-    recording, frames = read(path)
-    assert (recording.unit_mm, len(frames)) == (1.0, 4)
 
 
 @pytest.mark.parametrize(("values", "options", "unit_mm"), [
@@ -127,14 +117,22 @@ def test_compressed_images(tmp_path: Path, write: Any, form: str, ending: str, c
     assert np.array_equal(frames[0].depth, DEPTH[0])
 
 
-def test_a_camera_of_another_size(tmp_path: Path) -> None:
-    """Images of a region of the sensor, or of binned pixels, raise an error; a given camera replaces it."""
-    path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=functools.partial(bags.driver, sensor=(100, 200)))
-    with pytest.raises(DataError, match="camera_info: the camera has 200 x 100 pixels, the images have 64 x 48; exp"):
-        BagRecording(path, UNKNOWN)
-    assert BagRecording(path, GIVEN).camera.fx == 60
-    unknown = functools.partial(bags.driver, sensor=(0, 0))
-    assert read(bags.write_ros1(tmp_path / "b.bag", DEPTH, make=unknown))[0].camera.width == 64
+RECT = [70.0, 0, 30, 0, 0, 71, 20, 0, 0, 0, 1, 0]
+NONE = {"k": [0] * 9, "p": [0] * 12}  # not calibrated
+REGION = {"sensor": (100, 200)}  # images of a region of the sensor, or of binned pixels
+
+
+@pytest.mark.parametrize(("options", "given", "camera"), [
+    ({"topic": "/camera/depth/image_rect", "d": (0.2, 0.1, 0, 0, 0), "p": RECT}, UNKNOWN, (70, 71, 30, 20)),
+    (NONE, GIVEN, (60, 60, 32, 24)), (REGION, GIVEN, (60, 60, 32, 24)),
+    ({"sensor": (0, 0)}, UNKNOWN, (60.5, 61.5, 31.25, 23.75)),
+])
+def test_cameras(tmp_path: Path, options: dict[str, Any], given: CameraInfo, camera: tuple[float, ...]) -> None:
+    """Of rectified images; a given one in place of one that does not fit; of images whose size is not said."""
+    path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=functools.partial(bags.driver, **options))
+    found, frames = read(path, given)
+    assert found.camera == Camera(found.camera.name, *camera, 64, 48)
+    assert np.array_equal(frames[0].depth, DEPTH[0])
 
 
 @pytest.mark.parametrize(("model", "d", "lens"), [
@@ -148,21 +146,6 @@ def test_lenses(tmp_path: Path, model: str, d: tuple[float, ...], lens: Lens) ->
     _, same = read(path, CameraInfo(own.camera, lens))
     assert np.array_equal(frames[0].depth, same[0].depth)
     assert np.array_equal(frames[0].depth, DEPTH[0]) == lens.is_straight
-
-
-def test_rectified_images(tmp_path: Path) -> None:
-    p = [70.0, 0, 30, 0, 0, 71, 20, 0, 0, 0, 1, 0]
-    make = functools.partial(bags.driver, topic="/camera/depth/image_rect", d=(0.2, 0.1, 0, 0, 0), p=p)
-    recording, frames = read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make))
-    assert recording.camera == Camera("ros", 70, 71, 30, 20, 64, 48)
-    assert np.array_equal(frames[0].depth, DEPTH[0])
-
-
-def test_a_camera_that_is_not_calibrated(tmp_path: Path) -> None:
-    path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=functools.partial(bags.driver, k=[0] * 9, p=[0] * 12))
-    with pytest.raises(DataError, match="the camera of these frames is unknown"):
-        BagRecording(path, UNKNOWN)
-    assert read(path, GIVEN)[0].camera.fx == 60
 
 
 def test_several_topics_of_depth(tmp_path: Path) -> None:
@@ -244,6 +227,9 @@ COLOUR = "/camera/color/image_raw"
 
 
 @bad_inputs(DataError, {
+    "a camera that is not calibrated": (functools.partial(bags.driver, **NONE), "...: the camera of these frames ..."),
+    "a camera of another size": (functools.partial(bags.driver, **REGION), "...a.bag: /camera/depth/camera_info: the "
+                                 "camera has 200 x 100 pixels, the images have 64 x 48; expected the same; ..."),
     "a lens that is not known": (functools.partial(bags.driver, model="equidistant", d=(0.2, 0.1, 0, 0)),
                                  "...a.bag: /camera/depth/camera_info: distortion model 'equidistant' is not ..."),
     "colours": (images((IMAGE_OF(DEPTH[0], 5, "rgb8"), 5), topic=COLOUR),

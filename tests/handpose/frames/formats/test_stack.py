@@ -20,27 +20,35 @@ from netlib.errors import DataError
 from tests.handpose.frames.conftest import CAMERA, GIVEN, hand_sized
 from tests.support.bad_input import bad_inputs
 
-DEPTH = np.stack([hand_sized(distance=1000 + i) for i in range(3)])
-TIMES = np.array([5.0, 5.25, 6.5])
+DEPTH = np.stack([hand_sized(distance=1000 + i) for i in range(4)])
+SECONDS = np.array([0.0, 0.1, 0.2, 0.4])
+MATRIX = np.array([[60, 0, 31.5], [0, 61, 23.5], [0, 0, 1]])
 BESIDE = {"fx": 60.0, "fy": 61.0, "u0": 31.5, "v0": 23.5, "unit_mm": 0.5}
 
 
-def save(path: Path, depth: np.ndarray = DEPTH, **others: object) -> Path:
+def save(path: Path, depth: np.ndarray = DEPTH) -> Path:
     """Write a stack to a file of the path's kind."""
-    if path.suffix == ".npy":
-        np.save(path, depth)
-    else:
-        np.savez_compressed(path, depth=depth, **others)
+    np.save(path, depth) if path.suffix == ".npy" else np.savez_compressed(path, depth=depth)
     return path
+
+
+def opened(folder: Path, given: CameraInfo = GIVEN, **others: Any) -> Recording:
+    """The recording in an archive with these arrays."""
+    np.savez(folder / "take.npz", **{"depth": DEPTH, **others})
+    return StackRecording(folder / "take.npz", given)
+
+
+def times_of(recording: Recording) -> list[float]:
+    return [frame.time for frame in recording]
 
 
 @pytest.mark.parametrize("suffix", [".npy", ".npz"])
 @pytest.mark.parametrize("dtype", [np.uint16, ">u2", np.float32, np.float64])
 def test_frames(tmp_path: Path, suffix: str, dtype: str) -> None:
     recording = StackRecording(save(tmp_path / f"take{suffix}", DEPTH.astype(dtype)), GIVEN)
-    assert (recording.camera, recording.unit_mm, recording.count, recording.rate) == (CAMERA, 0.5, 3, 10)
+    assert (recording.camera, recording.unit_mm, recording.count, recording.rate) == (CAMERA, 0.5, 4, 10)
     for _ in range(2):
-        assert [(frame.number, frame.time) for frame in recording] == [(0, 0), (1, 0.1), (2, 0.2)]
+        assert [(frame.number, frame.time) for frame in recording] == [(0, 0), (1, 0.1), (2, 0.2), (3, 0.3)]
     for frame, stored in zip(recording, DEPTH):
         np.testing.assert_array_equal(frame.depth, stored / np.float32(2))
     assert recording.cut == ""
@@ -48,27 +56,31 @@ def test_frames(tmp_path: Path, suffix: str, dtype: str) -> None:
 
 def test_what_stands_beside_the_frames(tmp_path: Path) -> None:
     """Times may start anywhere; the camera is stored as numbers or as the text of a camera.json."""
-    recording = StackRecording(save(tmp_path / "a.npz", time=TIMES, **BESIDE))
-    assert [frame.time for frame in recording] == [0, 0.25, 1.5]
+    recording = opened(tmp_path, UNKNOWN, time=5 + SECONDS, **BESIDE)
+    assert times_of(recording) == pytest.approx(SECONDS)
     assert (recording.camera, recording.unit_mm, recording.rate) == (CAMERA, 0.5, None)
     assert recording.remarks == ("parameters from 'fx', 'fy', 'u0', 'v0', 'unit_mm'; times from 'time', taken for s; "
                                  "--time-unit if wrong",)
     text = camera_file.to_text(CameraInfo(CAMERA, unit_mm=0.25, rate=20.0))
-    recording = StackRecording(save(tmp_path / "b.npz", camera=text))
+    recording = opened(tmp_path, UNKNOWN, camera=text)
     assert (recording.camera, recording.unit_mm, recording.rate) == (CAMERA, 0.25, 20)
-    assert StackRecording(tmp_path / "b.npz", CameraInfo(unit_mm=3.0)).unit_mm == 3
+    assert opened(tmp_path, CameraInfo(unit_mm=3.0), camera=text).unit_mm == 3
 
 
 def test_times_of_a_given_unit(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"c\.npy: has no times, so --time-unit has no meaning"):
         StackRecording(save(tmp_path / "c.npy"), replace(GIVEN, time_unit="ms"))
-    save(tmp_path / "b.npz", time=np.array([3, 4, 6]), rate=20.0, time_unit="frames", **BESIDE)
-    assert [frame.time for frame in StackRecording(tmp_path / "b.npz", CameraInfo())] == pytest.approx([0, 0.05, 0.15])
+    counted = opened(tmp_path, UNKNOWN, time=np.array([3, 4, 6, 7]), rate=20.0, time_unit="frames", **BESIDE)
+    assert times_of(counted) == pytest.approx([0, 0.05, 0.15, 0.2])
 
 
 def test_a_stack_by_another_name(tmp_path: Path) -> None:
     np.savez(tmp_path / "other.npz", frames=DEPTH, joints=np.zeros((3, 2)))
-    assert StackRecording(tmp_path / "other.npz", GIVEN).count == 3
+    assert StackRecording(tmp_path / "other.npz", GIVEN).count == 4
+
+
+def test_a_single_frame_has_no_rate(tmp_path: Path) -> None:
+    assert StackRecording(save(tmp_path / "one.npy", DEPTH[:1]), replace(GIVEN, rate=None)).rate is None
 
 
 EXPECTED = "expected an array depth (frames, height, width)"
@@ -123,29 +135,13 @@ def cut(path: Path, size: int | None = None, flip: int = 0) -> Path:
     "joints": (lambda tmp: archive(tmp / "a.npz", joints=np.zeros((3, 2))),
                f"...a.npz: holds joints (3, 2); {EXPECTED}"),
     "two stacks": (lambda tmp: archive(tmp / "a.npz", a=DEPTH, b=DEPTH),
-                   f"...a.npz: holds a (3, 48, 64), b (3, 48, 64); {EXPECTED}"),
+                   f"...a.npz: holds a (4, 48, 64), b (4, 48, 64); {EXPECTED}"),
     "a text": (lambda tmp: text(tmp / "a.npz"), f"...a.npz: holds nothing; {EXPECTED}"),
 })
 def test_what_is_no_stack(tmp_path: Path, given: Callable[[Path], Path], rejected: Any) -> None:
     path = given(tmp_path)
     with rejected:
         list(StackRecording(path, GIVEN))
-
-
-FOUR = np.stack([hand_sized(distance=1000 + i) for i in range(4)])
-SECONDS = np.array([0.0, 0.1, 0.2, 0.4])
-MATRIX = np.array([[60, 0, 31.5], [0, 61, 23.5], [0, 0, 1]])
-ROW = [60, 61, 31.5, 23.5]
-
-
-def opened(folder: Path, given: CameraInfo = GIVEN, **others: Any) -> Recording:
-    """The recording in an archive with these arrays, which has already been read once."""
-    np.savez(folder / "take.npz", depth=FOUR, **others)
-    return StackRecording(folder / "take.npz", given)
-
-
-def times_of(recording: Recording) -> list[float]:
-    return [frame.time for frame in recording]
 
 
 @pytest.mark.parametrize(("name", "times", "how"), [
@@ -251,7 +247,7 @@ def test_what_is_not_used_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         ("two units", {"unit_mm": [1.0, 2.0]}, "unit_mm is [1.0, 2.0]; expected a number more than 1e-06 and ..."),
         ("too many numbers", {"K": np.zeros(1001)}, "K is float64 (1001,), expected numbers, or a text"),
         ("a camera's fx alone", {"camera": '{"fx": 1}'}, "camera: has fx, but not fy and u0 and v0"),
-        ("two cameras", {"camera": ["a", "b"]}, "camera has the shape (2,), expected one text: a camera.json"),
+        ("two cameras", {"camera": ["a", "b"]}, "camera is <U1 (2,), expected numbers, or a text"),
     )
 })
 def test_what_is_wrong(tmp_path: Path, given: dict[str, Any], rejected: Any) -> None:

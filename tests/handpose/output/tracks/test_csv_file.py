@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from handpose.output.tracks import csv_file
-from handpose.output.tracks.writing import CsvWriter
-from handpose.tracking.track import LostHand, TrackedFrame, TrackHeader
+from handpose.output.tracks.writing import open_writer
+from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackHeader
 from layers.hand.skeleton import load
 from tests.support.made_tracks import any_hand, any_skeleton, any_track, header_of
 
@@ -21,7 +21,7 @@ HAND = header_of(load())
 
 def written(path: Path, header: TrackHeader, frames: list[TrackedFrame]) -> list[dict[str, str]]:
     """The rows of the file, by column."""
-    with CsvWriter(path, header) as writer:
+    with open_writer(path, header) as writer:
         for frame in frames:
             writer.write(frame)
     with path.open(newline="") as file:
@@ -58,9 +58,12 @@ def test_what_is_not_known_is_empty(tmp_path: Path) -> None:
     hand = replace(any_hand(HAND, np.random.default_rng(0)), confidence=np.nan, error_mm=np.nan)
     hand.finger_error_mm[1] = np.nan
     reason = 'it is "dark", 3 mm'
-    seen, lost = written(tmp_path / "a.csv", HAND, [TrackedFrame(0, 0, (hand,), (LostHand(1, "left", 0, reason),))])
+    present = PresentHand(2, None, 0.5, 0.25, (0, 0, 700), reason)
+    frame = TrackedFrame(0, 0, (hand,), (LostHand(1, "left", 0, reason),), (present,))
+    seen, lost, there = written(tmp_path / "a.csv", HAND, [frame])
     assert seen["confidence"] == seen["error_mm"] == seen["index_error_mm"] == ""
     assert lost["lost"] == reason
+    assert list(there.values())[2:8] == ["2", "unknown", reason, "0.500", "0.2500", ""]
 
 
 def test_no_hand_no_row(tmp_path: Path) -> None:

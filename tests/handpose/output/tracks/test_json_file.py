@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from handpose.output.tracks.json_file import Track, read_track
 from handpose.output.tracks.json_values import rounded
-from handpose.output.tracks.writing import JsonLinesWriter, JsonWriter
+from handpose.output.tracks.writing import open_writer
 from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackHeader, joints_of
 from layers.hand.skeleton import load
 from netlib.errors import DataError, PrototxtError
@@ -23,13 +23,12 @@ from tests.support.bad_input import bad_inputs
 from tests.support.made_tracks import any_hand, any_skeleton, any_track, header_of
 
 HAND = header_of(load())
-LAYOUTS = {"json": JsonWriter, "jsonl": JsonLinesWriter}
-both = pytest.mark.parametrize("layout", LAYOUTS)
+both = pytest.mark.parametrize("layout", ["json", "jsonl"])
 
 
 def written(path: Path, header: TrackHeader, frames: list[TrackedFrame]) -> Track:
     """The track, written in the layout of the suffix and read back."""
-    with LAYOUTS[path.suffix[1:]](path, header) as writer:
+    with open_writer(path, header) as writer:
         for frame in frames:
             writer.write(frame)
     return read_track(path)
@@ -87,8 +86,7 @@ def test_keys_and_units(tmp_path: Path) -> None:
     written(tmp_path / "a.json", HAND, [TrackedFrame(7, 0.25, (hand,))])
     found = json.loads((tmp_path / "a.json").read_text())
     body, (frame,) = found["skeleton"], found["frames"]
-    assert found["units"] == {"length": "mm", "angle": "rad", "time": "s", "pixel": "px"}
-    assert found["axes"] == {"x": "right", "y": "up", "z": "away from the camera"}
+    assert not json_schema.faults(found)
     assert found["camera"]["fx"] == 588.03
     assert found["complete"] is True
     assert body["joints"] == HAND.skeleton.joint_names
@@ -124,23 +122,21 @@ def test_values_that_a_hand_may_lack(tmp_path: Path) -> None:
         assert np.allclose(first.raw_xyz, full.raw_xyz, atol=0.0051) and second.raw_xyz is None
 
 
-@pytest.mark.parametrize("error", [KeyboardInterrupt, DataError])
-def test_an_interruption_leaves_a_whole_document(tmp_path: Path, error: type[BaseException]) -> None:
-    """After an interruption the document is complete and has a note; no other file is left."""
+def test_an_interruption_leaves_a_whole_document(tmp_path: Path) -> None:
+    """After an interruption the document is complete and has a note."""
     frames = any_track(HAND, 1, 3)
-    with pytest.raises(error), JsonWriter(tmp_path / "a.json", HAND) as writer:
+    with pytest.raises(KeyboardInterrupt), open_writer(tmp_path / "a.json", HAND) as writer:
         for frame in frames:
             writer.write(frame)
-        raise error
+        raise KeyboardInterrupt
     track = read_track(tmp_path / "a.json")
     check_same(track, HAND, frames)
     assert track.cut == "the tracker was stopped"
-    assert len(list(tmp_path.iterdir())) == 1
 
 
-def test_no_frame_at_all(tmp_path: Path) -> None:
-    assert written(tmp_path / "a.json", HAND, []).frames == []
-    assert written(tmp_path / "a.jsonl", HAND, []).frames == []
+@both
+def test_no_frame_at_all(tmp_path: Path, layout: str) -> None:
+    assert written(tmp_path / f"a.{layout}", HAND, []).frames == []
 
 
 def test_numbers_that_are_not_known_are_null() -> None:
@@ -176,12 +172,21 @@ def test_a_document_that_another_program_laid_out(tmp_path: Path) -> None:
     f"{old} -> {new[:20]}": ((old, new), *error, f"...a.json: {line}") for old, new, *error, line in (
         ('"handpose"', '"something"', "not a track; expected a file that track --json has written"),
         ('"version":2', '"version":3', "format version 3; this program reads 2"),
+        ('"version":2', '"version":true', "'version' is True, expected a whole number of at least 0"),
+        ('"source":"wave.bag"', '"source":7', "'source' is 7, expected a text"),
+        ('"smoothed":true', '"smoothed":1', "'smoothed' is 1, expected true or false"),
+        ('"camera":{', '"camera":[1],"c":{', "'camera': found [1], expected an object"),
         ('"fx":588.03', '"fx":-3', "'camera': 'fx' is -3, expected a number above 0"),
+        ('"u0":320.0', '"u0":1e13', "'camera': 'u0' is 10000000000000.0, expected a number"),
+        ('"width":640', '"width":640.5', "'camera': 'width' is 640.5, expected a whole number of at least 0"),
+        ('"frames":[', '"frames":7,"f":[', "'frames' is 7, expected a list"),
         ('"time_s":0.0', '"time_s":NaN', "'frames' 0: 'time_s' is nan, expected a number"),
         ('"time_s":0.0', '"time_s":"0"', "'frames' 0: 'time_s' is '0', expected a number"),
         ('"number":0', '"number":-1', "'frames' 0: 'number' is -1, expected a whole number of at least 0"),
         ('"hands"', '"fingers"', "'frames' 0: there is no 'hands'"),
         ('"hand":"right"', '"hand":"both"', "'frames' 0: 'hands' 0: 'hand' is 'both', expected 'right' or 'left'"),
+        ('"hand":"right"', '"hand":null,"assumed_hand":"right","assumed_confidence":1',
+         "'frames' 0: 'hands' 0: 'assumed_confidence' is 1, expected a number of at least 0, at most 0.999999"),
         ('"positions_mm":[', '"positions_mm":[[1,2,3],',
          "'frames' 0: 'hands' 0: 'positions_mm' is [[1, 2, 3], ..., expected 31 x 3 numbers"),
         ('"bones_mm"', '"bones"', "'frames' 0: 'hands' 0: hand 0 has no 'bones_mm', neither here nor before"),
@@ -190,6 +195,8 @@ def test_a_document_that_another_program_laid_out(tmp_path: Path) -> None:
         ('"camera":{', '"camera":null,"c":{',
          "predicted from crops without a camera, so positions are relative to crops"),
         ('"complete":true}', '"complete":true', "not whole JSON: Expecting ',' delimiter: line ..."),
+        ('"number":0', '"number":' + "1" * 5000, "not whole JSON: ..."),
+        ('"number":0', '"number":0,"number":1', "has 'number' twice"),
         ("{", "[" * 100_000, "JSON of too many levels"))
 })
 def test_what_is_no_track(tmp_path: Path, given: tuple[str, str], rejected: Any) -> None:
@@ -201,13 +208,6 @@ def test_what_is_no_track(tmp_path: Path, given: tuple[str, str], rejected: Any)
     path.write_text(text.replace(*given, 1))
     with rejected:
         read_track(path)
-
-
-def test_a_standard_output_that_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A closed standard output, as by >&- in a shell, raises an error."""
-    monkeypatch.setattr("sys.stdout", None)
-    with pytest.raises(OSError, match="is closed: 'standard output'"), JsonLinesWriter(None, HAND):
-        pytest.fail("began all the same")
 
 
 @both

@@ -5,19 +5,20 @@ from __future__ import annotations
 import errno
 import io
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from handpose.output.tracks.json_file import read_track
-from handpose.output.tracks.writing import GrowingFile, open_writer
+from handpose.output.tracks.writing import TrackWriter, open_writer
 from layers.hand.skeleton import load
 from tests.support.made_tracks import any_track, header_of
 
 HAND = header_of(load())
-NAMES = ("a.json", "b.JSONL", "c.csv")
+FULL = OSError(errno.ENOSPC, "No space left on device")
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ["a.json", "b.JSONL", "c.csv"])
 def test_by_the_ending(tmp_path: Path, name: str) -> None:
     frames = any_track(HAND, 1)
     with open_writer(tmp_path / name, HAND) as writer:
@@ -28,47 +29,35 @@ def test_by_the_ending(tmp_path: Path, name: str) -> None:
         assert len(read_track(tmp_path / name).frames) == len(frames)
 
 
-def test_standard_output(capsys: pytest.CaptureFixture[str]) -> None:
+def test_standard_output(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """JSON lines; one that is closed, as by >&- in a shell, is an error."""
     with open_writer("-", HAND) as writer:
         writer.write(any_track(HAND, 1)[0])
     assert capsys.readouterr().out.count("\n") == 2
+    monkeypatch.setattr("sys.stdout", None)
+    with pytest.raises(OSError, match="is closed: 'standard output'"), open_writer("-", HAND):
+        pytest.fail("began all the same")
 
 
-def test_pieces_one_after_the_other(tmp_path: Path) -> None:
-    """The file appears under its name only at the end, and no other file is left."""
+def pieces(path: Path, **options: Any) -> Any:
+    """A writer of frames that are bytes, after ``<``."""
+    return TrackWriter(path, lambda frame: frame, b"<", **options)
+
+
+@pytest.mark.parametrize(("end", "content"), [(None, b"<a,b>"), (b"!", b"<a,b!")])
+def test_frames_one_after_the_other(tmp_path: Path, end: bytes | None, content: bytes) -> None:
+    """The file appears under its name only at the end, which may be another than after an interruption."""
     path = tmp_path / "a.txt"
-    with GrowingFile(path, b"<", b">") as file:
+    with pieces(path, between=b",", tail=b">", end=end) as file:
         for piece in (b"a", b"b"):
-            file.append(piece)
+            file.write(piece)
         assert not path.exists()
-    assert path.read_bytes() == b"<ab>"
+    assert path.read_bytes() == content
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_another_end(tmp_path: Path) -> None:
-    """A complete file has another end than one after an interruption."""
-    with GrowingFile(tmp_path / "a.txt", b"<", b" cut>", b">") as file:
-        file.append(b"a")
-    assert (tmp_path / "a.txt").read_bytes() == b"<a>"
-
-
-@pytest.mark.parametrize("error", [KeyboardInterrupt(), OSError(errno.ENOSPC, "No space left on device")])
-def test_a_piece_that_was_not_written_whole(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException
-) -> None:
-    """A partly written piece is removed, and a disk error names the file."""
-    path = tmp_path / "a.txt"
-    file = GrowingFile(path, b"<", b">")
-    with pytest.raises(type(error)) as caught, file:
-        file.append(b"a")
-        monkeypatch.setattr(file, "_stream", Stream(file._stream, error))
-        file.append(b"wrong")
-    assert path.read_bytes() == b"<a>"
-    assert getattr(caught.value, "filename", str(path)) == str(path)
-
-
 class Stream:
-    """A stream on a disk that fails halfway through the piece "wrong"."""
+    """A stream on a disk that fails halfway through the frame "wrong"."""
 
     def __init__(self, stream: io.FileIO, error: BaseException) -> None:
         self._stream, self._error = stream, error
@@ -83,47 +72,47 @@ class Stream:
         return getattr(self._stream, name)
 
 
+@pytest.mark.parametrize("shown", [False, True])
+@pytest.mark.parametrize("count", [0, 1])
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), FULL], ids=["interrupt", "disk"])
+def test_a_frame_that_was_not_written_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException, count: int, shown: bool
+) -> None:
+    """It is removed, from a file that is shown at once; without a whole one the old file stays; the error names it."""
+    path, content = tmp_path / "a.txt", b"<a>" if count else b"old"
+    path.write_bytes(b"old")
+    with pytest.raises(type(error)) as caught, pieces(path, tail=b">", shown=shown) as file:
+        for _ in range(count):
+            file.write(b"a")
+        monkeypatch.setattr(file, "_stream", Stream(file._stream, error))
+        try:
+            file.write(b"wrong")
+        finally:
+            if isinstance(error, OSError):
+                assert path.read_bytes() == (content.removesuffix(b">") if shown else b"old")
+    assert path.read_bytes() == content
+    assert getattr(caught.value, "filename", str(path)) == str(path)
+    assert list(tmp_path.iterdir()) == [path]
+
+
 def test_a_file_that_is_shown(tmp_path: Path) -> None:
-    """It replaces an old file, or a link but not its target, with its first piece, and grows from then on."""
+    """It replaces an old file, or a link but not its target, with its first frame, and grows from then on."""
     path, target = tmp_path / "a.txt", tmp_path / "target.txt"
     target.write_text("old")
     path.symlink_to(target)
-    with GrowingFile(path, b"head\n", shown=True) as file:
+    with pieces(path, shown=True) as file:
         assert path.read_text() == "old"
-        file.append(b"a\n")
-        assert path.read_bytes() == b"head\na\n" and not path.is_symlink()
-        file.append(b"b\n")
-    assert path.read_bytes() == b"head\na\nb\n" and target.read_text() == "old"
+        file.write(b"a")
+        assert path.read_bytes() == b"<a" and not path.is_symlink()
+        file.write(b"b")
+        assert path.read_bytes() == b"<ab"
+    assert path.read_bytes() == b"<ab" and target.read_text() == "old"
     assert len(list(tmp_path.iterdir())) == 2
-
-
-def test_a_shown_piece_that_was_not_written_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A partly written piece is removed at once; without a whole one, the old file stays."""
-    path, error = tmp_path / "a.txt", OSError(errno.ENOSPC, "No space left on device")
-    for pieces in ((), (b"a\n",)):
-        path.write_text("old")
-        with pytest.raises(OSError), GrowingFile(path, b"head\n", shown=True) as file:
-            for piece in pieces:
-                file.append(piece)
-            monkeypatch.setattr(file, "_stream", Stream(file._stream, error))
-            try:
-                file.append(b"wrong\n")
-            finally:
-                assert path.read_bytes() == (b"head\na\n" if pieces else b"old")
-        assert path.read_bytes() == (b"head\na\n" if pieces else b"old")
-
-
-def test_before_the_first_piece_the_old_file_stays(tmp_path: Path) -> None:
-    (tmp_path / "a.txt").write_text("old")
-    with pytest.raises(KeyboardInterrupt), GrowingFile(tmp_path / "a.txt", b"<", b">"):
-        raise KeyboardInterrupt
-    assert (tmp_path / "a.txt").read_text() == "old"
-    assert len(list(tmp_path.iterdir())) == 1
 
 
 @pytest.mark.parametrize("name", ["folder", "none/a.txt"])
 def test_where_no_file_can_be(tmp_path: Path, name: str) -> None:
     (tmp_path / "folder").mkdir()
-    with pytest.raises(OSError) as caught, GrowingFile(tmp_path / name):
+    with pytest.raises(OSError) as caught, pieces(tmp_path / name):
         pytest.fail("began all the same")
     assert caught.value.filename == str(tmp_path / name)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import reprlib
 from collections.abc import Iterator
@@ -14,25 +13,6 @@ from netlib.blob import Array
 from netlib.errors import DataError
 
 MAX_NUMBER = 1e12  # maximum of a number; sums and products of larger ones may overflow
-
-
-def parsed(text: str, where: str) -> Any:
-    """The value of a JSON text without repeated keys. Raises DataError."""
-
-    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        found: dict[str, Any] = {}
-        for key, value in pairs:
-            if key in found:
-                raise DataError(f"{where}: has {key!r} twice")
-            found[key] = value
-        return found
-
-    try:
-        return json.loads(text, object_pairs_hook=unique)
-    except RecursionError:
-        raise DataError(f"{where}: JSON of too many levels") from None
-    except ValueError as error:  # JSONDecodeError, and integers of thousands of digits
-        raise DataError(f"{where}: not whole JSON: {error}") from None
 
 
 class Fields:
@@ -68,12 +48,12 @@ class Fields:
         """The field is true or false."""
         return bool(self._checked(name, bool, "true or false"))
 
-    def whole(self, name: str, least: int = 0) -> int:
-        """The field is a whole number of at least ``least``."""
-        value = self._checked(name, int, "a whole number")
-        if isinstance(value, bool) or not least <= value <= MAX_NUMBER:
-            raise self._wrong(name, f"a whole number of at least {least}")
-        return int(value)
+    def whole(self, name: str) -> int:
+        """The field is a whole number of at least 0."""
+        value = self._value(name)
+        if type(value) is not int or not 0 <= value <= MAX_NUMBER:
+            raise self._wrong(name, "a whole number of at least 0")
+        return value
 
     def number(self, name: str, least: float = -math.inf, most: float = math.inf) -> float:
         """The field is a number from ``least`` to ``most``."""
