@@ -21,7 +21,6 @@ hands     predicted hands to choose from, all with the first body's skeleton; if
     inputs           of the whole body, including the DoFs of its surface; for a left hand those of its mirror image
     size, thickness  scale of bones, offsets and radii; of the radii alone
     side             "right" or "left"
-    points, step_mm  16-bit numbers in base64, x y z of each point from the crop's centre, in units of step_mm
     crop             16-bit numbers in base64: the crop, -1 to 1 in steps of 1/32767
 """
 
@@ -44,7 +43,6 @@ from handpose.body.model import Surface
 from handpose.body.nyu import CUBE_MM
 from handpose.body.sides import Side
 from handpose.frames.cameras import CAMERAS, NYU, Camera
-from handpose.frames.crops import SIZE, window
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
@@ -55,7 +53,7 @@ _EXPORT = re.compile(r"^export ((?:async )?(?:class|function|const) (\w+))", re.
 
 
 def page(title: str, data: Mapping[str, Any]) -> str:
-    """The page of some data (``content.py``), ready to be written. Raises ValueError for numbers that JSON lacks."""
+    """The page of some data (``content``), ready to be written. Raises ValueError for numbers that JSON lacks."""
     return assembled(title, data, source("page.html"), source("page.css"), script_of(FIRST))
 
 
@@ -138,8 +136,8 @@ def skeleton_values(skeleton: Skeleton) -> dict[str, Any]:
     name
     joints    in output order:
         name, parent  the index of the parent, None for a root
-        motions       in the order of application: kind ("translate" or "rotate"), axis (0, 1, 2 for x, y, z),
-                      sign (1 or -1), dof
+        motions       in the order of application: turns (else it translates), axis (0, 1, 2 for x, y, z), sign
+                      (1 or -1), dof
         bone          axis, and length with its sign; None without a bone
     dofs      name, initial (added to the input), lower and upper (limits of the input, None without), fixed
     surface   None for a body without one:
@@ -176,7 +174,7 @@ def _joint_values(skeleton: Skeleton) -> list[dict[str, Any]]:
         parent, axis = int(skeleton.parents[j]), int(skeleton.bone_axes[j])
         joints.append({
             "name": name, "parent": parent if parent >= 0 else None,
-            "motions": [{"kind": m.kind, "axis": m.axis, "sign": m.sign, "dof": m.dof} for m in skeleton.motions[j]],
+            "motions": [{"turns": m.kind == "rotate", "axis": m.axis, "sign": m.sign, "dof": m.dof} for m in skeleton.motions[j]],
             "bone": {"axis": axis, "length": float(skeleton.bones[j])} if axis >= 0 else None,
         })
     return joints
@@ -197,37 +195,17 @@ def hand(
     name: str, words: str, inputs: ArrayLike, *, camera: Camera, center_uvd: Array,
     cube_mm: float, crop: NDArray[np.floating], size: float = 1.0, thickness: float = 1.0, side: Side = "right",
 ) -> dict[str, Any]:
-    """A hand predicted in a crop (S, S) in [-1, 1], with the depth points of the crop.
+    """A hand predicted in a crop (S, S) in [-1, 1].
 
     inputs  of the skeleton, or of the whole body; missing ones are 0
     """
-    points = crop_points(crop, center_uvd, cube_mm, camera)
-    step = max(float(np.abs(points).max(initial=0)), 1.0) / FULL
-    given = np.asarray(inputs, dtype=np.float64)
+    packed = base64.b64encode(np.rint(crop * FULL).astype("<i2").tobytes()).decode("ascii")
     return {
-        "name": name, "words": words,
-        "place": _place(camera, center_uvd, cube_mm), "inputs": given.tolist(), "size": size, "thickness": thickness,
-        "side": side, "points": _packed(points / step), "step_mm": step, "crop": _packed(crop * FULL),
+        "name": name, "words": words, "place": _place(camera, center_uvd, cube_mm), "side": side, "size": size,
+        "thickness": thickness, "inputs": np.asarray(inputs, dtype=np.float64).tolist(), "crop": packed,
     }
-
-
-def crop_points(crop: NDArray[np.floating], center_uvd: ArrayLike, cube_mm: float, camera: Camera) -> Array:
-    """The points of a crop (S, S) in [-1, 1] inside its cube, each image pixel once: (n, 3) mm from its centre."""
-    uvd = np.asarray(center_uvd, dtype=np.float64)
-    columns, rows = (pixels[0] for pixels in window(uvd[None], cube_mm, camera, SIZE))
-    column, row = (np.unique(pixels, return_index=True)[1] for pixels in (columns, rows))
-    column, row = column[columns[column] >= 0], row[rows[row] >= 0]
-    i, j = np.meshgrid(column, row)
-    value = crop[j, i].astype(np.float64)
-    inside = np.abs(value) < 1
-    seen = np.stack([columns[i], rows[j], value * cube_mm / 2 + uvd[2]], axis=-1)[inside]
-    return np.asarray(camera.unproject(seen) - camera.unproject(uvd))
 
 
 def _place(camera: Camera, center_uvd: ArrayLike, cube_mm: float) -> dict[str, Any]:
     middle = np.asarray(center_uvd, dtype=np.float64).tolist()
     return {"unit_mm": cube_mm / 2, "camera": vars(camera), "center_uvd": middle, "cube_mm": cube_mm}
-
-
-def _packed(numbers: Array) -> str:
-    return base64.b64encode(np.rint(numbers).astype("<i2").tobytes()).decode("ascii")

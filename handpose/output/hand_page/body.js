@@ -24,7 +24,7 @@ export class Body {
     this.open(values);
   }
 
-  /* Show another body, {skeleton, place} of content.py, in its initial pose. */
+  /* Show another body, {skeleton, place} of assembly.py, in its initial pose. */
   open({ skeleton: values, place }) {
     const skeleton = new Skeleton(values), { surface } = values;
     const whole = surface ? new Skeleton({
@@ -38,20 +38,15 @@ export class Body {
     this.notify("skeleton");
   }
 
-  /* Change the camera, or the place of the crop. */
-  setPlace(values) {
+  /* Change the camera, the place of the crop, or the side. */
+  change(values) {
     Object.assign(this, values);
-    this.notify("place");
+    this.notify("pose");
   }
 
   /* Change some inputs: {index: value}. */
   setInputs(values) {
     for (const [d, value] of Object.entries(values)) this.inputs[d] = value;
-    this.notify("pose");
-  }
-
-  setSide(side) {
-    this.side = side;
     this.notify("pose");
   }
 
@@ -65,7 +60,7 @@ export class Body {
     this.notify("force");
   }
 
-  /* Call every listener with what has changed: "skeleton", "place", "pose" or "force". */
+  /* Call every listener with what has changed: "skeleton", "pose" or "force". */
   notify(what) {
     this.cachedPose = this.cachedJoints = null;
     for (const listener of this.listeners) listener(what);

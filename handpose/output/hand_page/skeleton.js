@@ -1,4 +1,4 @@
-/* A skeleton and its surface as tables, built from the JSON values that content.py describes.
+/* A skeleton and its surface as tables, built from the JSON values that assembly.py describes.
 
    theta[d] = input[d] + initial[d]        (a fixed DoF: theta[d] = initial[d]) */
 
@@ -23,9 +23,7 @@ export class Skeleton {
     this.parents = joints.map((joint) => joint.parent ?? -1);
     this.bones = joints.map((joint) => joint.bone?.length ?? 0);
     this.boneAxes = joints.map((joint) => joint.bone?.axis ?? -1);
-    this.motions = joints.map((joint) => joint.motions.map(
-      ({ kind, axis, sign, dof }) => ({ turns: kind === "rotate", axis, sign, dof }),
-    ));
+    this.motions = joints.map((joint) => joint.motions);
     this.turns = this.dofs.map((_, d) => this.motions.flat().some((motion) => motion.dof === d && motion.turns));
     const depth = (j) => (j < 0 ? 0 : depth(this.parents[j]) + 1);
     this.order = [...joints.keys()].sort((i, j) => depth(i) - depth(j));
@@ -57,7 +55,7 @@ export class Surface {
   posed(pose, size = 1, thickness = 1) {
     const ends = [...pose.joints], scale = size * thickness;
     for (const { joint, axes, vector } of this.offsets) {
-      ends[joint] = add(ends[joint], times(toWorld(pose, axes, vector), size));
+      ends[joint] = add(ends[joint], times(apply(pose.frames[axes], vector), size));
     }
     return this.capsules.map(({ from, to, radii }) => (
       { a: ends[from], b: ends[to], ra: radii[0] * scale, rb: radii[1] * scale, from, to }
@@ -117,6 +115,3 @@ export function backward(skeleton, pose, forces) {
   }
   return gradient;
 }
-
-/* Convert a vector from the axes of a joint to those of the world. */
-export const toWorld = (pose, joint, vector) => apply(pose.frames[joint], vector);
