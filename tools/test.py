@@ -131,7 +131,7 @@ def _draw(path: Path, net: Net, found: held_out.Predictions) -> None:
         held_out.crops_of(net, chosen), (found.joints if found.skeleton is None else found.skeleton)[chosen],
         found.truth[chosen], hand.skeleton if hand else skeletons.load(),
         [(f"frame {i}", f"{error:.0f} mm") for i, error in zip(chosen, errors)],
-        6, *held_out.centers_of(net, chosen), (2 * found.half_cube[chosen]).tolist(),
+        *held_out.centers_of(net, chosen), (2 * found.half_cube[chosen]).tolist(),
     )
     path.parent.mkdir(parents=True, exist_ok=True)
     outputs.write_image(path, sheet)

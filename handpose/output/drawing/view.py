@@ -156,16 +156,16 @@ def percent(confidence: float) -> str:
     return ">99%" if confidence >= 0.995 else f"{confidence:.0%}"
 
 
-def spoken(hand: TrackedHand) -> str:
-    """``right 93%``, ``right? 49%`` while the side is assumed; without the number if it was not measured."""
-    side = hand.known_side or f"{hand.hand}?"
-    return f"{side} {percent(hand.confidence)}" if math.isfinite(hand.confidence) else side
+def spoken(hand: TrackedHand | PresentHand) -> str:
+    """``right 93%``, ``right? 49%`` while the side is assumed; ``left hand 43%``, its presence, without joints.
 
-
-def spoken_presence(hand: PresentHand) -> str:
-    """``left hand 43%``: its presence."""
-    side = f"{hand.hand} hand" if hand.hand else "hand"
-    return f"{side} {percent(hand.presence)}" if math.isfinite(hand.presence) else side
+    The number is omitted if it was not measured.
+    """
+    if isinstance(hand, PresentHand):
+        side, chance = f"{hand.hand} hand" if hand.hand else "hand", hand.presence
+    else:
+        side, chance = hand.known_side or f"{hand.hand}?", hand.confidence
+    return f"{side} {percent(chance)}" if math.isfinite(chance) else side
 
 
 def spoken_loss(hand: LostHand, time: float) -> str:

@@ -174,7 +174,8 @@ def _joint_values(skeleton: Skeleton) -> list[dict[str, Any]]:
         parent, axis = int(skeleton.parents[j]), int(skeleton.bone_axes[j])
         joints.append({
             "name": name, "parent": parent if parent >= 0 else None,
-            "motions": [{"turns": m.kind == "rotate", "axis": m.axis, "sign": m.sign, "dof": m.dof} for m in skeleton.motions[j]],
+            "motions": [{"turns": m.kind == "rotate", "axis": m.axis, "sign": m.sign, "dof": m.dof}
+                        for m in skeleton.motions[j]],
             "bone": {"axis": axis, "length": float(skeleton.bones[j])} if axis >= 0 else None,
         })
     return joints
