@@ -132,7 +132,7 @@ def _nearer_half(depth: NDArray[np.floating]) -> tuple[float, float]:
 # ---------------------------------------------------------------------------------------------- labels
 
 # Blue, green, red: dark enough for white letters on them.
-_COLOURS: tuple[Colour, ...] = (
+COLOURS: tuple[Colour, ...] = (
     (190, 110, 25),
     (30, 95, 210),
     (60, 130, 40),
@@ -148,7 +148,7 @@ _BESIDE = 6  # pixels of background left and right of the text
 
 def colour_of(id: int) -> Colour:
     """The colour of the hand with this id."""
-    return _COLOURS[id % len(_COLOURS)]
+    return COLOURS[id % len(COLOURS)]
 
 
 def percent(confidence: float) -> str:
