@@ -87,13 +87,14 @@ def test_pixels_without_depth(tmp_path: Path) -> None:
 
 
 def test_benchmarks() -> None:
-    nyu, icvl = published.nyu_benchmark(), published.icvl_benchmark()
+    nyu, icvl = published.BENCHMARKS["nyu"], published.BENCHMARKS["icvl"]
     assert len(nyu.joints) == 14 and len(icvl.joints) == 16
     assert nyu.joints[:2] == ("little_tip", "little_pip_a") and nyu.joints[8:] == (
         *("thumb_tip", "thumb_dip", "thumb_pip"),
         *("wrist_left", "wrist_middle", "palm"),
     )
     assert (nyu.camera, icvl.camera) == (NYU, ICVL) and (nyu.frames, icvl.frames) == (8252, 1596)
+    assert (nyu.parts, icvl.parts) == ({"subject 1": slice(2440), "subject 2": slice(2440, None)}, {})
 
 
 def test_score() -> None:
@@ -114,7 +115,7 @@ def published_score(dataset: str, name: str) -> Score:
     folder = SHARED / dataset
     if not folder.is_dir():
         pytest.skip("needs published predictions")
-    benchmark = published.BENCHMARKS[dataset]()
+    benchmark = published.BENCHMARKS[dataset]
     truth, predicted = (
         published.read_joints(folder / file, len(benchmark.joints), "uvd", benchmark.camera)
         for file in ("test_groundtruth_uvd.txt", f"predictions/{name}.txt")
