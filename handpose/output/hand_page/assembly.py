@@ -133,27 +133,23 @@ def body(
 def skeleton_values(skeleton: Skeleton) -> dict[str, Any]:
     """A skeleton with its surface as JSON values. Joints and DoFs are referred to by their index.
 
-    name
-    joints    in output order:
-        name, parent  the index of the parent, None for a root
-        motions       in the order of application: turns (else it translates), axis (0, 1, 2 for x, y, z), sign
-                      (1 or -1), dof
-        bone          axis, and length with its sign; None without a bone
-    dofs      name, initial (added to the input), lower and upper (limits of the input, None without), fixed
-    surface   None for a body without one:
-        joints, dofs  of the surface alone, such as an arm; their indices continue those of the skeleton
-        capsules      from and to (joints), radii at both; the edges of wedges first
-        offsets       joint, axes (a joint), vector: capsules that end at ``joint`` are displaced by the vector along
-                      the axes of the other joint
+    own, whole  the skeleton; the same, followed by the joints and DoFs of its surface alone, such as an arm:
+        name
+        joints   names in output order
+        parents, bones, bone_axes  by joint: its parent, or -1; length with a sign; axis 0, 1, 2, or -1 without a bone
+        motions  by joint, in the order of application: turns (else it translates), axis, sign (1 or -1), dof
+        dofs     names
+        initial, lower, upper, fixed  by DoF: added to the input; its limits, null without; whether it is ignored
+    capsules    from and to (joints), radii at both; the edges of wedges first; null for a body without a surface
+    offsets     joint, axes (a joint), vector: capsules that end at ``joint`` are displaced by the vector along the
+                axes of the other joint
 
     Raises PrototxtError for an invalid surface.
     """
+    own = _columns(skeleton)
     if skeleton.param.flesh is None:
-        joints, dofs = _joint_values(skeleton), _dof_values(skeleton)
-        return {"name": skeleton.name, "joints": joints, "dofs": dofs, "surface": None}
+        return {"own": own, "whole": own, "capsules": None, "offsets": []}
     surface = Surface(skeleton)
-    joints, dofs = _joint_values(surface.whole), _dof_values(surface.whole)
-    own_joints, own_dofs = len(skeleton.joint_names), len(skeleton.dof_names)
     capsules = [
         {"from": start, "to": end, "radii": radii}
         for start, end, radii in zip(surface.start.tolist(), surface.end.tolist(), surface.radii.tolist())
@@ -162,34 +158,21 @@ def skeleton_values(skeleton: Skeleton) -> dict[str, Any]:
         {"joint": joint, "axes": axes, "vector": vector}
         for axes, (at, vectors) in surface.offsets.items() for joint, vector in zip(at.tolist(), vectors.tolist())
     ]
+    return {"own": own, "whole": _columns(surface.whole), "capsules": capsules, "offsets": offsets}
+
+
+def _columns(skeleton: Skeleton) -> dict[str, Any]:
+    def limits(values: Array) -> list[float | None]:
+        return [value if abs(value) <= MAX_LIMIT else None for value in values.tolist()]
+
     return {
-        "name": skeleton.name, "joints": joints[:own_joints], "dofs": dofs[:own_dofs],
-        "surface": {"joints": joints[own_joints:], "dofs": dofs[own_dofs:], "capsules": capsules, "offsets": offsets},
+        "name": skeleton.name, "joints": skeleton.joint_names, "parents": skeleton.parents.tolist(),
+        "bones": skeleton.bones.tolist(), "bone_axes": skeleton.bone_axes.tolist(),
+        "motions": [[{"turns": m.kind == "rotate", "axis": m.axis, "sign": m.sign, "dof": m.dof} for m in own]
+                    for own in skeleton.motions],
+        "dofs": skeleton.dof_names, "initial": skeleton.initial.tolist(), "lower": limits(skeleton.lower),
+        "upper": limits(skeleton.upper), "fixed": skeleton.fixed.tolist(),
     }
-
-
-def _joint_values(skeleton: Skeleton) -> list[dict[str, Any]]:
-    joints = []
-    for j, name in enumerate(skeleton.joint_names):
-        parent, axis = int(skeleton.parents[j]), int(skeleton.bone_axes[j])
-        joints.append({
-            "name": name, "parent": parent if parent >= 0 else None,
-            "motions": [{"turns": m.kind == "rotate", "axis": m.axis, "sign": m.sign, "dof": m.dof}
-                        for m in skeleton.motions[j]],
-            "bone": {"axis": axis, "length": float(skeleton.bones[j])} if axis >= 0 else None,
-        })
-    return joints
-
-
-def _dof_values(skeleton: Skeleton) -> list[dict[str, Any]]:
-    def limit(value: float) -> float | None:
-        return value if abs(value) <= MAX_LIMIT else None
-
-    return [
-        {"name": dof.name, "initial": dof.initial, "lower": limit(dof.lower), "upper": limit(dof.upper),
-         "fixed": dof.fixed}
-        for dof in skeleton.param.dof
-    ]
 
 
 def hand(

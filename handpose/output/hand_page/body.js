@@ -26,11 +26,8 @@ export class Body {
 
   /* Show another body, {skeleton, place} of assembly.py, in its initial pose. */
   open({ skeleton: values, place }) {
-    const skeleton = new Skeleton(values), { surface } = values;
-    const whole = surface ? new Skeleton({
-      name: values.name, joints: [...values.joints, ...surface.joints], dofs: [...values.dofs, ...surface.dofs],
-    }) : skeleton;
-    Object.assign(this, { skeleton, whole, surface: surface && new Surface(surface) });
+    const skeleton = new Skeleton(values.own), whole = new Skeleton(values.whole);
+    Object.assign(this, { skeleton, whole, surface: values.capsules && new Surface(values) });
     Object.assign(this, { side: "right", size: 1, thickness: 1, points: null, recordedCrop: null });
     Object.assign(this, { unit: place.unit_mm, camera: place.camera, uvd: place.center_uvd, cube: place.cube_mm });
     this.inputs = whole.dofs.map(() => 0);

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from handpose.output.drawing.hands import COLOURS
-from handpose.output.drawing.view import Window
+from handpose.output.drawing.view import Contrast, Window
 from handpose.output.hand_page.assembly import script_of
 from handpose.output.live.messages import Messages
 from handpose.output.live.page import FOLDER, page
@@ -53,7 +53,7 @@ def shown(server: LiveServer, visit: Visit) -> Shown:
 
 
 def test_both_hands_of_a_frame(shown: Shown) -> None:
-    """Joints, surfaces and depth equal the tracked ones, and the list has each hand's confidence."""
+    """Joints, surfaces, depth and its contrast equal the tracked ones, and the list has each hand's confidence."""
     shown.state("connected; no frame yet")
     shown.show(BOTH)
     joints = np.array(shown.tab.evaluate("live.scene.joints"))
@@ -66,6 +66,9 @@ def test_both_hands_of_a_frame(shown: Shown) -> None:
     u, v, d = CAMERA.project(points).T
     np.testing.assert_allclose(d, DEPTH.astype(int)[np.rint(v).astype(int), np.rint(u).astype(int)])
     assert len(points) > 1000
+    contrast = Contrast()
+    contrast.see(0.0, DEPTH, np.concatenate([RIGHT.xyz, LEFT.xyz])[:, 2])
+    assert shown.tab.evaluate("[live.frame.middle, live.frame.spread]") == [contrast.middle, contrast.spread]
     assert shown.tab.locator("#hands li").all_inner_texts() == [
         "right 93%, expected error 8 mm, gesture open", "left 42%, expected error 8 mm, gesture open"
     ]
