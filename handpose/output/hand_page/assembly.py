@@ -47,14 +47,17 @@ from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
 FOLDER = Path(__file__).parent
-FIRST = "main"
 _IMPORT = re.compile(r'^import \{([^}]*)\} from "\./(\w+)\.js";$', re.MULTILINE)
 _EXPORT = re.compile(r"^export ((?:async )?(?:class|function|const) (\w+))", re.MULTILINE)
 
 
-def page(title: str, data: Mapping[str, Any]) -> str:
-    """The page of some data (``content``), ready to be written. Raises ValueError for numbers that JSON lacks."""
-    return assembled(title, data, source("page.html"), source("page.css"), script_of(FIRST))
+def page(title: str, bodies: Sequence[Mapping[str, Any]], hands: Sequence[Mapping[str, Any]] = ()) -> str:
+    """The page of bodies as from ``body``, and predicted hands as from ``hand``, ready to be written.
+
+    Raises ValueError for numbers that JSON lacks.
+    """
+    data = {"bodies": bodies, "cameras": [vars(camera) for camera in CAMERAS.values()], "hands": hands}
+    return assembled(title, data, source("page.html"), source("page.css"), script_of("main"))
 
 
 def assembled(title: str, data: Mapping[str, Any], body: str, style: str, script: str, connects: bool = False) -> str:
@@ -112,13 +115,6 @@ FULL = 32767  # the largest 16-bit number
 MAX_LIMIT = 1000.0  # larger limits are written as none; the packaged hands have limits of 10000 for free DoFs
 
 Poses = Mapping[str, Mapping[str, float]]
-
-
-def content(bodies: Sequence[Mapping[str, Any]], hands: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
-    """The data of a page: bodies as from ``body``, and predicted hands as from ``hand``."""
-    return {
-        "bodies": list(bodies), "cameras": [vars(camera) for camera in CAMERAS.values()], "hands": list(hands),
-    }
 
 
 def body(

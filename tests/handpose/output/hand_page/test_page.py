@@ -15,7 +15,7 @@ from docs.making import pages
 from handpose.body.render import normalise_depth, render_crop
 from handpose.fit.body import CapsuleModel
 from handpose.frames.cameras import KINECT2
-from handpose.output.hand_page.assembly import body, content, hand, page
+from handpose.output.hand_page.assembly import body, hand, page
 from layers.hand import skeleton as skeletons
 from layers.hand.kinematics import Kinematics
 from tests.handpose.output.hand_page.conftest import ARM
@@ -263,7 +263,7 @@ def predicted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarra
             cube_mm=CUBE, crop=crop, size=float(np.exp(x[0, -2])), thickness=float(np.exp(x[0, -1])), side=side,
         ))
     out = tmp_path_factory.mktemp("predicted") / "predicted.html"
-    out.write_text(page("Hands", content([body("hand", HAND)], hands)), encoding="utf-8")
+    out.write_text(page("Hands", [body("hand", HAND)], hands), encoding="utf-8")
     return out, model.joints(x)[0] * (-1, 1, 1) + center
 
 
@@ -298,7 +298,7 @@ def test_names_are_text_and_no_markup(visit: Visit, tmp_path: Path) -> None:
     text = ARM.replace('"hand"', f'"{evil}"').replace('"elbow"', '"__proto__"').replace('"arm"', f'"{evil}"')
     skeleton = skeleton_of(text.replace('"other"', '"constructor"'))
     out = tmp_path / "evil.html"
-    out.write_text(page("<b>&", content([body("</script><img src=x>", skeleton)])), encoding="utf-8")
+    out.write_text(page("<b>&", [body("</script><img src=x>", skeleton)]), encoding="utf-8")
     tab = visit(out)
     assert tab.title() == "<b>&" and not tab.locator("img, b").count()
     assert tab.locator("#name").inner_text().startswith('<img src="x" onerror')
