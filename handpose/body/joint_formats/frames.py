@@ -151,14 +151,19 @@ def joints_of(skeleton: Skeleton, hand: Side, xyz: ArrayLike) -> Array:
 def palm_frame(joints: Array, skeleton: Skeleton) -> Array:
     """The rotation of the palm, world_from_palm (3, 3), for joints (K, 3).
 
-    It is the rotation that best moves the joints fixed to the palm from their positions in its frame to those given.
+    It is the rotation R that best moves the joints fixed to the palm from their positions p_k in its frame to those
+    given: it minimises sum_k |x_k - R p_k|², with x_k from the palm. With the decomposition sum_k x_k p_kᵀ = U S Vᵀ
+
+        R = U diag(1, 1, det(U Vᵀ)) Vᵀ        (Kabsch, 1976)
+
     Raises DataError if the skeleton has too few such joints.
     """
     if "palm" not in skeleton.joint_names:
         raise DataError(NO_HAND.format("palm"))
     joints, (fixed, in_palm) = joints_of(skeleton, "right", joints), _fixed_to_palm(skeleton)
     from_palm = joints[fixed] - joints[skeleton.joint_names.index("palm")]
-    return best_rotation(in_palm, from_palm)
+    U, _, Vt = np.linalg.svd(from_palm.T @ in_palm)
+    return np.asarray(U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt)
 
 
 @functools.lru_cache(maxsize=16)
@@ -172,13 +177,3 @@ def _fixed_to_palm(skeleton: Skeleton) -> tuple[NDArray[np.int_], Array]:
     if np.linalg.matrix_rank(in_palm) < 2:
         raise DataError(f"skeleton {skeleton.name!r} has too few joints fixed to the palm to tell how it is turned")
     return fixed, in_palm
-
-
-def best_rotation(rest: Array, found: Array) -> Array:
-    """The rotation R (3, 3) that moves points (N, 3) best onto others (N, 3), both about a common origin.
-
-    It minimises sum_k |found_k - R rest_k|²: R = U diag(1, 1, det(U Vᵀ)) Vᵀ with sum_k found_k rest_kᵀ = U S Vᵀ
-    (Kabsch, 1976).
-    """
-    U, _, Vt = np.linalg.svd(found.T @ rest)
-    return np.asarray(U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt)

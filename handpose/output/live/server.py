@@ -56,6 +56,8 @@ _LOOPBACK = ("127.0.0.1", "::1", "localhost")
 _ANYWHERE = ("", "0.0.0.0", "::")
 _HOST = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+)(?::\d{1,5})?")
 _FIELDS = {"Cache-Control": "no-store", "Referrer-Policy": "no-referrer", "X-Content-Type-Options": "nosniff"}
+_SILENT = logging.getLogger("handpose.output.live")
+_SILENT.disabled = True  # a client's error is sent to the client
 _Newest = asyncio.Queue[str | bytes | None]  # the newest message for one client; None ends its messages
 
 
@@ -138,7 +140,7 @@ class LiveServer:
         self._loop.set_exception_handler(_ignore_connection_errors)
         server = await self._websockets.asyncio.server.serve(
             self._client, self.host, self.port, process_request=self._answer, compression=None, server_header=None,
-            max_size=_MAX_RECEIVED, open_timeout=HANDSHAKE_S, close_timeout=GRACE_S, logger=_silent_logger(),
+            max_size=_MAX_RECEIVED, open_timeout=HANDSHAKE_S, close_timeout=GRACE_S, logger=_SILENT,
         )
         self.port = server.sockets[0].getsockname()[1]
         self._ready.set_result(None)
@@ -268,13 +270,6 @@ def _ignore_connection_errors(loop: asyncio.AbstractEventLoop, context: dict[str
     """Handle an exception outside of all tasks; errors of the system concern one connection, which is closed."""
     if not isinstance(context.get("exception"), OSError):
         loop.default_exception_handler(context)
-
-
-def _silent_logger() -> logging.Logger:
-    """A client's error, which is sent to the client."""
-    logger = logging.getLogger("handpose.output.live")
-    logger.disabled = True
-    return logger
 
 
 def _package() -> ModuleType:

@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from posed_hands import PEOPLE
-from scipy.spatial.transform import Rotation
+from posed_hands import MIRROR, PEOPLE, any_pose, right_hand
 
-from handpose.body.joint_formats.frames import FINGERS, POINTS, SKIN, best_rotation, hinges_of, weights_of
+from handpose.body.joint_formats.frames import FINGERS, POINTS, SKIN, hinges_of, palm_frame, weights_of
 from layers.hand.skeleton import NYU_HAND, Skeleton, load
 from netlib.errors import DataError
 
@@ -86,17 +85,9 @@ def test_another_body_has_none() -> None:
         weights_of(list(POINTS.values()), arm)
 
 
-RNG = np.random.default_rng(0)
-CLOUD = RNG.standard_normal((7, 3))
-
-
-def test_a_rotation_is_found_again() -> None:
-    for wanted in Rotation.random(20, random_state=RNG).as_matrix():
-        np.testing.assert_allclose(best_rotation(CLOUD, CLOUD @ wanted.T), wanted, atol=1e-12)
-
-
-def test_of_a_mirror_image() -> None:
-    """For mirrored points the result is a rotation, with determinant 1."""
-    found = best_rotation(CLOUD, CLOUD * (-1, 1, 1))
-    np.testing.assert_allclose(found @ found.T, np.eye(3), atol=1e-12)
-    assert np.linalg.det(found) > 0
+def test_the_palm_of_a_mirror_image() -> None:
+    """The best rotation is a rotation, with determinant 1, also for a left hand, which no rotation moves there."""
+    for mirror in (np.ones(3), MIRROR):
+        R = palm_frame(right_hand(any_pose(np.random.default_rng(0))) * mirror, PEOPLE)
+        np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
+        assert np.linalg.det(R) > 0
