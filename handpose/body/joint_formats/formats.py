@@ -105,7 +105,7 @@ class FormattedHand:
 
     format: JointFormat
     positions: Array
-    landmarks: Array | None = None
+    landmarks: Array | None
 
 
 def formatted(
@@ -126,9 +126,8 @@ def formatted(
     chosen, xyz = FORMATS[name], joints_of(skeleton, hand, xyz)
     points = _weights(name, skeleton) @ xyz
     scale = np.array(chosen.axes) / (METRE if chosen.unit == "m" else 1.0)
-    if name == "mediapipe":
-        return FormattedHand(chosen, points * scale, landmarks=_landmarks(points, camera, cube_mm))
-    return FormattedHand(chosen, points * scale)
+    landmarks = _landmarks(points, camera, cube_mm) if name == "mediapipe" else None
+    return FormattedHand(chosen, points * scale, landmarks)
 
 
 @functools.lru_cache(maxsize=16)
