@@ -37,7 +37,7 @@ import socket
 import threading
 from concurrent.futures import Future
 from http import HTTPStatus
-from types import ModuleType, TracebackType
+from types import TracebackType
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
@@ -73,7 +73,12 @@ class LiveServer:
     """
 
     def __init__(self, host: str, port: int, header: str, page: str, token: str | None = None) -> None:
-        self._websockets = _package()
+        try:
+            import websockets.asyncio.server  # here, because it is an extra
+            import websockets.exceptions
+        except ImportError as error:
+            raise NetlibError("websockets is missing: pip install 'websockets>=13'") from error
+        self._websockets = websockets
         self.host, self.port, self._header, self._page = host, port, header, page
         self.token = secrets.token_urlsafe(16) if token is None else checked_token(token)
         self._clients: dict[str, set[_Newest]] = {LINES: set(), VIEWS: set()}
@@ -270,14 +275,3 @@ def _ignore_connection_errors(loop: asyncio.AbstractEventLoop, context: dict[str
     """Handle an exception outside of all tasks; errors of the system concern one connection, which is closed."""
     if not isinstance(context.get("exception"), OSError):
         loop.default_exception_handler(context)
-
-
-def _package() -> ModuleType:
-    """The used parts of websockets, imported on first use."""
-    try:
-        import websockets
-        import websockets.asyncio.server
-        import websockets.exceptions
-    except ImportError as error:
-        raise NetlibError("websockets is missing: pip install 'websockets>=13'") from error
-    return websockets
