@@ -11,6 +11,7 @@ import pytest
 from handpose.output.drawing.hands import COLOURS
 from handpose.output.hand_page import assembly
 from handpose.output.hand_page.assembly import escaped, script_of
+from handpose.output.live.page import FOLDER as LIVE
 
 
 @pytest.mark.parametrize("evil", ["</script><script>", "<!--<script>", "]]>", "&lt;", "\u2028'\"\\", "\ud800"],
@@ -37,11 +38,12 @@ def test_modules_stand_after_those_that_they_import(tmp_path: Path, monkeypatch:
         script_of("c")
 
 
-def test_all_sources_are_used() -> None:
-    script = script_of("main")
-    modules = sorted(assembly.FOLDER.glob("*.js"))
-    assert len(modules) > 10
-    for path in modules:
+@pytest.mark.parametrize(("folder", "first"), [(assembly.FOLDER, ["main"]), (LIVE, ["live", "without_token"])],
+                         ids=["hand page", "live page"])
+def test_all_sources_are_used(folder: Path, first: list[str]) -> None:
+    script = "".join(script_of(name, folder) for name in first)
+    assert "modules.body_view = " in script  # both pages show bodies
+    for path in folder.glob("*.js"):
         assert path.read_text(encoding="utf-8").startswith("/* "), path.name
         assert f"modules.{path.stem} = " in script, path.name
 
