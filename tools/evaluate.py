@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
     """Score the predictions."""
     if args.plot:
         outputs.refuse_inputs(args.plot, [args.groundtruth, *(path for _, path in args.predictions)])
-    benchmark = BENCHMARKS[args.dataset]()
+    benchmark = BENCHMARKS[args.dataset]
     truth = published.read_joints(args.groundtruth, len(benchmark.joints), args.groundtruth_format, benchmark.camera)
     scores, predictions = {}, {}
     for name, path in args.predictions:

@@ -100,15 +100,15 @@ def _fit_text(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
                                    "generations": args.generations}
         else:
             how = {"fit": fit_joints, "limits": not args.no_limits, "ridge": args.ridge}
-        found = fit_absolute(skeleton, xyz[rows], half_cube, chosen, progress=progress, **how)
+        found, center = fit_absolute(skeleton, xyz[rows], half_cube, chosen, progress=progress, **how)
     if args.out:
         try:
-            write_fit(Path(args.out), found, half_cube, rows)
+            write_fit(Path(args.out), found, center, half_cube, rows)
         except OSError as error:
             raise NetlibError(f"{args.out}: {reason_of(error)}") from None
     if warning := nyu.one_size_for_all(len(xyz)):
         say(warning, file=sys.stderr)
-    return found.inputs, found.residuals_mm
+    return found.inputs, found.residuals
 
 
 def _fit_list(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:

@@ -39,7 +39,6 @@ from handpose.fit.search import PLANS
 from handpose.output.drawing import hands
 from handpose.scoring import held_out
 from handpose.scoring.held_out import data_layer, errors_by_joint, figures_of
-from handpose.scoring.metrics import joint_errors
 from layers.hand import skeleton as skeletons
 from netlib.errors import WeightsError
 from netlib.files.paths import ROOT
@@ -126,12 +125,11 @@ def _draw(path: Path, net: Net, found: held_out.Predictions) -> None:
     """Draw evenly spaced test frames, on the crop and in 3-D: predictions in colour, annotations as thin lines."""
     hand = hand_layer(net)
     chosen = spread(len(found.joints), DRAWN)
-    errors = joint_errors(found.joints[chosen], found.truth[chosen]).mean(axis=1) * found.half_cube[chosen]
     sheet = hands.two_views(
         held_out.crops_of(net, chosen), (found.joints if found.skeleton is None else found.skeleton)[chosen],
         found.truth[chosen], hand.skeleton if hand else skeletons.load(),
-        [(f"frame {i}", f"{error:.0f} mm") for i, error in zip(chosen, errors)],
-        6, *held_out.centers_of(net, chosen), (2 * found.half_cube[chosen]).tolist(),
+        [(f"frame {i}", f"{error:.0f} mm") for i, error in zip(chosen, found.errors_mm[chosen].mean(axis=1))],
+        *held_out.centers_of(net, chosen), (2 * found.half_cube[chosen]).tolist(),
     )
     path.parent.mkdir(parents=True, exist_ok=True)
     outputs.write_image(path, sheet)

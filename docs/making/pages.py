@@ -12,7 +12,7 @@ import numpy as np
 
 import netlib
 from docs.making.figures import drawing
-from handpose.output.hand_page.assembly import assembled, body, content, page, script_of, source
+from handpose.output.hand_page.assembly import assembled, body, page, script_of, source
 from handpose.sequences.movements import poses
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
@@ -56,10 +56,10 @@ def hand() -> str:
     packaged, nyu = BodySampler(prior_file.load(prior_file.PEOPLE_PRIOR)), BodySampler()
     arm = Skeleton(schema.read(prototxt.parse(ARM, "arm.prototxt"), SkeletonParameter))
     person = skeletons.load(ROOT / "prototxt" / "body" / "person.prototxt")
-    return page("The hand", content([
+    return page("The hand", [
         body("hand", packaged.skeleton, poses(packaged)), body("nyu", nyu.skeleton, poses(nyu)), body("arm", arm),
         body("person", person, unit_mm=1200.0),
-    ]))
+    ])
 
 
 PICTURE = np.array([

@@ -22,8 +22,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handpose.body.joint_formats.formats import anatomical_angles
-from handpose.body.joint_formats.frames import FINGERS, MIN_PALM_MM
+from handpose.body.joint_formats.angles import MIN_PALM_MM, anatomical_angles
+from handpose.body.joint_formats.frames import FINGERS
 from handpose.body.sides import Side
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
@@ -48,7 +48,7 @@ NUMBERS = {"fist": 0, "point": 1, "two": 2, "three": 3, "four": 4, "open": 5}
 
 
 def scores(skeleton: Skeleton, hand: Side, xyz: Array) -> dict[str, float]:
-    """The score of each gesture for joints (K, 3) in mm, camera axes. Raises DataError, see ``hand_frames``."""
+    """The score of each gesture for joints (K, 3) in mm, camera axes. Raises DataError, see ``anatomical_angles``."""
     angles, at = anatomical_angles(skeleton, hand, xyz), dict(zip(skeleton.joint_names, np.asarray(xyz, np.float64)))
     bends = [sum(angles[f"{finger}_{joint}_flexion"] for joint in ("mcp", "pip", "dip")) for finger in FINGERS]
     straight = [1 - _over(bend, STRAIGHT) for bend in bends]
@@ -107,7 +107,7 @@ class GestureReader:
     def read(self, id: int, hand: Side, xyz: Array, time: float) -> Gesture:
         """The gesture of the hand ``id`` with joints (K, 3) in mm, at ``time`` s.
 
-        Raises DataError for times of a hand that descend, and for joints that form no hand (``hand_frames``).
+        Raises DataError for times of a hand that descend, and for joints that form no hand (``anatomical_angles``).
         """
         before = self._states.get(id)
         if not math.isfinite(time) or (before is not None and time < before.time):

@@ -69,6 +69,12 @@ class Predictions:
     outputs: dict[str, float]  # mean of every scalar output of the net
     made_from: str  # description of the data
 
+    @property
+    def errors_mm(self) -> Array:
+        """Errors (N, K) of the joints."""
+        scale = self.half_cube[:, None, None]
+        return metrics.joint_errors(self.joints * scale, self.truth * scale)
+
 
 def predict_all(net: Net, progress: Callable[[int], None] = lambda done: None) -> Predictions:
     """Run the whole test set once, from its first frame. ``progress`` is called with the number of frames done.
@@ -125,8 +131,7 @@ def _check_annotated(joints: Array, files: Sequence[File]) -> None:
 
 def errors_by_joint(p: Predictions, skeleton: Skeleton) -> dict[str, float]:
     """The mean error in mm of each joint, by its name; by its number if the net does not predict all joints."""
-    scale = p.half_cube[:, None, None]
-    errors = metrics.joint_errors(p.joints * scale, p.truth * scale).mean(axis=0)
+    errors = p.errors_mm.mean(axis=0)
     whole = len(errors) == len(skeleton.joint_names)
     return {skeleton.joint_names[k] if whole else str(k): float(error) for k, error in enumerate(errors)}
 
@@ -143,8 +148,7 @@ def figures_of(p: Predictions, skeleton: Skeleton) -> dict[str, float]:
     wrong = ~np.isfinite(p.joints).all(axis=(1, 2))
     if wrong.any():
         raise DataError(f"the predicted joints of frame {wrong.argmax()} are not finite ({wrong.sum()} such frames)")
-    scale = p.half_cube[:, None, None]
-    errors = metrics.joint_errors(p.joints * scale, p.truth * scale)
+    errors = p.errors_mm
     figures = {"error_mm": float(errors.mean())}
     if skeleton.joint_names == skeletons.load().joint_names and errors.shape[1] == len(skeleton.joint_names):
         errors = errors[:, list(EVALUATION_JOINTS)]

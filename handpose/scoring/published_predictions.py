@@ -22,12 +22,12 @@ from typing import Any, Literal
 import numpy as np
 
 from handpose.body import nyu
+from handpose.body.joint_formats.formats import FORMATS as JOINT_FORMATS
 from handpose.datasets import icvl_files as icvl
 from handpose.fit.joints import angles
 from handpose.fit.joints.fit_joints import fit_absolute
 from handpose.frames.cameras import ICVL, NYU, Camera
 from handpose.scoring import metrics
-from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
 from netlib import files
 from netlib.blob import Array
@@ -53,24 +53,11 @@ class Benchmark:
     parts: dict[str, slice]  # slices of the test set with separate mean errors
 
 
-def nyu_benchmark() -> Benchmark:
-    """The 14 joints of NYU, by the names of the model's joints, and the two test subjects."""
-    names = skeletons.load().joint_names
-    return Benchmark(
-        name="NYU",
-        camera=NYU,
-        joints=tuple(names[j] for j in nyu.EVALUATION_JOINTS),
-        frames=nyu.TEST_FRAMES,
-        parts={"subject 1": slice(nyu.SECOND_SUBJECT), "subject 2": slice(nyu.SECOND_SUBJECT, None)},
-    )
-
-
-def icvl_benchmark() -> Benchmark:
-    """The 16 joints of ICVL, over both test sequences, one after the other."""
-    return Benchmark(name="ICVL", camera=ICVL, joints=icvl.JOINTS, frames=sum(icvl.TEST_FRAMES), parts={})
-
-
-BENCHMARKS = {"nyu": nyu_benchmark, "icvl": icvl_benchmark}
+BENCHMARKS = {
+    "nyu": Benchmark("NYU", NYU, tuple(JOINT_FORMATS["nyu"].joints), nyu.TEST_FRAMES,
+                     {"subject 1": slice(nyu.SECOND_SUBJECT), "subject 2": slice(nyu.SECOND_SUBJECT, None)}),
+    "icvl": Benchmark("ICVL", ICVL, icvl.JOINTS, sum(icvl.TEST_FRAMES), {}),  # both sequences, one after the other
+}
 
 
 def read_joints(path: str | Path, joints: int, fmt: Format, camera: Camera) -> Array:
@@ -174,8 +161,8 @@ def compare_angles(
     def fitted(joints: Array, what: str, **options: Any) -> tuple[Array, Array]:
         """Inputs (N, D), and the mean remaining distance (N,) of each frame's joints in mm."""
         with watch(len(joints), what=what) as progress:
-            found = fit_absolute(skeleton, joints, half, nyu.EVALUATION_JOINTS, progress=progress, **options)
-        return found.inputs, found.residuals_mm.mean(axis=1)
+            found, _ = fit_absolute(skeleton, joints, half, nyu.EVALUATION_JOINTS, progress=progress, **options)
+        return found.inputs, found.residuals.mean(axis=1)
 
     true_inputs, _ = fitted(truth, "annotation", ridge=RIDGE)
     results = {}

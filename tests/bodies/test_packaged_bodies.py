@@ -18,8 +18,6 @@ from handpose.synthetic.pose_prior import BodySampler
 from handpose.synthetic.recipes import recipe_of
 from handpose.synthetic.surface_prior import DEFAULT_SURFACE
 from layers.hand import skeleton as skeletons
-from netlib.proto.messages import NetState
-from netlib.proto.net_parameter import load_parameter, select_layers
 from tests.support.running import run_tool
 
 BODY = Path(__file__).resolve().parents[2] / "prototxt" / "body"
@@ -128,22 +126,6 @@ def test_frames_show_the_whole_body(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_nets_fit_their_bodies(name: str) -> None:
-    """The outputs of the nets are the skeleton's DoFs and joints, in training, testing and prediction."""
-    skeleton = skeletons.load(BODY / f"{name}.prototxt")
-    nets = {phase: select_layers(load_parameter(BODY / f"{name}_train_test.prototxt"), NetState(phase))
-            for phase in ("TRAIN", "TEST")}
-    nets["deploy"] = select_layers(load_parameter(BODY / f"{name}_deploy.prototxt"), NetState("TEST"))
-    learned = {}
-    for kind, layers in nets.items():
-        learned[kind] = {layer.name: str(layer.blocks["inner_product_param"].values("num_output")[0])
-                         for layer in layers if layer.type == "InnerProduct"}
-        assert learned[kind]["DoF"] == str(len(skeleton.dof_names))
-        assert learned[kind].pop("direct", str(3 * len(skeleton.joint_names))) == str(3 * len(skeleton.joint_names))
-    assert all(one == learned["TEST"] for one in learned.values())
-
-
-@pytest.mark.parametrize("name", NAMES)
 def test_the_tools(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The commands of docs/bodies.md run: frames, two iterations, a score with each joint, and pictures."""
     monkeypatch.chdir(tmp_path)
@@ -193,26 +175,14 @@ def test_a_page_of_a_person() -> None:
     assert body("hand", skeletons.load())["place"]["center_uvd"][2] == 700
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--recipe", "nyu"], "--recipe applies only to hands"),
-    ],
-)
-def test_what_is_not_for_a_body(arguments: list[str], message: str, tmp_path: Path) -> None:
-    """Options that are only for hands are wrong usage and give a one-line error."""
-    prior = str(BODY / "arm_prior.prototxt")
-    assert message in run_tool("make_synthetic", "--body", prior, *arguments, "--out", tmp_path / "x", status=2).err
-    assert not (tmp_path / "x").exists()
-
-
-def test_a_body_without_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A body without a name has no folder, and a skeleton is not accepted as a prior."""
+def test_what_is_no_prior_or_not_for_a_body(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A body without a name has no folder, a skeleton is no prior, and recipes are for hands only."""
     monkeypatch.chdir(tmp_path)
     for name in ("arm", "arm_prior"):
         text = (BODY / f"{name}.prototxt").read_text().replace('name: "arm"', 'name: "../arm"', 1)
         (tmp_path / f"{name}.prototxt").write_text(text)
     done = run_tool("make_synthetic", "--body", "arm_prior.prototxt", status=1)
-    message = "arm_prior.prototxt: its skeleton is named"
-    assert done.err.startswith(message)
+    assert done.err.startswith("arm_prior.prototxt: its skeleton is named")
     assert "arm.prototxt:" in run_tool("make_synthetic", "--body", "arm.prototxt", status=1).err
+    done = run_tool("make_synthetic", "--body", "arm_prior.prototxt", "--recipe", "nyu", "--out", "x", status=2)
+    assert "--recipe applies only to hands" in done.err and not (tmp_path / "x").exists()

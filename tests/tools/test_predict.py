@@ -384,7 +384,7 @@ def test_a_hand_with_the_packaged_weights(tmp_path, monkeypatch):
     (shown,) = hands_in("page.html")
     np.testing.assert_allclose(shown["joints"] + found["origin_mm"], joints, atol=0.02)
     assert shown["place"]["center_uvd"] == pytest.approx(found["center_uvd"], abs=0.01)
-    assert shown["place"]["camera"]["fx"] == KINECT2.fx and shown["points"]
+    assert shown["place"]["camera"]["fx"] == KINECT2.fx and shown["crop"]
     Path("track.json").write_text(text)
     np.testing.assert_allclose(shown["inputs"][:47], read_track("track.json").frames[0].hands[0].inputs, atol=1e-5)
     assert len(shown["inputs"]) == 52 and np.any(shown["inputs"][47:]) and shown["thickness"] != 1

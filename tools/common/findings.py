@@ -18,7 +18,7 @@ from handpose.frames.inspection import Inspection
 from handpose.output.drawing import hands, strokes, surface
 from handpose.output.drawing.tracks import Painter
 from handpose.output.drawing.view import percent
-from handpose.output.hand_page.assembly import body, content, hand, page
+from handpose.output.hand_page.assembly import body, hand, page
 from handpose.output.tracks import joint_values
 from handpose.output.tracks.csv_file import HandColumns, rows_of
 from handpose.output.tracks.predictions import document, frame_values, tracked
@@ -147,7 +147,7 @@ def write_page(path: Path, found: Sequence[tuple[str, Hand]], predictor: Predict
     own = predictor.skeleton.dof_names == sampler.skeleton.dof_names
     shown = body(name, predictor.skeleton, poses(sampler) if own else None, predictor.cube_mm / 2)
     title = "Predicted hands" if len(hands) > 1 else "Predicted hand"
-    atomic.replace_text(path, page(title if predictor.is_hand else f"{name}, predicted", content([shown], hands)))
+    atomic.replace_text(path, page(title if predictor.is_hand else f"{name}, predicted", [shown], hands))
 
 
 def _on_page(image: str, found: Hand, predictor: Predictor) -> dict[str, Any]:

@@ -1,17 +1,4 @@
-"""Points of a hand, and its directions: of the palm and of each finger, computed from its joints.
-
-They are those of a right hand in camera axes (x right, y up, z away); joints of a left hand are mirrored first
-and directions mirrored back. They depend on positions only, so joints of a network, a fit or a track can be used.
-
-The palm is rigid in the model. Its rotation is the one that best moves the palm of the skeleton at rest onto the joints
-(Kabsch). It fixes the frame of each knuckle M = world_from_mcp. The first phalanx has the direction
-
-    d = M Rz(a) Rx(b) e_y,    Rz(a) Rx(b) e_y = (-sin a cos b, cos a cos b, sin b)
-
-which determines a and b, because a finger spreads by less than MAX_SPREAD from the middle of its range: one that is
-bent by more than 90 degrees points backwards. So the axis M Rz(a) e_x, about which the finger bends, is known for
-straight fingers, too, but not at exactly 90 degrees. The thumb bends about z and points along x:
-d = M Rz(a) Ry(-b) e_x.
+"""Points of a right hand, and the rotation of its palm, computed from its joints.
 
 A point is a weighted mean of the skeleton's joints; weights sum to 1, so points move, turn, scale and mirror with the
 hand. A finger has six joints, which are named after NYU's annotation points. The fingers of ``people.prototxt`` bend at
@@ -35,15 +22,13 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.body.sides import SIDES, Side, mirror_of
+from handpose.body.sides import SIDES, Side
 from layers.hand.bodies import kinematics_of
-from layers.hand.kinematics import Kinematics, rotation
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError, reason_of
@@ -54,6 +39,7 @@ PALM_BONES = {"index": 0.75, "middle": 0.58, "ring": 0.42, "little": 0.25}  # sh
 CARPALS = 0.3  # position between wrist (0) and knuckle (1)
 SKIN = {"thumb": 0.39, "index": 0.58, "middle": 0.53, "ring": 0.55, "little": 0.57}  # last radius / last bone
 NYU_SKIN = {"thumb": 0.39, "index": 0.62, "middle": 0.48, "ring": 0.52, "little": 0.64}
+MAX_MM = 1e6  # of joints; larger numbers are in another unit, or no positions
 
 
 class Point(NamedTuple):
@@ -144,31 +130,6 @@ def weights_of(points: Sequence[Point], skeleton: Skeleton) -> Array:
     return weights
 
 
-# ---------------------------------------------------------------------------------------------- directions
-
-MAX_MM = 1e6  # of joints; larger numbers are in another unit, or no positions
-MIN_PALM_MM = 1e-3
-MAX_SPREAD = np.radians(60)  # of a finger from the middle of its range; near 90 degrees of bend noise decides the rest
-MIN_SHARE = 1e-6  # minimum length of a bone relative to the palm, and sine of an angle between two directions
-
-
-@dataclass(frozen=True)
-class HandFrames:
-    """Directions of one right hand; all of length 1.
-
-    dorsal    (3,) out of the back of the hand, perpendicular to the plane of wrist, index and little knuckle
-    bones     by finger the directions (3, 3) of its phalanges, from the palm to the tip; of the thumb the metacarpal
-              first
-    back      by finger the direction (3,) out of its back (of the thumb: out of its nail) at its first bone
-    palm      by finger the direction (3,) of its metacarpal; that of "thumb" is the index finger's
-    """
-
-    dorsal: Array
-    bones: dict[str, Array]
-    back: dict[str, Array]
-    palm: dict[str, Array]
-
-
 def joints_of(skeleton: Skeleton, hand: Side, xyz: ArrayLike) -> Array:
     """Joints (K, 3) in mm as float64. Raises DataError for another shape or side, and numbers that are not finite."""
     if hand not in SIDES:
@@ -187,96 +148,22 @@ def joints_of(skeleton: Skeleton, hand: Side, xyz: ArrayLike) -> Array:
     return found
 
 
-def hand_frames(skeleton: Skeleton, hand: Side, xyz: Array) -> HandFrames:
-    """The directions of a hand of this side, mirrored if it is a left one, for joints (K, 3) mm in camera axes.
-
-    Raises DataError for other bodies than hands, joints that are not finite, and degenerate hands: joints of the palm
-    on a line or at one point, bones without a length, or a metacarpal perpendicular to the palm.
-    """
-    right = joints_of(skeleton, hand, xyz) * mirror_of(hand)
-    R, rest = palm_frame(right, skeleton), _rest(skeleton)
-    points = rest.points @ right  # wrist, then cmc and mcp of every finger
-    wrist, cmc, mcp = points[0], points[1::2], points[2::2]
-    sides = mcp[[0, -1]] - wrist
-    across = np.cross(*sides)
-    size = float(np.linalg.norm(sides, axis=1).min())
-    if size < MIN_PALM_MM or not float(np.linalg.norm(across)) > MIN_SHARE * size**2:
-        raise DataError("the wrist and the knuckles of index and little finger are on a line; expected a palm")
-    dorsal = unit(across)
-    metacarpals = [unit(b - a) for a, b in zip(cmc, mcp)]
-    if not np.linalg.norm(np.cross(metacarpals, dorsal), axis=1).min() > MIN_SHARE:
-        raise DataError("a metacarpal has no length or is perpendicular to the palm; expected a hand")
-    bones, back, palm = {}, {}, dict(zip(FINGERS, metacarpals))
-    palm["thumb"] = metacarpals[0]
-    for finger, hinges in rest.hinges.items():
-        ends = right[hinges]
-        phalanges = ends[1:] - ends[:-1]
-        phalanx_lengths = np.linalg.norm(phalanges, axis=1)
-        if not phalanx_lengths.min() > MIN_SHARE * size:
-            raise DataError(f"a bone of the {finger} has no length; expected joints at different positions")
-        bones[finger] = phalanges / phalanx_lengths[:, None]
-        M = R @ rest.frames[finger]
-        d = M.T @ bones[finger][0]
-        if finger == "thumb":
-            a = np.arctan2(d[1], d[0])
-            back[finger] = M @ rotation(2, a)[:, 1] * -1
-        else:
-            a, b = _spread_and_bend(d, rest.ahead[finger])
-            back[finger] = M @ (rotation(2, a) @ rotation(0, b))[:, 2]
-    return HandFrames(dorsal, bones, back, palm)
-
-
-@dataclass(frozen=True)
-class _Rest:
-    frames: dict[str, Array]
-    ahead: dict[str, float]  # angle about z of the first phalanx in the middle of its range
-    hinges: dict[str, list[int]]
-    points: Array
-
-
-@functools.lru_cache(maxsize=8)
-def _rest(skeleton: Skeleton) -> _Rest:
-    """What a skeleton's initial pose gives, in the axes of its palm."""
-    names = ["wrist", *(f"{finger}_{part}" for finger in FINGERS for part in ("cmc", "mcp"))]
-    points, hinges = weights_of([POINTS[name] for name in names], skeleton), hinges_of(skeleton)
-    kinematics = Kinematics(skeleton)
-    pose = kinematics.forward(np.zeros((1, len(skeleton.initial))))
-    middle = kinematics.forward(np.clip([skeleton.lower, skeleton.upper], -np.pi, np.pi).mean(axis=0, keepdims=True))
-    root = pose.frames[0, skeleton.joint_names.index("palm")]
-    ahead = {}
-    for finger, (knuckle, next_joint, *_) in hinges.items():
-        x, y, _ = middle.frames[0, knuckle].T @ (middle.joints[0, next_joint] - middle.joints[0, knuckle])
-        ahead[finger] = float(np.arctan2(-x, y))
-    return _Rest(
-        {finger: root.T @ pose.frames[0, own[0]] for finger, own in hinges.items()},
-        ahead, {finger: list(own) for finger, own in hinges.items()}, points,
-    )
-
-
-def _spread_and_bend(d: Array, ahead: float) -> tuple[float, float]:
-    """The angles about z and then x that turn y to d (3,), the first within MAX_SPREAD of ``ahead``."""
-    x, y = rotation(2, ahead)[:2, :2].T @ d[:2]
-    forward = 1.0 if y >= 0 else -1.0
-    spread = float(np.clip(np.arctan2(-forward * x, forward * y), -MAX_SPREAD, MAX_SPREAD))
-    return ahead + spread, float(np.arctan2(d[2], forward * np.hypot(x, y)))
-
-
-def unit(vector: Array) -> Array:
-    """A vector (3,) scaled to length 1; 0 stays 0."""
-    return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-12))
-
-
 def palm_frame(joints: Array, skeleton: Skeleton) -> Array:
     """The rotation of the palm, world_from_palm (3, 3), for joints (K, 3).
 
-    It is the rotation that best moves the joints fixed to the palm from their positions in its frame to those given.
+    It is the rotation R that best moves the joints fixed to the palm from their positions p_k in its frame to those
+    given: it minimises sum_k |x_k - R p_k|², with x_k from the palm. With the decomposition sum_k x_k p_kᵀ = U S Vᵀ
+
+        R = U diag(1, 1, det(U Vᵀ)) Vᵀ        (Kabsch, 1976)
+
     Raises DataError if the skeleton has too few such joints.
     """
     if "palm" not in skeleton.joint_names:
         raise DataError(NO_HAND.format("palm"))
     joints, (fixed, in_palm) = joints_of(skeleton, "right", joints), _fixed_to_palm(skeleton)
     from_palm = joints[fixed] - joints[skeleton.joint_names.index("palm")]
-    return best_rotation(in_palm, from_palm)
+    U, _, Vt = np.linalg.svd(from_palm.T @ in_palm)
+    return np.asarray(U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt)
 
 
 @functools.lru_cache(maxsize=16)
@@ -290,13 +177,3 @@ def _fixed_to_palm(skeleton: Skeleton) -> tuple[NDArray[np.int_], Array]:
     if np.linalg.matrix_rank(in_palm) < 2:
         raise DataError(f"skeleton {skeleton.name!r} has too few joints fixed to the palm to tell how it is turned")
     return fixed, in_palm
-
-
-def best_rotation(rest: Array, found: Array) -> Array:
-    """The rotation R (3, 3) that moves points (N, 3) best onto others (N, 3), both about a common origin.
-
-    It minimises sum_k |found_k - R rest_k|²: R = U diag(1, 1, det(U Vᵀ)) Vᵀ with sum_k found_k rest_kᵀ = U S Vᵀ
-    (Kabsch, 1976).
-    """
-    U, _, Vt = np.linalg.svd(found.T @ rest)
-    return np.asarray(U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt)

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.datasets import labels, parts
-from handpose.fit.joints.fit_joints import AbsoluteFit, fit_joints
+from handpose.fit.joints.fit_joints import JointFit, fit_joints
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError, reason_of
@@ -35,16 +35,16 @@ STARTS = 4  # of a fit
 VERSION = 3  # increase after a change of the code that changes the angles
 
 
-def write_fit(path: Path, found: AbsoluteFit, half_cube: Array, index: NDArray[np.int_]) -> None:
-    """Write angles and residuals to an HDF5 file atomically.
+def write_fit(path: Path, found: JointFit, center: Array, half_cube: Array, index: NDArray[np.int_]) -> None:
+    """Write the angles and residuals of ``fit_absolute``, with its ``center`` (N, 3), to an HDF5 file atomically.
 
     half_cube  (N,) mm
     index      (N,) numbers of the frames
     """
     make_folder(path.parent)
     with hdf5.created(path) as file:
-        file["dof"], file["residual_mm"] = found.inputs, found.residuals_mm
-        file["index"], file["center"], file["half_cube"] = index, found.center, half_cube
+        file["dof"], file["residual_mm"] = found.inputs, found.residuals
+        file["index"], file["center"], file["half_cube"] = index, center, half_cube
         file.attrs["description"] = DESCRIPTION
 
 

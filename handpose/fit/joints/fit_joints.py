@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,8 +41,7 @@ MIN_MU = 1e-12  # minimum damping; below it a step equals Gauss-Newton's, up to 
 RIDGE = 1e-12  # if no known joint moves with an angle, its step is 0 / 1e-12
 
 
-@dataclass(frozen=True)
-class JointFit:
+class JointFit(NamedTuple):
     """The best pose of every frame.
 
     inputs     (N, D) canonical inputs of the model, within its limits if they were kept; radians and units of the
@@ -53,19 +51,6 @@ class JointFit:
 
     inputs: Array
     residuals: Array
-
-
-class AbsoluteFit(NamedTuple):
-    """The best pose of every frame, to joints at absolute positions.
-
-    inputs        (N, D) of the model; lengths in half-cubes from the centre
-    residuals_mm  (N, K) distances between the joints of the model and the given ones
-    center        (N, 3) mm, camera axes: the mean of the joints, because there is no crop
-    """
-
-    inputs: Array
-    residuals_mm: Array
-    center: Array
 
 
 class PoseProblem:
@@ -156,15 +141,18 @@ def fit_joints(
 def fit_absolute(
     skeleton: Skeleton, xyz: Array, half_cube: Array, joints: Sequence[int], *,
     fit: Callable[..., JointFit] = fit_joints, **options: Any,
-) -> AbsoluteFit:
+) -> tuple[JointFit, Array]:
     """Fit the hand to joints (N, K, 3) in mm, whose unit of the skeleton is ``half_cube`` (N,) mm. Raises DataError.
 
     joints   indices of the K joints in the skeleton
     fit      ``fit_joints`` or ``fit_joints_by_swarm``, with its options
+
+    Returns the fit with its residuals in mm, and the origin (N, 3) of its inputs in mm: the mean of the joints, because
+    there is no crop.
     """
     center = xyz.mean(axis=1, keepdims=True)
     found = fit(skeleton, (xyz - center) / half_cube[:, None, None], joints, **options)
-    return AbsoluteFit(found.inputs, found.residuals * half_cube[:, None], center[:, 0])
+    return found._replace(residuals=found.residuals * half_cube[:, None]), center[:, 0]
 
 
 def _best(
@@ -199,7 +187,7 @@ def _descend(problem: PoseProblem, inputs: Array, goal: Array) -> tuple[Array, A
 
 
 def checked(skeleton: Skeleton, targets: ArrayLike, joints: Sequence[int] | None) -> tuple[Array, list[int]]:
-    """Joint positions (N, K, 3), all NaN for an unknown joint, and a mask of the known ones. Raises DataError."""
+    """Joint positions (N, K, 3), all NaN for an unknown joint, and the K chosen joints. Raises DataError."""
     goal = np.asarray(targets, dtype=np.float64)
     chosen = list(range(len(skeleton.parents))) if joints is None else list(joints)
     if goal.ndim != 3 or goal.shape[1:] != (len(chosen), 3):

@@ -36,6 +36,7 @@ BLACK: Colour = (0, 0, 0)
 _PAPER: Colour = (248, 248, 248)
 GUESS_MM = 30.0  # a finger with a larger expected error is drawn as a guess
 YAW, PITCH = 35.0, 20.0  # degrees: where the view in space is seen from
+COLUMNS = 6  # of a page of ``two_views``
 LEGEND = "in colour: predicted; thin white, in space thin black: annotated"
 
 
@@ -76,7 +77,7 @@ def overlay(
     draw(canvas, place(points), points[:, 2], skeleton, thick=max(zoom // 2, 1), guesses=guesses)
     if truth is not None:
         points = _checked(truth, skeleton)
-        draw(canvas, place(points), points[:, 2], skeleton, thick=1, colour=WHITE, rim=False)
+        draw(canvas, place(points), points[:, 2], skeleton, thick=1, colour=WHITE)
     return canvas
 
 
@@ -125,11 +126,11 @@ def view_3d(
 
     points = _checked(joints, skeleton)
     shadow = points * (1, 0, 1) + (0, floor, 0)
-    draw(canvas, place(shadow), points[:, 1], skeleton, thick=2, colour=(212, 212, 212), rim=False)
+    draw(canvas, place(shadow), points[:, 1], skeleton, thick=2, colour=(212, 212, 212))
     draw(canvas, place(points), (points @ view.T)[:, 2], skeleton, thick=max(size // 200, 1), guesses=guesses)
     if truth is not None:
         points = _checked(truth, skeleton)
-        draw(canvas, place(points), (points @ view.T)[:, 2], skeleton, thick=1, colour=(60, 60, 60), rim=False)
+        draw(canvas, place(points), (points @ view.T)[:, 2], skeleton, thick=1, colour=(60, 60, 60))
     return canvas
 
 
@@ -139,27 +140,24 @@ def two_views(
     truth: Array,
     skeleton: Skeleton,
     titles: Sequence[tuple[str, str]],
-    columns: int = 6,
-    centers: Array | None = None,
-    camera: Camera = NYU,
-    cube_mm: Sequence[float] = (),
+    centers: Array | None,
+    camera: Camera,
+    cube_mm: Sequence[float],
 ) -> Image:
     """Every body on its crop and in space: the predicted one in colour, the annotated one in thin white and black.
 
     joints  (n, K, 3) half-cubes, all joints of the skeleton
     truth   (n, L, 3) annotated joints; drawn only if L is K
     titles  of the two views of each frame; a legend stands above all
-    centers, camera, cube_mm  of the crops, (n, 3) px, px, mm; without them the projection is parallel
+    centers, camera, cube_mm  of the crops, (n, 3) px, px, mm; without centres the projection is parallel
     """
     images = []
     for n, crop in enumerate(crops):
         annotated = truth[n] if len(truth[n]) == len(joints[n]) else None
-        if centers is None:
-            images.append(overlay(crop, joints[n], skeleton, annotated, zoom=3))
-        else:
-            images.append(overlay(crop, joints[n], skeleton, annotated, centers[n], cube_mm[n], camera, zoom=3))
+        center = None if centers is None else centers[n]
+        images.append(overlay(crop, joints[n], skeleton, annotated, center, cube_mm[n], camera, zoom=3))
         images.append(view_3d(joints[n], skeleton, annotated, size=384))
-    page = strokes.sheet(images, columns, [title for pair in titles for title in pair])
+    page = strokes.sheet(images, COLUMNS, [title for pair in titles for title in pair])
     legend = np.full((24, page.shape[1], 3), 255, dtype=np.uint8)
     strokes.text_within(legend, LEGEND, np.array([8, 18]), (40, 40, 40), 0.5, page.shape[1] - 16)
     return np.concatenate([legend, page])
@@ -218,16 +216,16 @@ def draw(
     skeleton: Skeleton,
     thick: int,
     colour: Colour | None = None,
-    rim: bool = True,
     guesses: Collection[str] = (),
 ) -> None:
     """Bones and joints at pixels ``at`` (K, 2), the farthest (``away``, (K,)) first, each with a dark rim.
 
+    colour   of all, then without rims; by default of each joint
     guesses  names of fingers that are drawn hollow: white, with a rim in their colour
     """
     behind_first = sorted(bones(skeleton), key=lambda bone: -(away[bone[0]] + away[bone[1]]))
-    own = [colour or its_own for its_own in colours(skeleton)]
-    rims: list[Colour] = [BLACK if colour is None else (90, 90, 90)] * len(own)
+    own, rim = [colour or its_own for its_own in colours(skeleton)], colour is None
+    rims = [BLACK] * len(own)
     for joint, name in enumerate(skeleton.joint_names):
         if name.partition("_")[0] in guesses:
             own[joint], rims[joint] = WHITE, own[joint]

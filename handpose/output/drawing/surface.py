@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,15 +20,6 @@ _STEEP = 5.0  # maximum slope; a steeper one is an edge
 _SAMPLES = 144  # maximum number of rendered pixels along the longer side of a hand's rectangle
 _OBLIQUE = 1.3  # elongation of a sphere at the image's edge
 _NOTHING = 1e5  # mm: depth of rays without a surface
-
-
-class _Rectangle(NamedTuple):
-    """A rectangle of pixels, without the last row and column."""
-
-    left: int
-    top: int
-    right: int
-    bottom: int
 
 
 def over_crop(
@@ -61,19 +50,19 @@ def paint(canvas: Image, capsules: Capsules, camera: Camera, opacity: float = 0.
     capsules  of one body, in mm, camera axes
     """
     near = in_front(capsules)
-    box = _rectangle(near, camera, canvas.shape[1], canvas.shape[0])
-    width, height = box.right - box.left, box.bottom - box.top
-    if width <= 0 or height <= 0:
+    rows, columns = _rectangle(near, camera, canvas)
+    part = canvas[rows, columns]
+    if not part.size:
         return
+    height, width = part.shape[:2]
     step = max(1.0, max(width, height) / _SAMPLES)
-    x = (box.left + _samples(width, step) - camera.u0) / camera.fx
-    y = (box.top + _samples(height, step) - camera.v0) / camera.fy
+    x = (columns.start + _samples(width, step) - camera.u0) / camera.fx
+    y = (rows.start + _samples(height, step) - camera.v0) / camera.fy
     depth = render(near, x[None], y[None], np.array([_NOTHING]))[0]
     shaded = _shade(depth, depth * np.float32(step / camera.fx))[..., None] * np.array(SKIN, np.float32)
     skin = cv2.resize(shaded.astype(np.uint8), (width, height))
     shown = cv2.resize((depth < _NOTHING).astype(np.float32), (width, height))
     cover = cv2.blur(shown, (3, 3)) * np.float32(opacity)  # blurred: smooth outlines
-    part = canvas[box.top : box.bottom, box.left : box.right]
     part[...] = cv2.blendLinear(np.ascontiguousarray(part), skin, 1 - cover, cover)
 
 
@@ -83,18 +72,18 @@ def _samples(pixels: int, step: float) -> Array:
     return np.asarray((np.arange(count) + 0.5) * pixels / count - 0.5)
 
 
-def _rectangle(capsules: Capsules, camera: Camera, width: int, height: int) -> _Rectangle:
-    """The part of an image that contains the capsules, with a margin."""
+def _rectangle(capsules: Capsules, camera: Camera, canvas: Image) -> tuple[slice, slice]:
+    """Rows and columns of an image that contain the capsules, with a margin."""
     ends, radii = np.concatenate([capsules.a[0], capsules.b[0]]), np.append(capsules.radius_a[0], capsules.radius_b[0])
     seen = ends[:, 2] < _NOTHING
     if not seen.any():
-        return _Rectangle(0, 0, 0, 0)
+        return slice(0), slice(0)
     uvd = camera.project(ends[seen])
     reach = radii[seen] / (ends[seen, 2] - radii[seen]) * max(camera.fx, camera.fy) * _OBLIQUE + 2
-    across, down = uvd[:, 0], uvd[:, 1]
-    left, right = np.clip([(across - reach).min(), (across + reach).max()], 0, width).astype(int)
-    top, bottom = np.clip([(down - reach).min(), (down + reach).max()], 0, height).astype(int)
-    return _Rectangle(int(left), int(top), int(right), int(bottom))
+    edges = [np.clip([(at - reach).min(), (at + reach).max()], 0, size).astype(int)
+             for at, size in ((uvd[:, 1], canvas.shape[0]), (uvd[:, 0], canvas.shape[1]))]
+    rows, columns = (slice(int(first), int(last)) for first, last in edges)
+    return rows, columns
 
 
 def _shade(depth: NDArray[np.float32], pixel: float | NDArray[np.float32]) -> NDArray[np.float32]:

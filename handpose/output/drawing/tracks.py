@@ -15,17 +15,7 @@ from handpose.frames.cameras import Camera
 from handpose.frames.crops import check_size
 from handpose.output.drawing import hands, strokes, surface
 from handpose.output.drawing.strokes import Colour, Image
-from handpose.output.drawing.view import (
-    Contrast,
-    Tags,
-    View,
-    Window,
-    box_of,
-    colour_of,
-    spoken,
-    spoken_loss,
-    spoken_presence,
-)
+from handpose.output.drawing.view import Contrast, Tags, View, Window, box_of, colour_of, spoken, spoken_loss
 from handpose.tracking.track import PresentHand, TrackedFrame, TrackedHand, TrackHeader
 from netlib.blob import Array
 from netlib.errors import printable
@@ -57,8 +47,9 @@ class Painter:
         head = np.full((HEAD, seen.shape[1], 3), 255, dtype=np.uint8)
         raw = "" if self.header.smoothed else ", not smoothed"
         middle = seen.shape[1] * 2 // 3
-        _line_on_top(head, f"{self.header.source}{raw}", 10, middle - 10)
-        _line_on_top(head, f"{frame.time:.2f} s, frame {frame.number}", middle + 10, seen.shape[1] - 10)
+        for words, left, right in ((f"{self.header.source}{raw}", 10, middle - 10),
+                                   (f"{frame.time:.2f} s, frame {frame.number}", middle + 10, seen.shape[1] - 10)):
+            strokes.text_within(head, printable(words), np.array([left, HEAD - 10]), _INK, 0.55, right - left)
         return np.concatenate([head, seen])
 
     def seen(self, depth: NDArray[np.floating], frame: TrackedFrame) -> Image:
@@ -67,30 +58,18 @@ class Painter:
         ``depth`` is in mm, 0 without a reading. Raises DataError.
         """
         check_size(depth, self.header.camera)
-        self._contrast.see(frame.time, depth, _points(frame)[:, 2])
-        view = self._window.see(frame.time, frame.hands)
-        camera, grey = _camera_of(self.header.camera, view, self._size), self._contrast.grey(depth)
-        canvas = np.asarray(cv2.cvtColor(_part(grey, view, self._size), cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+        joints = np.concatenate([np.empty((0, 3)), *(hand.xyz for hand in frame.hands)])
+        self._contrast.see(frame.time, depth, joints[:, 2])
+        part = _Part(self._window.see(frame.time, frame.hands), self.header.camera, self._size)
+        canvas = np.asarray(cv2.cvtColor(part.of(self._contrast.grey(depth)), cv2.COLOR_GRAY2BGR), dtype=np.uint8)
         for hand in sorted(frame.hands, key=lambda one: -float(one.xyz[:, 2].mean())):
-            low, high = _corners(hand, self.header.camera, view, self._size)
+            low, high = part.corners(hand)
             cv2.rectangle(canvas, _pixel(low), _pixel(high), colour_of(hand.id), 1, cv2.LINE_AA)
-            self._hand(canvas, hand, camera)
+            self._hand(canvas, hand, part.camera)
         for present in frame.present:
-            self._present(canvas, present, view)
-        self._tags(canvas, frame, view)
+            _present(canvas, present, part)
+        _tags(canvas, frame, part)
         return canvas
-
-    def _present(self, canvas: Image, hand: PresentHand, view: View) -> None:
-        """Draw the outline of the pixels of a hand without joints, or a circle about its middle."""
-        colour = colour_of(hand.id)
-        if hand.mask is not None:
-            seen = _part(np.where(hand.mask, np.uint8(255), np.uint8(0)), view, self._size) > 127
-            outlines, _ = cv2.findContours(seen.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
-            cv2.drawContours(canvas, outlines, -1, colour, 2, cv2.LINE_AA)
-            return
-        camera = _camera_of(self.header.camera, view, self._size)
-        u, v, d = camera.project(hand.place)
-        cv2.circle(canvas, _pixel(np.array([u, v])), round(PRESENT_MM * camera.fx / d), colour, 2, cv2.LINE_AA)
 
     def _hand(self, canvas: Image, hand: TrackedHand, camera: Camera) -> None:
         """Draw surface and skeleton."""
@@ -100,56 +79,57 @@ class Painter:
         guesses = hands.guessed(hand.finger_error_mm)
         hands.draw(canvas, uvd[:, :2], uvd[:, 2], self.header.skeleton, thick=2, guesses=guesses)
 
-    def _tags(self, canvas: Image, frame: TrackedFrame, view: View) -> None:
-        """Label the hands and their confidence above their crops; list lost hands and reasons at the bottom."""
-        tags = Tags(canvas)
-        lately = sorted(frame.lost, key=lambda lost: -lost.since)
-        for lost in lately[:MAX_LOST]:
-            tags.add(spoken_loss(lost, frame.time), 0, len(canvas), colour_of(lost.id))
-        camera = _camera_of(self.header.camera, view, self._size)
-        for present in frame.present:
-            u, v, d = camera.project(present.place)
-            tags.add(spoken_presence(present), u, v - PRESENT_MM * camera.fy / d, colour_of(present.id), sure=False)
-        for hand in frame.hands:
-            left, top = _corners(hand, self.header.camera, view, self._size)[0]
-            tags.add(spoken(hand), left, top, colour_of(hand.id), sure=hand.known_side is not None)
+
+class _Part:
+    """A part of a camera's frame in an image of this width and height; ``camera`` sees the image."""
+
+    def __init__(self, view: View, camera: Camera, size: tuple[int, int]) -> None:
+        self._size, self._frame = size, camera
+        self._zoom, self._corner = np.array(size) / view[2:], np.array(view[:2])
+        (across, down), (left, top) = self._zoom, 0.5 - self._corner
+        self._is_reduced = view.width == camera.width and across < 1
+        self.camera = Camera(camera.name, camera.fx * across, camera.fy * down, (camera.u0 + left) * across - 0.5,
+                             (camera.v0 + top) * down - 0.5, *size)
+        self._move = np.array([[across, 0, left * across - 0.5], [0, down, top * down - 0.5]])
+
+    def of(self, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """The part of a grey image of the frame."""
+        if self._is_reduced:
+            return np.asarray(cv2.resize(grey, self._size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        moved = cv2.warpAffine(grey, self._move, self._size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(moved, dtype=np.uint8)
+
+    def corners(self, hand: TrackedHand) -> Array:
+        """Upper left and lower right corner (2, 2) of a hand's crop."""
+        return np.asarray((np.reshape(box_of(hand, self._frame), (2, 2)) - self._corner) * self._zoom - 0.5)
 
 
-def _camera_of(camera: Camera, view: View, size: tuple[int, int]) -> Camera:
-    """The camera that sees a part of a frame in an image of this width and height."""
-    across, down = size[0] / view.width, size[1] / view.height
-    return Camera(camera.name, camera.fx * across, camera.fy * down, (camera.u0 + 0.5 - view.left) * across - 0.5,
-                  (camera.v0 + 0.5 - view.top) * down - 0.5, *size)
+def _present(canvas: Image, hand: PresentHand, part: _Part) -> None:
+    """Draw the outline of the pixels of a hand without joints, or a circle about its middle."""
+    colour = colour_of(hand.id)
+    if hand.mask is not None:
+        seen = part.of(np.where(hand.mask, np.uint8(255), np.uint8(0))) > 127
+        outlines, _ = cv2.findContours(seen.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+        cv2.drawContours(canvas, outlines, -1, colour, 2, cv2.LINE_AA)
+        return
+    u, v, d = part.camera.project(hand.place)
+    cv2.circle(canvas, _pixel(np.array([u, v])), round(PRESENT_MM * part.camera.fx / d), colour, 2, cv2.LINE_AA)
 
 
-def _corners(hand: TrackedHand, camera: Camera, view: View, size: tuple[int, int]) -> tuple[Array, Array]:
-    """Upper left and lower right corner (2,) of a hand's crop in an image of a part of the frame."""
-    low, high = np.reshape(box_of(hand, camera), (2, 2))
-    zoom, corner = np.array(size) / (view.width, view.height), np.array([view.left, view.top])
-    return (low - corner) * zoom - 0.5, (high - corner) * zoom - 0.5
-
-
-def _part(grey: NDArray[np.uint8], view: View, size: tuple[int, int]) -> NDArray[np.uint8]:
-    """A part of a grey image, scaled to this width and height."""
-    across, down = size[0] / view.width, size[1] / view.height
-    if view.width == grey.shape[1] and across < 1:
-        return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    move = np.array([[across, 0, (0.5 - view.left) * across - 0.5], [0, down, (0.5 - view.top) * down - 0.5]])
-    moved = cv2.warpAffine(grey, move, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(moved, dtype=np.uint8)
-
-
-def _points(frame: TrackedFrame) -> Array:
-    """All joints (n, 3) of a frame."""
-    return np.concatenate([np.empty((0, 3)), *(hand.xyz for hand in frame.hands)])
+def _tags(canvas: Image, frame: TrackedFrame, part: _Part) -> None:
+    """Label the hands and their confidence above their crops; list lost hands and reasons at the bottom."""
+    tags = Tags(canvas)
+    for lost in sorted(frame.lost, key=lambda lost: -lost.since)[:MAX_LOST]:
+        tags.add(spoken_loss(lost, frame.time), 0, len(canvas), colour_of(lost.id))
+    for present in frame.present:
+        u, v, d = part.camera.project(present.place)
+        tags.add(spoken(present), u, v - PRESENT_MM * part.camera.fy / d, colour_of(present.id), sure=False)
+    for hand in frame.hands:
+        left, top = part.corners(hand)[0]
+        tags.add(spoken(hand), left, top, colour_of(hand.id), sure=hand.known_side is not None)
 
 
 def _pixel(point: Array) -> tuple[int, int]:
     """A point for cv2, clipped to the range that it accepts."""
     x, y = np.rint(np.clip(point, -1e4, 1e4)).astype(int)
     return int(x), int(y)
-
-
-def _line_on_top(canvas: Image, words: str, left: int, right: int) -> None:
-    """Draw a line of text in the columns from ``left`` to ``right``."""
-    strokes.text_within(canvas, printable(words), np.array([left, HEAD - 10]), _INK, 0.55, right - left)

@@ -10,7 +10,7 @@ import contextlib
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
-from types import ModuleType, TracebackType
+from types import TracebackType
 from typing import Any
 
 import cv2
@@ -43,7 +43,11 @@ class VideoFile:
         if path.suffix.lower() != ".mp4":
             raise NetlibError(f"{path}: a video is written as .mp4; expected such a name")
         self.path, self.rate = path, min(max(rate, RATES[0]), RATES[1])
-        self._av = _package()
+        try:
+            import av  # here, because it is an extra
+        except ImportError as error:
+            raise NetlibError("PyAV is missing: pip install av") from error
+        self._av: Any = av
         self._encoder = next((name for name in ENCODERS if name in self._av.codecs_available), "")
         if not self._encoder:
             raise NetlibError(f"{path}: PyAV has no encoder of H.264 here; expected {' or '.join(ENCODERS)}, as in the "
@@ -120,12 +124,3 @@ class VideoFile:
         except self._av.FFmpegError as error:
             self._failed = True
             raise OSError(error.errno, error.strerror, str(self.path)) from error
-
-
-def _package() -> ModuleType:
-    """PyAV, imported when it is needed."""
-    try:
-        import av
-    except ImportError as error:
-        raise NetlibError("PyAV is missing: pip install av") from error
-    return av

@@ -132,7 +132,7 @@ def _nearer_half(depth: NDArray[np.floating]) -> tuple[float, float]:
 # ---------------------------------------------------------------------------------------------- labels
 
 # Blue, green, red: dark enough for white letters on them.
-_COLOURS: tuple[Colour, ...] = (
+COLOURS: tuple[Colour, ...] = (
     (190, 110, 25),
     (30, 95, 210),
     (60, 130, 40),
@@ -148,7 +148,7 @@ _BESIDE = 6  # pixels of background left and right of the text
 
 def colour_of(id: int) -> Colour:
     """The colour of the hand with this id."""
-    return _COLOURS[id % len(_COLOURS)]
+    return COLOURS[id % len(COLOURS)]
 
 
 def percent(confidence: float) -> str:
@@ -156,16 +156,16 @@ def percent(confidence: float) -> str:
     return ">99%" if confidence >= 0.995 else f"{confidence:.0%}"
 
 
-def spoken(hand: TrackedHand) -> str:
-    """``right 93%``, ``right? 49%`` while the side is assumed; without the number if it was not measured."""
-    side = hand.known_side or f"{hand.hand}?"
-    return f"{side} {percent(hand.confidence)}" if math.isfinite(hand.confidence) else side
+def spoken(hand: TrackedHand | PresentHand) -> str:
+    """``right 93%``, ``right? 49%`` while the side is assumed; ``left hand 43%``, its presence, without joints.
 
-
-def spoken_presence(hand: PresentHand) -> str:
-    """``left hand 43%``: its presence."""
-    side = f"{hand.hand} hand" if hand.hand else "hand"
-    return f"{side} {percent(hand.presence)}" if math.isfinite(hand.presence) else side
+    The number is omitted if it was not measured.
+    """
+    if isinstance(hand, PresentHand):
+        side, chance = f"{hand.hand} hand" if hand.hand else "hand", hand.presence
+    else:
+        side, chance = hand.known_side or f"{hand.hand}?", hand.confidence
+    return f"{side} {percent(chance)}" if math.isfinite(chance) else side
 
 
 def spoken_loss(hand: LostHand, time: float) -> str:

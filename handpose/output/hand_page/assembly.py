@@ -21,7 +21,6 @@ hands     predicted hands to choose from, all with the first body's skeleton; if
     inputs           of the whole body, including the DoFs of its surface; for a left hand those of its mirror image
     size, thickness  scale of bones, offsets and radii; of the radii alone
     side             "right" or "left"
-    points, step_mm  16-bit numbers in base64, x y z of each point from the crop's centre, in units of step_mm
     crop             16-bit numbers in base64: the crop, -1 to 1 in steps of 1/32767
 """
 
@@ -44,19 +43,21 @@ from handpose.body.model import Surface
 from handpose.body.nyu import CUBE_MM
 from handpose.body.sides import Side
 from handpose.frames.cameras import CAMERAS, NYU, Camera
-from handpose.frames.crops import SIZE, window
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
 FOLDER = Path(__file__).parent
-FIRST = "main"
 _IMPORT = re.compile(r'^import \{([^}]*)\} from "\./(\w+)\.js";$', re.MULTILINE)
 _EXPORT = re.compile(r"^export ((?:async )?(?:class|function|const) (\w+))", re.MULTILINE)
 
 
-def page(title: str, data: Mapping[str, Any]) -> str:
-    """The page of some data (``content.py``), ready to be written. Raises ValueError for numbers that JSON lacks."""
-    return assembled(title, data, source("page.html"), source("page.css"), script_of(FIRST))
+def page(title: str, bodies: Sequence[Mapping[str, Any]], hands: Sequence[Mapping[str, Any]] = ()) -> str:
+    """The page of bodies as from ``body``, and predicted hands as from ``hand``, ready to be written.
+
+    Raises ValueError for numbers that JSON lacks.
+    """
+    data = {"bodies": bodies, "cameras": [vars(camera) for camera in CAMERAS.values()], "hands": hands}
+    return assembled(title, data, source("page.html"), source("page.css"), script_of("main"))
 
 
 def assembled(title: str, data: Mapping[str, Any], body: str, style: str, script: str, connects: bool = False) -> str:
@@ -116,13 +117,6 @@ MAX_LIMIT = 1000.0  # larger limits are written as none; the packaged hands have
 Poses = Mapping[str, Mapping[str, float]]
 
 
-def content(bodies: Sequence[Mapping[str, Any]], hands: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
-    """The data of a page: bodies as from ``body``, and predicted hands as from ``hand``."""
-    return {
-        "bodies": list(bodies), "cameras": [vars(camera) for camera in CAMERAS.values()], "hands": list(hands),
-    }
-
-
 def body(
     name: str, skeleton: Skeleton, poses: Poses | None = None, unit_mm: float = CUBE_MM / 2
 ) -> dict[str, Any]:
@@ -135,27 +129,23 @@ def body(
 def skeleton_values(skeleton: Skeleton) -> dict[str, Any]:
     """A skeleton with its surface as JSON values. Joints and DoFs are referred to by their index.
 
-    name
-    joints    in output order:
-        name, parent  the index of the parent, None for a root
-        motions       in the order of application: kind ("translate" or "rotate"), axis (0, 1, 2 for x, y, z),
-                      sign (1 or -1), dof
-        bone          axis, and length with its sign; None without a bone
-    dofs      name, initial (added to the input), lower and upper (limits of the input, None without), fixed
-    surface   None for a body without one:
-        joints, dofs  of the surface alone, such as an arm; their indices continue those of the skeleton
-        capsules      from and to (joints), radii at both; the edges of wedges first
-        offsets       joint, axes (a joint), vector: capsules that end at ``joint`` are displaced by the vector along
-                      the axes of the other joint
+    own, whole  the skeleton; the same, followed by the joints and DoFs of its surface alone, such as an arm:
+        name
+        joints   names in output order
+        parents, bones, bone_axes  by joint: its parent, or -1; length with a sign; axis 0, 1, 2, or -1 without a bone
+        motions  by joint, in the order of application: turns (else it translates), axis, sign (1 or -1), dof
+        dofs     names
+        initial, lower, upper, fixed  by DoF: added to the input; its limits, null without; whether it is ignored
+    capsules    from and to (joints), radii at both; the edges of wedges first; null for a body without a surface
+    offsets     joint, axes (a joint), vector: capsules that end at ``joint`` are displaced by the vector along the
+                axes of the other joint
 
     Raises PrototxtError for an invalid surface.
     """
+    own = _columns(skeleton)
     if skeleton.param.flesh is None:
-        joints, dofs = _joint_values(skeleton), _dof_values(skeleton)
-        return {"name": skeleton.name, "joints": joints, "dofs": dofs, "surface": None}
+        return {"own": own, "whole": own, "capsules": None, "offsets": []}
     surface = Surface(skeleton)
-    joints, dofs = _joint_values(surface.whole), _dof_values(surface.whole)
-    own_joints, own_dofs = len(skeleton.joint_names), len(skeleton.dof_names)
     capsules = [
         {"from": start, "to": end, "radii": radii}
         for start, end, radii in zip(surface.start.tolist(), surface.end.tolist(), surface.radii.tolist())
@@ -164,70 +154,38 @@ def skeleton_values(skeleton: Skeleton) -> dict[str, Any]:
         {"joint": joint, "axes": axes, "vector": vector}
         for axes, (at, vectors) in surface.offsets.items() for joint, vector in zip(at.tolist(), vectors.tolist())
     ]
+    return {"own": own, "whole": _columns(surface.whole), "capsules": capsules, "offsets": offsets}
+
+
+def _columns(skeleton: Skeleton) -> dict[str, Any]:
+    def limits(values: Array) -> list[float | None]:
+        return [value if abs(value) <= MAX_LIMIT else None for value in values.tolist()]
+
     return {
-        "name": skeleton.name, "joints": joints[:own_joints], "dofs": dofs[:own_dofs],
-        "surface": {"joints": joints[own_joints:], "dofs": dofs[own_dofs:], "capsules": capsules, "offsets": offsets},
+        "name": skeleton.name, "joints": skeleton.joint_names, "parents": skeleton.parents.tolist(),
+        "bones": skeleton.bones.tolist(), "bone_axes": skeleton.bone_axes.tolist(),
+        "motions": [[{"turns": m.kind == "rotate", "axis": m.axis, "sign": m.sign, "dof": m.dof} for m in own]
+                    for own in skeleton.motions],
+        "dofs": skeleton.dof_names, "initial": skeleton.initial.tolist(), "lower": limits(skeleton.lower),
+        "upper": limits(skeleton.upper), "fixed": skeleton.fixed.tolist(),
     }
-
-
-def _joint_values(skeleton: Skeleton) -> list[dict[str, Any]]:
-    joints = []
-    for j, name in enumerate(skeleton.joint_names):
-        parent, axis = int(skeleton.parents[j]), int(skeleton.bone_axes[j])
-        joints.append({
-            "name": name, "parent": parent if parent >= 0 else None,
-            "motions": [{"kind": m.kind, "axis": m.axis, "sign": m.sign, "dof": m.dof} for m in skeleton.motions[j]],
-            "bone": {"axis": axis, "length": float(skeleton.bones[j])} if axis >= 0 else None,
-        })
-    return joints
-
-
-def _dof_values(skeleton: Skeleton) -> list[dict[str, Any]]:
-    def limit(value: float) -> float | None:
-        return value if abs(value) <= MAX_LIMIT else None
-
-    return [
-        {"name": dof.name, "initial": dof.initial, "lower": limit(dof.lower), "upper": limit(dof.upper),
-         "fixed": dof.fixed}
-        for dof in skeleton.param.dof
-    ]
 
 
 def hand(
     name: str, words: str, inputs: ArrayLike, *, camera: Camera, center_uvd: Array,
     cube_mm: float, crop: NDArray[np.floating], size: float = 1.0, thickness: float = 1.0, side: Side = "right",
 ) -> dict[str, Any]:
-    """A hand predicted in a crop (S, S) in [-1, 1], with the depth points of the crop.
+    """A hand predicted in a crop (S, S) in [-1, 1].
 
     inputs  of the skeleton, or of the whole body; missing ones are 0
     """
-    points = crop_points(crop, center_uvd, cube_mm, camera)
-    step = max(float(np.abs(points).max(initial=0)), 1.0) / FULL
-    given = np.asarray(inputs, dtype=np.float64)
+    packed = base64.b64encode(np.rint(crop * FULL).astype("<i2").tobytes()).decode("ascii")
     return {
-        "name": name, "words": words,
-        "place": _place(camera, center_uvd, cube_mm), "inputs": given.tolist(), "size": size, "thickness": thickness,
-        "side": side, "points": _packed(points / step), "step_mm": step, "crop": _packed(crop * FULL),
+        "name": name, "words": words, "place": _place(camera, center_uvd, cube_mm), "side": side, "size": size,
+        "thickness": thickness, "inputs": np.asarray(inputs, dtype=np.float64).tolist(), "crop": packed,
     }
-
-
-def crop_points(crop: NDArray[np.floating], center_uvd: ArrayLike, cube_mm: float, camera: Camera) -> Array:
-    """The points of a crop (S, S) in [-1, 1] inside its cube, each image pixel once: (n, 3) mm from its centre."""
-    uvd = np.asarray(center_uvd, dtype=np.float64)
-    columns, rows = (pixels[0] for pixels in window(uvd[None], cube_mm, camera, SIZE))
-    column, row = (np.unique(pixels, return_index=True)[1] for pixels in (columns, rows))
-    column, row = column[columns[column] >= 0], row[rows[row] >= 0]
-    i, j = np.meshgrid(column, row)
-    value = crop[j, i].astype(np.float64)
-    inside = np.abs(value) < 1
-    seen = np.stack([columns[i], rows[j], value * cube_mm / 2 + uvd[2]], axis=-1)[inside]
-    return np.asarray(camera.unproject(seen) - camera.unproject(uvd))
 
 
 def _place(camera: Camera, center_uvd: ArrayLike, cube_mm: float) -> dict[str, Any]:
     middle = np.asarray(center_uvd, dtype=np.float64).tolist()
     return {"unit_mm": cube_mm / 2, "camera": vars(camera), "center_uvd": middle, "cube_mm": cube_mm}
-
-
-def _packed(numbers: Array) -> str:
-    return base64.b64encode(np.rint(numbers).astype("<i2").tobytes()).decode("ascii")

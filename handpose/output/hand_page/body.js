@@ -24,13 +24,10 @@ export class Body {
     this.open(values);
   }
 
-  /* Show another body, {skeleton, place} of content.py, in its initial pose. */
+  /* Show another body, {skeleton, place} of assembly.py, in its initial pose. */
   open({ skeleton: values, place }) {
-    const skeleton = new Skeleton(values), { surface } = values;
-    const whole = surface ? new Skeleton({
-      name: values.name, joints: [...values.joints, ...surface.joints], dofs: [...values.dofs, ...surface.dofs],
-    }) : skeleton;
-    Object.assign(this, { skeleton, whole, surface: surface && new Surface(surface) });
+    const skeleton = new Skeleton(values.own), whole = new Skeleton(values.whole);
+    Object.assign(this, { skeleton, whole, surface: values.capsules && new Surface(values) });
     Object.assign(this, { side: "right", size: 1, thickness: 1, points: null, recordedCrop: null });
     Object.assign(this, { unit: place.unit_mm, camera: place.camera, uvd: place.center_uvd, cube: place.cube_mm });
     this.inputs = whole.dofs.map(() => 0);
@@ -38,20 +35,15 @@ export class Body {
     this.notify("skeleton");
   }
 
-  /* Change the camera, or the place of the crop. */
-  setPlace(values) {
+  /* Change the camera, the place of the crop, or the side. */
+  change(values) {
     Object.assign(this, values);
-    this.notify("place");
+    this.notify("pose");
   }
 
   /* Change some inputs: {index: value}. */
   setInputs(values) {
     for (const [d, value] of Object.entries(values)) this.inputs[d] = value;
-    this.notify("pose");
-  }
-
-  setSide(side) {
-    this.side = side;
     this.notify("pose");
   }
 
@@ -65,7 +57,7 @@ export class Body {
     this.notify("force");
   }
 
-  /* Call every listener with what has changed: "skeleton", "place", "pose" or "force". */
+  /* Call every listener with what has changed: "skeleton", "pose" or "force". */
   notify(what) {
     this.cachedPose = this.cachedJoints = null;
     for (const listener of this.listeners) listener(what);

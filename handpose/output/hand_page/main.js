@@ -3,13 +3,12 @@
 import { Body } from "./body.js";
 import { BodyView } from "./body_view.js";
 import { byId, element, formatNumber, reportHeight } from "./elements.js";
-import { inputsOfText, textOfPose } from "./pose_text.js";
-import { renderCrop } from "./render.js";
+import { inputsOfText, MAX_INPUT, textOfPose } from "./pose_text.js";
+import { cropPoints, renderCrop } from "./render.js";
 import { showDepth, showForces, showJoints, showLimits } from "./panels.js";
 import { Sliders } from "./sliders.js";
 import { length } from "./vectors.js";
 
-const MAX_NUMBER = 1e6; // larger numbers in an address are ignored
 const data = JSON.parse(byId("data").textContent);
 const body = new Body(data.bodies[0]);
 const checkboxes = Object.fromEntries(
@@ -101,8 +100,9 @@ function showHand(hand) {
   const [{ skeleton }] = data.bodies;
   body.open({ skeleton, place: hand.place });
   const { side, size, thickness } = hand;
-  const points = Float64Array.from(int16Array(hand.points), (value) => value * hand.step_mm);
-  const recordedCrop = Float64Array.from(int16Array(hand.crop), (value) => value / 32767);
+  const bytes = Uint8Array.from(atob(hand.crop), (character) => character.charCodeAt(0));
+  const recordedCrop = Float64Array.from(new Int16Array(bytes.buffer), (value) => value / 32767);
+  const points = cropPoints(recordedCrop, body.uvd, body.cube, body.camera);
   Object.assign(body, { side, size, thickness, points, recordedCrop });
   hand.inputs.forEach((value, d) => (body.inputs[d] = value));
   byId("description").textContent = hand.words;
@@ -111,11 +111,6 @@ function showHand(hand) {
 }
 
 /* Decode 16-bit numbers, low byte first, from base64. */
-function int16Array(text) {
-  const bytes = Uint8Array.from(atob(text), (character) => character.charCodeAt(0));
-  return new Int16Array(bytes.buffer);
-}
-
 /* Show the chosen hand or, on a page without predicted hands, the chosen body, in its initial state. */
 function showChosen() {
   if (data.hands.length) showHand(data.hands[hands.value]);
@@ -124,7 +119,7 @@ function showChosen() {
 
 /* Apply the fragment of the address, with which the book links to a pose:
    #body=arm&shoulder=53.13&elbow=36.87&force=wrist,1,2,0
-   Angles are in degrees, lengths in mm and forces in N, as on the page. Unknown names are ignored. */
+   Angles are in degrees, lengths in mm and forces in N, as on the page. Unknown names and large numbers are ignored. */
 function applyAddress() {
   const fields = new URLSearchParams(location.hash.slice(1)), name = fields.get("body");
   if (data.bodies.some((one) => one.name === name)) showBody(name);
@@ -139,14 +134,14 @@ function applyAddress() {
   }
 }
 
-const isNumber = (text) => text !== "" && Math.abs(Number(text)) < MAX_NUMBER;
+const isNumber = (text) => text !== "" && Math.abs(Number(text)) < MAX_INPUT;
 
 bodies.addEventListener("change", () => showBody(bodies.value));
 hands.addEventListener("change", showChosen);
 byId("restart").addEventListener("click", showChosen);
 addEventListener("hashchange", applyAddress);
 byId("show-fixed").addEventListener("change", (event) => sliders.showFixed(event.target.checked));
-byId("mirror").addEventListener("change", (event) => body.setSide(event.target.checked ? "left" : "right"));
+byId("mirror").addEventListener("change", (event) => body.change({ side: event.target.checked ? "left" : "right" }));
 byId("reset").addEventListener("click", () => view.reset());
 
 body.listeners.push((what) => {
@@ -168,4 +163,5 @@ if (!data.hands.length) applyAddress();
 
 reportHeight();
 
-globalThis.hand = { Body, body, data, inputsOfText, renderCrop, textOfPose, view }; // for the console and the tests
+// for the console and the tests
+globalThis.hand = { Body, body, cropPoints, data, inputsOfText, renderCrop, textOfPose, view };

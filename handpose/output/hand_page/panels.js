@@ -59,11 +59,11 @@ export function showDepth(body, cameras) {
   canvas.addEventListener("pointerleave", () => (hoverText.textContent = ""));
   choice.addEventListener("change", () => {
     const camera = cameras.find((one) => one.name === choice.value);
-    if (camera) body.setPlace({ camera, uvd: [camera.u0, camera.v0, body.uvd[2]] });
+    if (camera) body.change({ camera, uvd: [camera.u0, camera.v0, body.uvd[2]] });
   });
   distance.addEventListener("change", () => {
     const mm = Number(distance.value);
-    if (mm > 0 && mm < MAX_DISTANCE) body.setPlace({ uvd: [body.uvd[0], body.uvd[1], mm] });
+    if (mm > 0 && mm < MAX_DISTANCE) body.change({ uvd: [body.uvd[0], body.uvd[1], mm] });
   });
   body.listeners.push((what) => {
     if (what !== "force") frameRequest ??= requestAnimationFrame(() => ((frameRequest = undefined), update()));

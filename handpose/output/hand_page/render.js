@@ -142,3 +142,16 @@ export function renderCrop(capsules, uvd, cube, camera) {
 export const normalised = (depth, uvd, cube) => (
   depth.map((mm) => Math.min(Math.max(((mm - uvd[2]) * 2) / cube, -1), 1))
 );
+
+/* The points of a crop, -1 to 1, inside its cube, each image pixel once: x, y, z in mm from its centre, one after the
+   other. */
+export function cropPoints(crop, uvd, cube, camera) {
+  const { columns, rows } = cropPixels(uvd, cube, camera), center = unproject(camera, uvd), points = [];
+  const isNew = (pixel, i, pixels) => pixel !== pixels[i - 1]; // those outside the image have the far face's value, 1
+  rows.forEach((row, j) => columns.forEach((column, i) => {
+    const value = crop[j * SIZE + i];
+    if (!isNew(row, j, rows) || !isNew(column, i, columns) || Math.abs(value) >= 1) return;
+    points.push(...minus(unproject(camera, [column, row, (value * cube) / 2 + uvd[2]]), center));
+  }));
+  return points;
+}

@@ -6,7 +6,7 @@ import { length, times } from "./vectors.js";
 export const COLOURS = { // RGB of a joint by the first part of its name, as in handpose/output/drawing/hands.py
   thumb: [240, 90, 80], index: [250, 165, 40], middle: [90, 200, 90], ring: [60, 185, 225], little: [170, 95, 225],
 };
-export const GREY = [150, 150, 150]; // RGB of all other joints
+const GREY = [150, 150, 150]; // RGB of all other joints
 export function colourOf(name) {
   const [part] = name.split("_");
   return Object.hasOwn(COLOURS, part) ? COLOURS[part] : undefined; // hasOwn, because a joint may be named "constructor"

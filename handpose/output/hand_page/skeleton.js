@@ -1,4 +1,4 @@
-/* A skeleton and its surface as tables, built from the JSON values that content.py describes.
+/* A skeleton and its surface as tables, built from the JSON values that assembly.py describes.
 
    theta[d] = input[d] + initial[d]        (a fixed DoF: theta[d] = initial[d]) */
 
@@ -12,23 +12,13 @@ export class Skeleton {
      order                    the indices of the joints, parents before children
      motions                  per joint: {turns, axis, sign, dof} in the order in which they are applied
      bones, boneAxes          per joint: the signed length; the axis 0, 1, 2, or -1 without a bone */
-  constructor({ name, joints, dofs }) {
-    this.name = name;
-    this.joints = joints.map((joint) => joint.name);
-    this.dofs = dofs.map((dof) => dof.name);
-    this.initial = dofs.map((dof) => dof.initial);
-    this.lower = dofs.map((dof) => dof.lower ?? -Infinity);
-    this.upper = dofs.map((dof) => dof.upper ?? Infinity);
-    this.fixed = dofs.map((dof) => dof.fixed);
-    this.parents = joints.map((joint) => joint.parent ?? -1);
-    this.bones = joints.map((joint) => joint.bone?.length ?? 0);
-    this.boneAxes = joints.map((joint) => joint.bone?.axis ?? -1);
-    this.motions = joints.map((joint) => joint.motions.map(
-      ({ kind, axis, sign, dof }) => ({ turns: kind === "rotate", axis, sign, dof }),
-    ));
+  constructor({ bone_axes: boneAxes, lower, upper, ...values }) {
+    Object.assign(this, values, { boneAxes });
+    this.lower = lower.map((limit) => limit ?? -Infinity);
+    this.upper = upper.map((limit) => limit ?? Infinity);
     this.turns = this.dofs.map((_, d) => this.motions.flat().some((motion) => motion.dof === d && motion.turns));
     const depth = (j) => (j < 0 ? 0 : depth(this.parents[j]) + 1);
-    this.order = [...joints.keys()].sort((i, j) => depth(i) - depth(j));
+    this.order = [...this.joints.keys()].sort((i, j) => depth(i) - depth(j));
   }
 
   /* The value of every DoF for these inputs. */
@@ -57,7 +47,7 @@ export class Surface {
   posed(pose, size = 1, thickness = 1) {
     const ends = [...pose.joints], scale = size * thickness;
     for (const { joint, axes, vector } of this.offsets) {
-      ends[joint] = add(ends[joint], times(toWorld(pose, axes, vector), size));
+      ends[joint] = add(ends[joint], times(apply(pose.frames[axes], vector), size));
     }
     return this.capsules.map(({ from, to, radii }) => (
       { a: ends[from], b: ends[to], ra: radii[0] * scale, rb: radii[1] * scale, from, to }
@@ -117,6 +107,3 @@ export function backward(skeleton, pose, forces) {
   }
   return gradient;
 }
-
-/* Convert a vector from the axes of a joint to those of the world. */
-export const toWorld = (pose, joint, vector) => apply(pose.frames[joint], vector);

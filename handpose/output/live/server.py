@@ -11,7 +11,7 @@ It answers three paths, each with the query token=TOKEN, which is random:
     /frames  WebSocket: the header, then a text message for each frame
     /view    WebSocket: a binary message for each frame; the client requests the next one by any message
 
-No frame waits for another one: each client has a slot for the newest frame, which replaces one that was not sent yet.
+No frame waits for another one: each client has a queue of one frame, where the newest replaces one that was not sent.
 The page requests each frame, so that none waits in the buffers between them either.
 
 A connection must show the token within HANDSHAKE_S. What is no HTTP request is refused by websockets, the rest by
@@ -29,15 +29,17 @@ import errno
 import functools
 import hmac
 import ipaddress
+import itertools
 import logging
 import re
 import secrets
 import socket
 import threading
+from concurrent.futures import Future
 from http import HTTPStatus
-from types import ModuleType, TracebackType
+from types import TracebackType
 from typing import Any
-from urllib.parse import parse_qs, urlencode, urlsplit
+from urllib.parse import parse_qs, urlsplit
 
 from handpose.output.live.messages import LINES, VIEWS
 from handpose.output.live.page import page_without_token
@@ -54,33 +56,9 @@ _LOOPBACK = ("127.0.0.1", "::1", "localhost")
 _ANYWHERE = ("", "0.0.0.0", "::")
 _HOST = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+)(?::\d{1,5})?")
 _FIELDS = {"Cache-Control": "no-store", "Referrer-Policy": "no-referrer", "X-Content-Type-Options": "nosniff"}
-
-
-class _Slot:
-    """The newest message for one client."""
-
-    def __init__(self) -> None:
-        self._message: str | bytes | None = None
-        self._ended = False
-        self._changed = asyncio.Event()
-
-    def put(self, message: str | bytes) -> None:
-        """Replace a message that was not sent."""
-        self._message = message
-        self._changed.set()
-
-    def end(self) -> None:
-        """Mark the end of the messages."""
-        self._ended = True
-        self._changed.set()
-
-    async def take(self) -> str | bytes | None:
-        """Wait for the next message; None after the last one."""
-        await self._changed.wait()
-        message, self._message = self._message, None
-        if not self._ended:
-            self._changed.clear()
-        return message
+_SILENT = logging.getLogger("handpose.output.live")
+_SILENT.disabled = True  # a client's error is sent to the client
+_Newest = asyncio.Queue[str | bytes | None]  # the newest message for one client; None ends its messages
 
 
 class LiveServer:
@@ -95,33 +73,38 @@ class LiveServer:
     """
 
     def __init__(self, host: str, port: int, header: str, page: str, token: str | None = None) -> None:
-        self._websockets = _package()
+        try:
+            import websockets.asyncio.server  # here, because it is an extra
+            import websockets.exceptions
+        except ImportError as error:
+            raise NetlibError("websockets is missing: pip install 'websockets>=13'") from error
+        self._websockets = websockets
         self.host, self.port, self._header, self._page = host, port, header, page
         self.token = secrets.token_urlsafe(16) if token is None else checked_token(token)
-        self._clients: dict[str, set[_Slot]] = {LINES: set(), VIEWS: set()}
+        self._clients: dict[str, set[_Newest]] = {LINES: set(), VIEWS: set()}
         self._handlers: dict[asyncio.Task[Any], Any] = {}  # with the connection of each
         self._was_asked = threading.Event()
-        self._ready = threading.Event()
-        self._failure: Exception | None = None
+        self._ready: Future[None] = Future()
 
     def __enter__(self) -> LiveServer:
         self._thread = threading.Thread(target=self._run, name="live", daemon=True)
         self._thread.start()
-        self._ready.wait()
-        if self._failure is not None:
+        try:
+            self._ready.result()
+        except Exception as error:
             self._thread.join()
-            raise NetlibError(f"{_joined(self.host, self.port)}: {_why_not(self._failure)}") from self._failure
+            raise NetlibError(f"{_joined(self.host, self.port)}: {_why_not(error)}") from error
         return self
 
     @property
     def page_url(self) -> str:
         """The address for a browser."""
-        return f"http://{self._place()}/?{self._query()}"
+        return self._address("http", "/")
 
     @property
     def lines_url(self) -> str:
         """The address for programs."""
-        return f"ws://{self._place()}{LINES}?{self._query()}"
+        return self._address("ws", LINES)
 
     @property
     def is_public(self) -> bool:
@@ -153,24 +136,22 @@ class LiveServer:
         try:
             asyncio.run(self._serve())
         except Exception as error:
-            if self._ready.is_set():
+            if self._ready.done():
                 raise
-            self._failure = error
-            self._ready.set()
+            self._ready.set_exception(error)
 
     async def _serve(self) -> None:
         self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
         self._loop.set_exception_handler(_ignore_connection_errors)
         server = await self._websockets.asyncio.server.serve(
             self._client, self.host, self.port, process_request=self._answer, compression=None, server_header=None,
-            max_size=_MAX_RECEIVED, open_timeout=HANDSHAKE_S, close_timeout=GRACE_S, logger=_silent_logger(),
+            max_size=_MAX_RECEIVED, open_timeout=HANDSHAKE_S, close_timeout=GRACE_S, logger=_SILENT,
         )
         self.port = server.sockets[0].getsockname()[1]
-        self._ready.set()
+        self._ready.set_result(None)
         await self._end.wait()
-        for slots in self._clients.values():
-            for slot in slots:
-                slot.end()
+        for waiting in itertools.chain(*self._clients.values()):
+            waiting.put_nowait(None)
         if self._handlers:
             await asyncio.wait(self._handlers, timeout=GRACE_S)
         server.close()
@@ -180,24 +161,26 @@ class LiveServer:
             await asyncio.wait_for(server.wait_closed(), CLOSE_S)
 
     def _put(self, path: str, message: str | bytes) -> None:
-        for slot in self._clients[path]:
-            slot.put(message)
+        for waiting in self._clients[path]:
+            while not waiting.empty():
+                waiting.get_nowait()
+            waiting.put_nowait(message)
 
     async def _client(self, connection: Any) -> None:
         """Serve one client until it leaves or the track ends."""
-        path, slot = urlsplit(connection.request.path).path, _Slot()
+        path, waiting = urlsplit(connection.request.path).path, _Newest()
         if self._end.is_set():
-            slot.end()
+            waiting.put_nowait(None)
         connection.transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
         task = asyncio.current_task()
         assert task is not None
         self._handlers[task] = connection
-        self._clients[path].add(slot)
+        self._clients[path].add(waiting)
         try:
             if path == LINES:
                 await connection.send(self._header)
             self._was_asked.set()
-            while (message := await slot.take()) is not None:
+            while (message := await waiting.get()) is not None:
                 await connection.send(message)
                 if path == VIEWS:
                     await connection.recv()  # it has the frame, and requests the next one
@@ -205,7 +188,7 @@ class LiveServer:
         except self._websockets.exceptions.ConnectionClosed:
             pass
         finally:
-            self._clients[path].discard(slot)
+            self._clients[path].discard(waiting)
             self._handlers.pop(task)
 
     def _answer(self, connection: Any, request: Any) -> Any:
@@ -235,12 +218,10 @@ class LiveServer:
             return refused(HTTPStatus.FORBIDDEN, "Pages of other sites get no frames.\n")
         return None
 
-    def _place(self) -> str:
-        """Host and port for other machines."""
-        return _joined(socket.gethostname() if self.host in _ANYWHERE else self.host, self.port)
-
-    def _query(self) -> str:
-        return urlencode({"token": self.token})
+    def _address(self, scheme: str, path: str) -> str:
+        """The address of a path; it has the name of this machine if the server listens at all of its addresses."""
+        host = socket.gethostname() if self.host in _ANYWHERE else self.host
+        return f"{scheme}://{_joined(host, self.port)}{path}?token={self.token}"
 
 
 def is_named(host: str, listening: str) -> bool:
@@ -294,21 +275,3 @@ def _ignore_connection_errors(loop: asyncio.AbstractEventLoop, context: dict[str
     """Handle an exception outside of all tasks; errors of the system concern one connection, which is closed."""
     if not isinstance(context.get("exception"), OSError):
         loop.default_exception_handler(context)
-
-
-def _silent_logger() -> logging.Logger:
-    """A client's error, which is sent to the client."""
-    logger = logging.getLogger("handpose.output.live")
-    logger.disabled = True
-    return logger
-
-
-def _package() -> ModuleType:
-    """The used parts of websockets, imported on first use."""
-    try:
-        import websockets
-        import websockets.asyncio.server
-        import websockets.exceptions
-    except ImportError as error:
-        raise NetlibError("websockets is missing: pip install 'websockets>=13'") from error
-    return websockets

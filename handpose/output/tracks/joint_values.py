@@ -8,7 +8,7 @@ In JSON a hand has the format's name as a key, and ``anatomical_deg``:
                center_m         that mean, from the camera
     mano       positions_m      (x, y, z) of 21, from the camera: x right, y down, z away
     nyu        positions_mm     (x, y, z) of 14, from the camera: x right, y up, z away
-    anatomical_deg              angles in degrees by name (``handpose.body.joint_formats.formats``)
+    anatomical_deg              angles in degrees by name (``handpose.body.joint_formats.angles``)
 
 A table has their numbers as columns: ``THUMB_TIP_x``, ``THUMB_TIP_world_x_m``, ``center_x_m``; ``index1_x_m``;
 ``palm_x_mm``; ``index_pip_flexion_deg``.
@@ -20,7 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from handpose.body.joint_formats.formats import ANGLES, FORMATS, FormatName, anatomical_angles, formatted
+from handpose.body.joint_formats.angles import ANGLES, anatomical_angles
+from handpose.body.joint_formats.formats import FORMATS, FormatName, formatted
 from handpose.body.sides import Side
 from handpose.frames.cameras import Camera
 from layers.hand.skeleton import Skeleton

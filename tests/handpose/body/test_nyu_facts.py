@@ -28,12 +28,8 @@ def test_annotations_are_where_the_names_say(nyu_data: Path) -> None:
 
 
 def test_cubes() -> None:
-    """The second subject, from test frame 2440 on, has the smaller cube."""
+    """The second subject, from test frame 2440 on, has the smaller cube; a part of the test set has the first one's."""
     np.testing.assert_allclose(nyu.cube_of_test_frame([0, 2439, 2440, 8251]), [300, 300, 261, 261])
-
-
-def test_a_part_of_the_test_set_has_one_size() -> None:
-    """A part of the test set with one subject's cube gives a warning."""
     np.testing.assert_allclose(nyu.half_cubes(nyu.TEST_FRAMES)[[0, 8251]], [150, 130.5])
     assert nyu.one_size_for_all(nyu.TEST_FRAMES) == ""
     np.testing.assert_allclose(nyu.half_cubes(3), 150)

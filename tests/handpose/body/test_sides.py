@@ -5,13 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handpose.body.sides import (
-    MIRROR,
-    SIDES,
-    as_right,
-    mirror_of,
-    side_of,
-)
+from handpose.body.sides import MIRROR, SIDES, as_right, mirror_of, side_of
 
 
 @pytest.mark.parametrize("word", ["either", "Left", "l", ""])

@@ -133,13 +133,9 @@ def of_file(tmp_path: Path) -> Net:
 
 
 def test_the_data_of_a_test_net(of_file: Net) -> None:
-    """The layer that reads the test set is found by its type; a net that reads none is an error."""
+    """The layer that reads the test set is found by its type; a net without is an error. Crops are found by number."""
     assert data_layer(of_file).rows == 5
     with pytest.raises(NetlibError, match="no HDF5Data layer in phase TEST; expected a net that reads a test set"):
         data_layer(net_in(INPUT))
-
-
-def test_crops_and_places(of_file: Net) -> None:
-    """Crops are found by number; the files may have no places."""
     assert [float(crop[0, 0]) for crop in crops_of(of_file, [3, 1])] == [3, 1]
-    assert centers_of(of_file, np.arange(2)) == (None, NYU)
+    assert centers_of(of_file, np.arange(2)) == (None, NYU), "the files have no places"

@@ -87,13 +87,14 @@ def test_pixels_without_depth(tmp_path: Path) -> None:
 
 
 def test_benchmarks() -> None:
-    nyu, icvl = published.nyu_benchmark(), published.icvl_benchmark()
+    nyu, icvl = published.BENCHMARKS["nyu"], published.BENCHMARKS["icvl"]
     assert len(nyu.joints) == 14 and len(icvl.joints) == 16
     assert nyu.joints[:2] == ("little_tip", "little_pip_a") and nyu.joints[8:] == (
         *("thumb_tip", "thumb_dip", "thumb_pip"),
         *("wrist_left", "wrist_middle", "palm"),
     )
     assert (nyu.camera, icvl.camera) == (NYU, ICVL) and (nyu.frames, icvl.frames) == (8252, 1596)
+    assert (nyu.parts, icvl.parts) == ({"subject 1": slice(2440), "subject 2": slice(2440, None)}, {})
 
 
 def test_score() -> None:
@@ -114,7 +115,7 @@ def published_score(dataset: str, name: str) -> Score:
     folder = SHARED / dataset
     if not folder.is_dir():
         pytest.skip("needs published predictions")
-    benchmark = published.BENCHMARKS[dataset]()
+    benchmark = published.BENCHMARKS[dataset]
     truth, predicted = (
         published.read_joints(folder / file, len(benchmark.joints), "uvd", benchmark.camera)
         for file in ("test_groundtruth_uvd.txt", f"predictions/{name}.txt")
@@ -150,27 +151,11 @@ def test_published_curve() -> None:
 SKELETON = skeletons.load()
 
 
-def test_a_method_without_errors() -> None:
-    """Exact joints have no residual and no angle beyond the limits; progress covers every frame of each fit."""
-    inputs = BodySampler(prior_file.load().but(scale_std=0, bone_std=0)).draw(np.random.default_rng(2), 2).inputs
-    truth = kinematics_of(SKELETON).joints(inputs)[:, EVALUATION_JOINTS] * 150 + (0, 0, 700)
-    watched: list[tuple[str, int, int]] = []
+def test_angles_of_methods() -> None:
+    """A method without errors, one with a finger beyond its limits, and noise, which is not on the model.
 
-    @contextlib.contextmanager
-    def watch(total: int, *, what: str) -> Iterator[Callable[[int], None]]:
-        done: list[int] = []
-        yield done.append
-        watched.append((what, total, sum(done)))
-
-    found = compare_angles(SKELETON, truth, {"same": truth}, watch)["same"]
-    assert watched == [(what, 2, 2) for what in ("annotation", "same", "same, no limits", "same, exactly")]
-    assert found.residual_mm < 0.1 and found.free_residual_mm < 0.01
-    assert found.out_of_limits == 0
-    assert found.error_deg < 8, "the ridge moves only angles that 14 joints hardly determine"
-
-
-def test_a_finger_beyond_its_limits_and_noise() -> None:
-    """Angles beyond the limits are counted for joints on the model; noise is not on it."""
+    Angles beyond the limits are counted for joints on the model; progress covers every frame of each fit.
+    """
     inputs = BodySampler(prior_file.load().but(scale_std=0, bone_std=0)).draw(np.random.default_rng(2), 2).inputs
     bent = inputs.copy()
     dof = SKELETON.dof_names.index("index_base_rot_z")
@@ -179,8 +164,21 @@ def test_a_finger_beyond_its_limits_and_noise() -> None:
         kinematics_of(SKELETON).joints(x)[:, EVALUATION_JOINTS] * 150 + (0, 0, 700) for x in (inputs, bent)
     )
     noise = truth + np.random.default_rng(0).normal(0, 5, truth.shape)
-    found = compare_angles(SKELETON, truth, {"beyond": beyond, "noise": noise})
-    assert found["beyond"].out_of_limits == 0.5 and found["noise"].out_of_limits is None
+    watched: list[tuple[str, int, int]] = []
+
+    @contextlib.contextmanager
+    def watch(total: int, *, what: str) -> Iterator[Callable[[int], None]]:
+        done: list[int] = []
+        yield done.append
+        watched.append((what, total, sum(done)))
+
+    found = compare_angles(SKELETON, truth, {"same": truth, "beyond": beyond, "noise": noise}, watch)
+    fits = ("annotation", "same", "same, no limits", "same, exactly", "beyond", "beyond, no limits", "beyond, exactly",
+            "noise", "noise, no limits")
+    assert watched == [(what, 2, 2) for what in fits]
+    assert found["same"].residual_mm < 0.1 and found["same"].free_residual_mm < 0.01
+    assert [one.out_of_limits for one in found.values()] == [0, 0.5, None]
+    assert found["same"].error_deg < 8, "the ridge moves only angles that 14 joints hardly determine"
     assert found["beyond"].free_residual_mm < 0.01 < 0.1 < found["beyond"].residual_mm
     assert found["noise"].free_residual_mm < found["noise"].residual_mm < 8  # mm; noise of 5 mm per axis
     assert 0 < found["beyond"].error_deg < found["noise"].error_deg < 60

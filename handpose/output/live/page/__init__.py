@@ -8,24 +8,19 @@ from __future__ import annotations
 import functools
 from pathlib import Path
 
-from handpose.body.model import Surface
-from handpose.output.drawing.view import colour_of
-from handpose.output.hand_page.assembly import assembled, script_of, source
+from handpose.output.drawing.view import COLOURS
+from handpose.output.hand_page.assembly import assembled, script_of, skeleton_values, source
 from handpose.output.live.messages import VIEWS
 from handpose.tracking.track import TrackHeader
 
 FOLDER = Path(__file__).parent
-COLOURS = 6  # number of colours of hands; then they repeat
 
 
 def page(header: TrackHeader) -> str:
     """The page as HTML. Its title is the name of the source without its folder, because others may see the page."""
-    surface, camera = Surface(header.skeleton), header.camera
     data = {
-        "stream": VIEWS.removeprefix("/"), "camera": vars(camera),
-        "skeleton": {"joints": header.skeleton.joint_names, "parents": header.skeleton.parents.tolist()},
-        "whole": surface.whole.joint_names, "capsules": [[int(a), int(b)] for a, b in zip(surface.start, surface.end)],
-        "colours": [colour_of(id)[::-1] for id in range(COLOURS)],
+        "stream": VIEWS.removeprefix("/"), "camera": vars(header.camera), "skeleton": skeleton_values(header.skeleton),
+        "colours": [colour[::-1] for colour in COLOURS],
     }
     style, body = source("page.css") + source("live.css", FOLDER), source("live.html", FOLDER)
     title = f"{Path(header.source).name}, tracked"

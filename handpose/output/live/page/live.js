@@ -97,7 +97,8 @@ socket.addEventListener("message", (event) => {
 socket.addEventListener("close", ({ code, reason }) => {
   endReason = reason || (code === 1006 ? "no connection to the tracker" : `closed (${code})`);
   state.classList.add("over");
-  state.textContent = live.frame ? `${endReason}; the last frame is ${live.frame.record.number}` : endReason;
+  state.textContent = endReason;
+  if (live.frame) showState(live.frame.record);
 });
 
 globalThis.live = live; // for the console and the tests

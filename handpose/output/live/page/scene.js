@@ -10,12 +10,10 @@ const MAX_POINTS = 100; // depth points of a hand along each axis
 
 export class Scene {
   /* camera    of the frames
-     skeleton  joints (names) and parents (indices) of one hand
-     whole     names of the joints of a hand, including those of the surface alone
-     capsules  [from, to] of each capsule, indices of `whole` */
-  constructor({ camera, skeleton: { joints, parents }, whole, capsules }) {
+     skeleton  of one hand, as assembly.py describes it */
+  constructor({ camera, skeleton: { own: { joints, parents }, whole, capsules } }) {
     Object.assign(this, { camera, parents, listeners: [], forces: [], origin: [0, 0, 0], unit: 1e3 });
-    Object.assign(this, { names: joints, whole: { joints: whole }, capsuleJoints: capsules });
+    Object.assign(this, { names: joints, whole, ends: capsules });
     this.handTips = [...joints.keys()].filter((j) => !parents.includes(j));
     this.show({ record: { hands: [] }, surfaces: [] });
   }
@@ -29,7 +27,7 @@ export class Scene {
     const errors = hands.flatMap((hand) => names.map((name) => hand.finger_error_mm[name.split("_")[0]]));
     this.guesses = new Set([...errors.keys()].filter((j) => errors[j] > GUESS_MM));
     this.capsules = surfaces.flatMap((own) => own.map((capsule, i) => {
-      const [from, to] = this.capsuleJoints[i];
+      const { from, to } = this.ends[i];
       return { ...capsule, from, to };
     }));
     this.points = hands.flatMap((hand) => this.pointsOf(hand, depth, grid));

@@ -1,4 +1,4 @@
-"""handpose/body/joint_formats/formats.py, and the directions computed by frames.py"""
+"""handpose/body/joint_formats/formats.py and angles.py"""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from posed_hands import MIRROR, PEOPLE, any_pose, right_hand
 
-from handpose.body.joint_formats.formats import ANGLES, FORMATS, FormatName, anatomical_angles, formatted, turned
-from handpose.body.joint_formats.frames import FINGERS, hand_frames
+from handpose.body.joint_formats.angles import ANGLES, anatomical_angles, turned
+from handpose.body.joint_formats.formats import FORMATS, FormatName, formatted
+from handpose.body.joint_formats.frames import FINGERS
 from handpose.body.nyu import EVALUATION_JOINTS
 from handpose.frames.cameras import KINECT2
-from layers.hand.kinematics import Kinematics
 from netlib.blob import Array
 
 
@@ -82,17 +82,6 @@ def test_a_left_hand_is_the_mirror_image(name: FormatName) -> None:
     assert np.allclose(left.positions, right.positions * MIRROR)
     if right.landmarks is not None and left.landmarks is not None:
         assert np.allclose(left.landmarks, right.landmarks * [-1, 1, 1] + [1, 0, 0])
-
-
-def test_frames_are_the_models() -> None:
-    """In any pose a finger's back is the z axis of the model's frame, and the thumb's back is -y."""
-    for seed in range(5):
-        inputs = any_pose(np.random.default_rng(seed))
-        frames = Kinematics(PEOPLE).forward(inputs[None]).frames[0]
-        found = hand_frames(PEOPLE, "right", right_hand(inputs))
-        for finger in FINGERS:
-            assert np.allclose(found.back[finger], frames[PEOPLE.joint_names.index(f"{finger}_base")][:, 2])
-        assert np.allclose(found.back["thumb"], -frames[PEOPLE.joint_names.index("thumb_pip")][:, 1])
 
 
 def angles(inputs: Array) -> dict[str, float]:

@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from posed_hands import PEOPLE
-from scipy.spatial.transform import Rotation
+from posed_hands import MIRROR, PEOPLE, any_pose, right_hand
 
-from handpose.body.joint_formats.frames import FINGERS, POINTS, SKIN, best_rotation, hinges_of, weights_of
+from handpose.body.joint_formats.frames import FINGERS, POINTS, SKIN, hinges_of, palm_frame, weights_of
 from layers.hand.skeleton import NYU_HAND, Skeleton, load
 from netlib.errors import DataError
 
@@ -34,6 +33,8 @@ def test_a_finger_bends_at_three_joints(skeleton: Skeleton, bends_at: tuple[str,
     hinges = hinges_of(skeleton)
     for finger in FINGERS:
         assert [skeleton.joint_names[joint] for joint in hinges[finger]] == [f"{finger}_{part}" for part in bends_at]
+        own = [POINTS[f"{finger}_{part}"].weights for part in ("mcp", "pip", "dip", "tip")]
+        assert skeleton is not PEOPLE or own == [{f"{finger}_{part}": 1} for part in bends_at]
     assert [skeleton.joint_names[joint] for joint in hinges["thumb"]] == [
         f"thumb_{part}" for part in ("mcp", "pip", "dip", "tip")
     ]
@@ -60,14 +61,6 @@ def test_phalanges_of_people() -> None:
         assert ratios == pytest.approx(ratios[0], abs=1e-3) and 1.15 < ratios[0] < 1.3
 
 
-def test_joints_of_people_are_where_they_bend() -> None:
-    hinges = hinges_of(PEOPLE)
-    for finger in FINGERS:
-        weights = weights_of([POINTS[f"{finger}_pip"], POINTS[f"{finger}_dip"]], PEOPLE)
-        assert [int(np.argmax(row)) for row in weights] == list(hinges[finger][1:3])
-        assert (weights.max(axis=1) == 1).all()
-
-
 def test_the_skin_is_a_radius_beyond_the_last_joint() -> None:
     """The packaged numbers are the skeleton file's radius at the tip, relative to the last bone."""
     surface = PEOPLE.param.flesh
@@ -86,17 +79,9 @@ def test_another_body_has_none() -> None:
         weights_of(list(POINTS.values()), arm)
 
 
-RNG = np.random.default_rng(0)
-CLOUD = RNG.standard_normal((7, 3))
-
-
-def test_a_rotation_is_found_again() -> None:
-    for wanted in Rotation.random(20, random_state=RNG).as_matrix():
-        np.testing.assert_allclose(best_rotation(CLOUD, CLOUD @ wanted.T), wanted, atol=1e-12)
-
-
-def test_of_a_mirror_image() -> None:
-    """For mirrored points the result is a rotation, with determinant 1."""
-    found = best_rotation(CLOUD, CLOUD * (-1, 1, 1))
-    np.testing.assert_allclose(found @ found.T, np.eye(3), atol=1e-12)
-    assert np.linalg.det(found) > 0
+def test_the_palm_of_a_mirror_image() -> None:
+    """The best rotation is a rotation, with determinant 1, also for a left hand, which no rotation moves there."""
+    for mirror in (np.ones(3), MIRROR):
+        R = palm_frame(right_hand(any_pose(np.random.default_rng(0))) * mirror, PEOPLE)
+        np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
+        assert np.linalg.det(R) > 0

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from handpose.body.gestures import GestureReader, scores
-from handpose.body.joint_formats.formats import FORMAT_NAMES, FormatName, anatomical_angles, formatted
-from handpose.body.joint_formats.frames import hand_frames, palm_frame
+from handpose.body.joint_formats.angles import anatomical_angles
+from handpose.body.joint_formats.formats import FORMAT_NAMES, FormatName, formatted
+from handpose.body.joint_formats.frames import palm_frame
 from netlib.blob import Array
 from netlib.errors import DataError
 from tests.support.bad_input import bad_inputs
@@ -31,7 +32,6 @@ def numbers_of(name: FormatName, xyz: Any) -> list[float]:
 
 CALLS: dict[str, Callable[[Any], Any]] = {
     "angles": lambda xyz: list(anatomical_angles(SKELETON, "left", xyz).values()),
-    "frames": lambda xyz: list(hand_frames(SKELETON, "right", xyz).back.values()),
     "palm": lambda xyz: palm_frame(xyz, SKELETON),
     "scores": lambda xyz: list(scores(SKELETON, "right", xyz).values()),
     "gestures": lambda xyz: GestureReader(SKELETON).read(1, "right", xyz, 0.0).confidence,
@@ -88,7 +88,7 @@ def test_degenerate_hands(call: str, xyz: Array) -> None:
 
 
 @bad_inputs(DataError, dict.fromkeys(
-    ("angles", "frames", "scores", "gestures"),
+    ("angles", "scores", "gestures"),
     "the wrist and the knuckles of index and little finger are on a line; expected a palm"))
 def test_one_point_has_no_directions(given: str, rejected: Any) -> None:
     """Directions, angles and gestures need a palm; positions of a format do not."""
@@ -105,7 +105,7 @@ def read_at(time: float) -> Callable[[], object]:
 
 
 @bad_inputs(DataError, {
-    "side": (lambda: hand_frames(SKELETON, "both", XYZ), "hand 'both'; expected right or left"),  # type: ignore[arg-type]
+    "side": (lambda: anatomical_angles(SKELETON, "both", XYZ), "hand 'both'; expected right or left"),  # type: ignore[arg-type]
     "format": (lambda: formatted("manos", SKELETON, "left", XYZ),  # type: ignore[arg-type]
                "format 'manos' (did you mean 'mano'?); expected mediapipe, mano, nyu"),
     **{f"{time} s": (read_at(time), f"hand 1 at {time} s after 1 s; expected finite times that do not descend")

@@ -74,13 +74,15 @@ def test_joints_that_are_not_known(inputs):
 
 
 def test_joints_at_absolute_positions(inputs):
-    """Each hand is fitted in its own unit, about its own centre, to within 0.01 mm."""
+    """Each hand is fitted in its own unit, about its own centre, to within 0.01 mm; residuals are in mm."""
     half = np.array([150.0, 130.5, 150.0])
     xyz = joints_of(SKELETON, inputs[:3]) * half[:, None, None] + (20, -30, 800)
-    found = fit_absolute(SKELETON, xyz, half, range(31), starts=4)
-    placed = joints_of(SKELETON, found.inputs) * half[:, None, None] + found.center[:, None]
-    assert np.abs(placed - xyz).max() < 0.01
-    assert found.residuals_mm == pytest.approx(np.linalg.norm(placed - xyz, axis=2), abs=1e-6)
+    for off in (0, 10):
+        xyz[:, 0, 0] += off
+        found, center = fit_absolute(SKELETON, xyz, half, range(31), starts=4)
+        placed = joints_of(SKELETON, found.inputs) * half[:, None, None] + center[:, None]
+        assert (np.abs(placed - xyz).max() < 0.01) == (off == 0)
+        assert found.residuals == pytest.approx(np.linalg.norm(placed - xyz, axis=2), abs=1e-6)
 
 
 def test_limits_hold(inputs, rng):

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from handpose.frames.cameras import ICVL
 from handpose.output.drawing import hands, strokes
 from handpose.output.drawing.strokes import PAGES, PLACES, ContactSheet, Image
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
-from netlib.blob import Array
 
 SKELETON = skeletons.load()
 CROPS = [np.full((128, 128), 1.0), np.full((128, 128), 0.5)]
@@ -50,31 +50,24 @@ def test_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
     assert columns == 4 and titles == ["0.00 s", "0.03 s", "0.07 s"]
 
 
-@pytest.fixture
-def joints() -> Array:
-    """The joints of two hands."""
-    inputs = np.random.default_rng(0).normal(0, 0.1, (2, len(SKELETON.initial)))
-    return np.asarray(kinematics_of(SKELETON).joints(inputs))
+def test_two_views() -> None:
+    """Each frame has two cells with a title each, the view on the crop and the view in space, below a legend.
 
-
-def test_two_views(joints: Array) -> None:
-    """Each frame has two cells with a title each, the view on the crop and the view in space, below a legend."""
-    titles = [("frame 0", "1 mm"), ("frame 7", "2 mm")]
-    drawn = hands.two_views(CROPS, joints, joints[:, ::-1], SKELETON, titles, columns=2)
-    cells = []
-    for crop, hand, truth in zip(CROPS, joints, joints[:, ::-1]):
-        cells += [hands.overlay(crop, hand, SKELETON, truth, zoom=3), hands.view_3d(hand, SKELETON, truth, size=384)]
-    page = strokes.sheet(cells, 2, ["frame 0", "1 mm", "frame 7", "2 mm"])
-    legend, below = np.split(drawn, [len(drawn) - len(page)])
-    assert np.array_equal(below, page) and 0.02 < (legend < 100).any(axis=2).mean() < 0.5
-
-
-def test_an_annotation_of_other_joints_is_not_drawn(joints: Array) -> None:
-    """An annotation with ICVL's 16 joints, which do not match the skeleton's 31, is omitted."""
-    titles = [("a", "b"), ("c", "d")]
-    few = hands.two_views(CROPS, joints, joints[:, :16], SKELETON, titles)
-    assert few.shape == hands.two_views(CROPS, joints, joints, SKELETON, titles).shape
-    assert not np.array_equal(few, hands.two_views(CROPS, joints, joints, SKELETON, titles))
+    An annotation of other joints, such as ICVL's 16, is not drawn.
+    """
+    joints = kinematics_of(SKELETON).joints(np.random.default_rng(0).normal(0, 0.1, (2, len(SKELETON.initial))))
+    centers, cubes = np.array([(250.0, 200, 700), (300, 220, 800)]), [300.0, 250.0]
+    for truth, at in ((joints[:, ::-1], centers), (joints[:, :16], None)):
+        drawn = hands.two_views(CROPS, joints, truth, SKELETON, [("frame 0", "1 mm"), ("frame 7", "2 mm")], at, ICVL,
+                                cubes)
+        cells = []
+        for n, (crop, hand) in enumerate(zip(CROPS, joints)):
+            true, place = (None, {}) if at is None else (truth[n], {"center_uvd": at[n], "cube_mm": cubes[n]})
+            cells += [hands.overlay(crop, hand, SKELETON, true, camera=ICVL, zoom=3, **place),
+                      hands.view_3d(hand, SKELETON, true, size=384)]
+        page = strokes.sheet(cells, 6, ["frame 0", "1 mm", "frame 7", "2 mm"])
+        legend, below = np.split(drawn, [len(drawn) - len(page)])
+        assert np.array_equal(below, page) and 0.02 < (legend < 100).any(axis=2).mean() < 0.5
 
 
 def test_sheet() -> None:

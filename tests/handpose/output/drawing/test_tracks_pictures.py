@@ -12,7 +12,7 @@ from handpose.frames.cameras import CAMERAS, Camera
 from handpose.output.drawing import hands
 from handpose.output.drawing.strokes import Image
 from handpose.output.drawing.tracks import HEAD, MAX_HEIGHT, MAX_WIDTH, Painter
-from handpose.output.drawing.view import Window, colour_of
+from handpose.output.drawing.view import Window, box_of, colour_of
 from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackedHand, TrackHeader
 from tests.support.tracked_hands import CAMERA, HEADER, seen, tracked
 
@@ -39,13 +39,18 @@ def where(one: Image, other: Image) -> tuple[slice, slice]:
 
 
 def test_joints_are_where_the_camera_sees_them() -> None:
-    """A fingertip has its finger's colour, or is hollow where the finger is a guess."""
+    """A fingertip has its finger's colour, or is hollow where the finger is a guess; a rectangle shows the crop."""
     guess = replace(RIGHT, finger_error_mm=np.array([10.0, 45, 12, 29, 8]))
     picture = annotated(DEPTH, of(guess, LEFT))[HEAD:]
     for hand, (finger, colour) in itertools.product((guess, LEFT), hands.COLOURS.items()):
         u, v, _ = CAMERA.project(hand.xyz[HEADER.skeleton.joint_names.index(f"{finger}_tip")])
         x, y = (round((edge + 0.5) * ZOOM - 0.5) for edge in (u - VIEW.left, v - VIEW.top))
         assert tuple(picture[y, x]) == (hands.WHITE if hand is guess and finger == "index" else colour), finger
+    for hand in (RIGHT, LEFT):
+        left, top, right, bottom = box_of(hand, CAMERA)
+        for u, v in ((left, (top + 3 * bottom) / 4), ((left + 3 * right) / 4, bottom), (right, (top + 3 * bottom) / 4)):
+            x, y = (round(edge * ZOOM - 0.5) for edge in (u - VIEW.left, v - VIEW.top))
+            np.testing.assert_allclose(picture[y, x].astype(int), colour_of(hand.id), atol=20)
 
 
 def test_surface_lies_over_the_depth_that_it_explains() -> None:

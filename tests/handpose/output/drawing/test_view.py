@@ -23,7 +23,7 @@ from handpose.output.drawing.view import (
     spoken,
     spoken_loss,
 )
-from handpose.tracking.track import LostHand
+from handpose.tracking.track import LostHand, PresentHand
 from tests.support.tracked_hands import CAMERA, tracked
 
 NEAR, FAR, BESIDE = tracked("right", (0, 0, 600)), tracked("left", (40, 0, 3000)), tracked("right", (-250, 0, 600))
@@ -116,10 +116,12 @@ def test_colours() -> None:
 
 
 def test_words() -> None:
-    """The confidence is in whole per cent, omitted if unknown; a lost hand has the time and the reason."""
+    """The confidence or presence is in whole per cent, omitted if unknown; a lost hand has the time and the reason."""
     assert spoken(tracked("right", confidence=0.934)) == "right 93%"
     assert spoken(tracked("left", confidence=float("nan"))) == "left"
     assert spoken(replace(tracked("left", confidence=0.49), side_confidence=0.7)) == "left? 49%"
+    present = PresentHand(1, "left", 0.43, 0.1, (0.0, 0.0, 600.0), "no pose")
+    assert [spoken(one) for one in (present, present._replace(hand=None))] == ["left hand 43%", "hand 43%"]
     assert [percent(sure) for sure in (0.0, 0.994, 0.996, 1.0)] == ["0%", "99%", ">99%", ">99%"]
     assert spoken_loss(LostHand(1, "left", 2.0, "left the image"), 2.43) == "left hand lost 0.4 s: left the image"
     assert spoken_loss(LostHand(1, None, 2.0, "left the image"), 2.43) == "hand lost 0.4 s: left the image"

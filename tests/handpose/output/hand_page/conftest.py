@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handpose.output.hand_page.assembly import body, content, page
+from handpose.output.hand_page.assembly import body, page
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import text_of
@@ -58,5 +58,5 @@ def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The file of a page with the NYU hand and one named pose."""
     path = tmp_path_factory.mktemp("page") / "bare.html"
     poses = {"a_pose": {"index_pip_rot_x": -0.5, "thumb_tip_rot_z": 0.25}}
-    path.write_text(page("The hand", content([body("hand", skeletons.load(), poses)])), encoding="utf-8")
+    path.write_text(page("The hand", [body("hand", skeletons.load(), poses)]), encoding="utf-8")
     return path

@@ -9,7 +9,8 @@ import pytest
 
 from handpose.body.model import Surface
 from handpose.body.render import CLEAR_MM, Capsules, in_front, render_crop
-from handpose.frames.cameras import NYU
+from handpose.frames.cameras import ICVL, KINECT2, NYU, Camera
+from handpose.frames.crops import crop
 from handpose.output.hand_page.assembly import skeleton_values
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
@@ -62,7 +63,7 @@ def test_joints_torques_and_limits(tab: Any, name: str, side: str) -> None:
 RENDERED = """([skeleton, bodies]) => bodies.map(([values, camera, uvd, cube]) => {
   const body = new hand.Body({ skeleton, place: hand.data.bodies[0].place });
   Object.assign(body, values, { unit: cube / 2 });
-  body.setPlace({ camera, uvd, cube });
+  body.change({ camera, uvd, cube });
   const ends = body.capsules.map(({ a, b, ra, rb }) => [...a, ...b, ra, rb]);
   const depth = [...hand.renderCrop(body.capsules, uvd, cube, camera)];
   return { ends, depth: depth.map((mm) => Math.round(mm * 1e3) / 1e3) };
@@ -102,3 +103,21 @@ def test_the_depth_of_any_body(tab: Any, seed: int) -> None:
     for n, (found, depth) in enumerate(rendered(tab, skeleton, bodies)):
         np.testing.assert_allclose(found, rows_of(capsules, n), atol=1e-6)
         check_depth(depth, expected[n])
+
+
+@pytest.mark.parametrize(("camera", "place"), [(NYU, (15, -20)), (KINECT2, (15, -20)), (ICVL, (15, -20)),
+                                               (NYU, (-315, -240))], ids=["nyu", "kinect2", "icvl", "at the corner"])
+def test_points_are_where_the_camera_saw_them(tab: Any, camera: Camera, place: tuple[float, float]) -> None:
+    """Every pixel of the frame within the cube yields one point, as unprojected by the camera; no others do."""
+    rng, uvd = np.random.default_rng(0), np.array([camera.u0 + place[0], camera.v0 + place[1], 800.0])
+    frame = rng.uniform(500, 1100, (camera.height, camera.width)).astype(np.float32)
+    frame[rng.random(frame.shape) < 0.3] = 0
+    given = [crop(frame, uvd, 300.0, camera).ravel().tolist(), uvd.tolist(), 300.0, vars(camera)]
+    found = np.reshape(ask(tab, "(given) => hand.cropPoints(...given)", given), (-1, 3))
+    pixels = camera.project(found + camera.unproject(uvd))
+    columns, rows = (np.rint(pixels[:, i]).astype(int) for i in (0, 1))
+    np.testing.assert_allclose(pixels[:, :2], np.stack([columns, rows], axis=1), atol=1e-6)
+    np.testing.assert_allclose(pixels[:, 2], frame[rows, columns], atol=1e-3)
+    assert len(np.unique(pixels[:, :2].round(), axis=0)) == len(found) > 1000
+    assert (np.abs(found[:, 2]) < 150).all()
+    assert pixels[:, :2].min() > -1e-6

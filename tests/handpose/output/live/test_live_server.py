@@ -123,24 +123,19 @@ def test_a_client_that_does_not_answer_does_not_hold_up_the_end(
 ) -> None:
     """The server ends despite a viewer that requests no next frame, and a client that reads nothing."""
     monkeypatch.setattr(module, "GRACE_S", 0.05)
-    with serve() as server:
-        viewer, place = connect(server, VIEWS), urlsplit(server.lines_url)
-        silent = socket.create_connection((str(place.hostname), place.port))
-        silent.sendall(f"GET {place.path}?{place.query} HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\n"
-                       "Connection: Upgrade\r\nSec-WebSocket-Key: MDEyMzQ1Njc4OWFiY2RlZg==\r\n"
-                       "Sec-WebSocket-Version: 13\r\n\r\n".encode())
-        assert silent.recv(12) == b"HTTP/1.1 101"
+    with contextlib.ExitStack() as stack, serve() as server:
+        viewer = connect(server, VIEWS)
+        stack.enter_context(reader(server))
         server.put(VIEWS, b"a")
         server.put(LINES, "x" * (1 << 25))
         assert viewer.recv(timeout=60) == b"a"
     assert not any(thread.name == "live" for thread in threading.enumerate())
-    silent.close()
 
 
 # ------------------------------------------------------------------------------------------------ access control
 
-UPGRADE = (b"Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Key: MDEyMzQ1Njc4OWFiY2RlZg==\r\n"
-           b"Sec-WebSocket-Version: 13\r\n")
+UPGRADE = ("Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Key: MDEyMzQ1Njc4OWFiY2RlZg==",
+           "Sec-WebSocket-Version: 13")
 
 
 def request(target: str, *fields: str, method: str = "GET", host: str = "localhost") -> bytes:
@@ -151,13 +146,26 @@ def request(target: str, *fields: str, method: str = "GET", host: str = "localho
 
 def opening(*fields: str) -> bytes:
     """A request that opens a WebSocket."""
-    return request("/frames?token=TOKEN", *UPGRADE.decode().split("\r\n")[:-1], *fields, host="127.0.0.1:PORT")
+    return request("/frames?token=TOKEN", *UPGRADE, *fields, host="127.0.0.1:PORT")
+
+
+def asked(server: LiveServer, sent: bytes) -> socket.socket:
+    """A connection on which this request was sent."""
+    connection = socket.create_connection(("127.0.0.1", server.port), timeout=60)
+    connection.sendall(sent.replace(b"TOKEN", server.token.encode()).replace(b"PORT", b"%d" % server.port))
+    return connection
+
+
+def reader(server: LiveServer) -> socket.socket:
+    """A connection with an open WebSocket, from which nothing more is read."""
+    silent = asked(server, opening())
+    assert silent.recv(12) == b"HTTP/1.1 101"
+    return silent
 
 
 def exchange(server: LiveServer, sent: bytes) -> bytes:
     """What the server sends for a request: 13 bytes if it opens a WebSocket, otherwise everything until it closes."""
-    with socket.create_connection(("127.0.0.1", server.port), timeout=60) as connection:
-        connection.sendall(sent.replace(b"TOKEN", server.token.encode()).replace(b"PORT", b"%d" % server.port))
+    with asked(server, sent) as connection:
         received = b""
         with contextlib.suppress(ConnectionError):
             while (piece := connection.recv(1 << 16)) and not received.startswith(b"HTTP/1.1 101"):
@@ -184,8 +192,7 @@ def a_message_of_10_mb(server: LiveServer, connect: Connect) -> None:
 def half_open_connections(server: LiveServer, connect: Connect) -> None:
     with contextlib.ExitStack() as stack:
         for number in range(300):
-            silent = stack.enter_context(socket.create_connection(("127.0.0.1", server.port), 60))
-            silent.sendall(b"GET / HTTP/1.1\r\nHost: "[: number % 30])
+            stack.enter_context(asked(server, b"GET / HTTP/1.1\r\nHost: "[: number % 30]))
             if number % 100 == 99:
                 serves(server)
         client = connect(server)
@@ -196,10 +203,7 @@ def half_open_connections(server: LiveServer, connect: Connect) -> None:
 def readers_that_never_read(server: LiveServer, connect: Connect) -> None:
     with contextlib.ExitStack() as stack:
         for _ in range(80):
-            silent = stack.enter_context(socket.create_connection(("127.0.0.1", server.port), 60))
-            silent.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-            silent.sendall(opening().replace(b"TOKEN", server.token.encode()).replace(b"PORT", b"%d" % server.port))
-            assert silent.recv(12) == b"HTTP/1.1 101"
+            stack.enter_context(reader(server)).setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         client = connect(server)
         for number in range(100):
             server.put(LINES, f"{number}".rjust(1 << 16))

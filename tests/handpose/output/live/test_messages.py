@@ -9,11 +9,11 @@ import struct
 import numpy as np
 
 from handpose.frames.cameras import CAMERAS
-from handpose.output.drawing.view import Contrast, View, Window
+from handpose.output.drawing.view import View, Window
 from handpose.output.live.messages import MAX_SAMPLES, Grid, Messages, grid_of
 from handpose.output.tracks.json_values import FrameValues, header_values
 from handpose.tracking.track import TrackedFrame
-from tests.handpose.output.live.conftest import BOTH, DEPTH, LEFT, ONE, RIGHT
+from tests.handpose.output.live.conftest import BOTH, ONE, RIGHT
 from tests.support import json_schema
 from tests.support.tracked_hands import CAMERA, HEADER
 
@@ -40,30 +40,6 @@ def test_joints_and_gestures() -> None:
     assert json.loads(messages.header)["joint_format"]["name"] == "mano"
     hand = messages.record(BOTH)["hands"][0]
     assert len(hand["mano"]["positions_m"]) == 21 and hand["gesture"]["name"] == "open"
-
-
-def test_the_message_for_the_page() -> None:
-    messages = Messages(HEADER)
-    message = messages.view(messages.record(BOTH), DEPTH, BOTH)
-    (size,) = struct.unpack_from("<I", message)
-    values = json.loads(message[4 : 4 + size])
-    contrast = Contrast()
-    contrast.see(0.0, DEPTH, np.concatenate([RIGHT.xyz, LEFT.xyz])[:, 2])
-    assert size % 4 == 0 and values["record"] == json.loads(json.dumps(Messages(HEADER).record(BOTH)))
-    assert (values["middle"], values["spread"]) == (contrast.middle, contrast.spread)
-    window = Window(CAMERA).see(0.0, [RIGHT, LEFT])
-    assert values["window"] == [round(edge, 2) for edge in window]
-    assert values["grid"] == list(grid_of(CAMERA, window, [RIGHT, LEFT]))
-    left, top, step, columns, rows = values["grid"]
-    samples = np.frombuffer(message, "<u2", columns * rows, 4 + size).reshape(rows, columns)
-    assert step == 1 and left + columns <= CAMERA.width
-    np.testing.assert_array_equal(samples, DEPTH[top : top + rows, left : left + columns].astype(np.uint16))
-    end = 4 + size + samples.nbytes + 2 * (samples.size % 2)
-    numbers = np.frombuffer(message[end:], "<f4").reshape(-1, 8)
-    assert values["capsules"] == [len(numbers) // 2] * 2
-    assert RIGHT.capsules is not None
-    np.testing.assert_allclose(numbers[: len(numbers) // 2, :3], RIGHT.capsules.a[0], rtol=1e-6)
-    np.testing.assert_allclose(numbers[: len(numbers) // 2, 7], RIGHT.capsules.radius_b[0], rtol=1e-6)
 
 
 def test_large_frames_are_sampled() -> None:

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from handpose.body.gestures import GestureReader
-from handpose.body.joint_formats.formats import FORMATS, FormatName, anatomical_angles, formatted
+from handpose.body.joint_formats.angles import anatomical_angles
+from handpose.body.joint_formats.formats import FORMATS, FormatName, formatted
 from handpose.output.tracks.json_file import read_track
 from handpose.output.tracks.writing import open_writer
 from layers.hand.skeleton import NYU_HAND, load
