@@ -32,7 +32,6 @@ from handpose.output.drawing import strokes
 from handpose.output.drawing.view import percent
 from handpose.output.tracks.predictions import document, frame_values
 from handpose.scoring.metrics import mean_errors_14
-from handpose.sequences.recordings import SyntheticRecording
 from netlib.blob import Array
 from netlib.files import atomic
 from netlib.files.paths import command
@@ -89,10 +88,11 @@ def scene(number: int) -> tuple[NDArray[np.uint16], Array]:
 
     Even numbers have a right hand that shows a gesture, odd ones a left hand on its way.
     """
+    from handpose.sequences.recordings import SyntheticRecording  # here, because SciPy's rotations take a while
+
     left = number % 2 == 1
     recording = SyntheticRecording("body", NYU, rate=1, seed=number, mirrored=left)
-    seen = (truth for truth in recording.truths() if truth.number >= (4 if left else 11) and truth.hands)
-    truth = next(seen)
+    truth = next(truth for truth in recording.truths() if truth.number >= (4 if left else 11) and truth.hands)
     return recording.frame(truth.number).depth.astype(np.uint16), truth.hands[0].xyz
 
 
