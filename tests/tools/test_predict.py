@@ -14,7 +14,7 @@ import netlib
 from handpose import read_track
 from handpose.body.model import FINGERS
 from handpose.body.nyu import EVALUATION_JOINTS
-from handpose.estimate import packaged, pipeline, starts
+from handpose.estimate import packaged, pipeline, predictor
 from handpose.frames.cameras import KINECT2
 from handpose.output.drawing.view import percent
 from handpose.output.tracks import joint_values
@@ -228,7 +228,7 @@ def test_centers(frame):
     """U,V,D is used unchanged; for U,V the depth is read from the image; each image may have its own centre."""
     v, u = (int(np.median(where)) for where in np.nonzero((frame > 0) & (frame < 800)))
     (found,) = predicted("frame.png", *KINECT, "--refine", "0", "--center", f"{u},{v}")
-    assert found["center_uvd"] == pytest.approx(starts.depth_around(frame, u, v), abs=0.01)
+    assert found["center_uvd"] == pytest.approx(predictor.depth_around(frame, u, v), abs=0.01)
     centers = [[250, 200, 690], [260, 210, 700]]
     for given in (centers[:1], centers):
         options = [f"--center={u},{v},{d}" for u, v, d in given]

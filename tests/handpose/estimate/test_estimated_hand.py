@@ -13,7 +13,7 @@ from handpose.fit.body import SIZE, THICKNESS, CapsuleModel
 from handpose.fit.depth_fit import DepthFit
 from handpose.frames.cameras import NYU
 from handpose.frames.crops import crop
-from tests.handpose.whole_images import render_image
+from handpose.sequences.recordings import render_image
 
 CENTER = np.array([NYU.u0 + 40, NYU.v0, 700.0])
 CROP, WALL = np.zeros((128, 128), np.float32), np.full((NYU.height, NYU.width), 700.0)

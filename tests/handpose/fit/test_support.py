@@ -10,7 +10,7 @@ import pytest
 from handpose.fit.body import CapsuleModel
 from handpose.fit.support import FAR_MM, Support, joint_depths, support, support_of_parts
 from handpose.frames.cameras import KINECT2
-from tests.handpose.whole_images import render_image
+from handpose.sequences.recordings import render_image
 
 CAMERA = replace(KINECT2, width=512, height=424)
 CENTER = np.array([[0.0, 0.0, 500.0]])

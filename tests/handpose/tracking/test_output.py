@@ -13,9 +13,9 @@ from handpose.estimate.hand import Hand, judge
 from handpose.fit.body import SIZE, CapsuleModel
 from handpose.fit.depth_fit import DepthFit
 from handpose.frames.cameras import NYU
+from handpose.sequences.recordings import render_image
 from handpose.tracking.output import tracked_hand
 from handpose.tracking.track import TrackedHand, joints_of
-from tests.handpose.whole_images import render_image
 
 CENTER = np.array([350.0, 200, 650])  # px, px, mm
 EMPTY = np.zeros((NYU.height, NYU.width), np.float32)

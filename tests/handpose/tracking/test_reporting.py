@@ -11,7 +11,7 @@ import pytest
 
 from handpose.body.sides import Side
 from handpose.output.tracks.json_values import FrameValues
-from handpose.output.tracks.writing import CsvWriter
+from handpose.output.tracks.writing import open_writer
 from handpose.tracking.reporting import SureHands
 from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackedHand
 from tests.handpose.tracking.conftest import frames_of
@@ -83,7 +83,7 @@ def test_no_output_has_the_joints(tmp_path: Path) -> None:
     hands = [hand for frame in frames for hand in values.values(frame)["hands"]]
     assert [hand["positions_mm"] is None for hand in hands] == [False, True, True]
     assert all(hand["reason"] == reason and "angles_rad" not in hand for hand in hands[1:])
-    with CsvWriter(tmp_path / "t.csv", HEADER) as writer:
+    with open_writer(tmp_path / "t.csv", HEADER) as writer:
         for frame in frames:
             writer.write(frame)
     rows = list(csv.DictReader((tmp_path / "t.csv").read_text().splitlines()))
