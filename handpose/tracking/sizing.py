@@ -80,9 +80,9 @@ def size_of(fitter: DepthFitter, seen: Observation, x: Array, sizes: Array, devi
         start[:, SIZE] = np.log(size)
         _, cost = descend(objective, start, seen, objective.prior_of(start, fitter.precision), STAGES)
         costs[:] = data_cost(cost.parts)
-    bounded = np.minimum(left, 3 * np.median(left.min(axis=0)))  # frames that no size explains do not count
-    bounded += (np.log(sizes / TYPICAL_SIZE) / deviation)[:, None] ** 2
-    return lowest(sizes, bounded.mean(axis=1))
+    least = left.min(axis=0)
+    explained = left[:, least <= 3 * np.median(least)]  # frames that no size explains do not count
+    return lowest(sizes, explained.mean(axis=1) + (np.log(sizes / TYPICAL_SIZE) / deviation) ** 2)
 
 
 def lowest(sizes: Array, values: Array) -> float:

@@ -81,6 +81,7 @@ def test_most_people_have_a_typical_size(model: CapsuleModel, poses: Poses, monk
     """The prior pulls to it; its deviation is that of the recipe of the packaged weights."""
     hands, prior, found = estimates(model, poses, 0.99), recipe("people").prior, []
     assert prior.scale_std / prior.scale_mean == pytest.approx(POPULATION, abs=0.001)
+    assert [size for _, size in kept(model, hands)] == [pytest.approx(0.99, abs=0.02)]  # it counts as one frame
     for deviation in (0.01, 0.3, np.inf):
         monkeypatch.setattr(sizing, "POPULATION", deviation)
         found += [size for _, size in kept(model, hands)]
