@@ -68,9 +68,9 @@ def negative(x: Array) -> Array:
     return x.clip(-np.inf, 0)
 
 
-def sigmoid(x: Array) -> Array:
-    """1 / (1 + exp(-x)), by the hyperbolic tangent, which NumPy computes faster and which cannot overflow."""
-    y = np.tanh(0.5 * x)
+def sigmoid(x: Array, beta: float = 1.0) -> Array:
+    """1 / (1 + exp(-beta x)), by the hyperbolic tangent, which NumPy computes faster and which cannot overflow."""
+    y = np.tanh(beta / 2 * x)
     y *= 0.5
     y += 0.5
     return y

@@ -29,8 +29,8 @@ class Swish(Elementwise):
     param_type = SwishParameter
 
     def _value(self, x: Array) -> Array:
-        return x * sigmoid(self.param.beta * x)
+        return x * sigmoid(x, self.param.beta)
 
     def _slope(self, x: Array) -> Array:
-        s, bx = sigmoid(self.param.beta * x), self.param.beta * x
+        s, bx = sigmoid(x, self.param.beta), self.param.beta * x
         return s * (1 + bx * (1 - s))
