@@ -118,7 +118,7 @@ TABLE: dict[str, LayerTraits | Callable[..., LayerTraits]] = {
     "activation.bnll.BNLL": LayerTraits(batchwise=True, reads_top=False),
     "activation.clip.Clip": LayerTraits(batchwise=True, reads_top=False),
     "activation.elu.ELU": LayerTraits(batchwise=True, reads_top=False),
-    "activation.exp.Exp": LayerTraits(batchwise=True, reads_top=False),
+    "activation.exp.Exp": LayerTraits(batchwise=True, reads_bottom=False),
     "activation.log.Log": LayerTraits(batchwise=True, reads_top=False),
     "activation.power.Power": _power,
     "activation.prelu.PReLU": LayerTraits(batchwise=True, reads_top=False),

@@ -9,7 +9,6 @@ dx = dy y scale ln(base)
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,17 +31,18 @@ class Exp(Elementwise):
     """Exponential function of a linear function."""
 
     param_type = ExpParameter
+    reads_top = from_y = True
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         base = self.param.base
-        if base != -1 and not 0 < base < math.inf:
+        if base != -1 and not 0 < base < np.inf:
             raise self.fail(f"base {base:g} must be positive and finite, or -1 for e", "base")
-        ln_base = 1.0 if base == -1 else math.log(base)
+        ln_base = 1.0 if base == -1 else float(np.log(base))
         self.rate, self.offset = ln_base * self.param.scale, ln_base * self.param.shift
 
     def _value(self, x: Array) -> Array:
         with np.errstate(over="ignore"):  # the solver reports infinities
             return np.exp(self.rate * x + self.offset)
 
-    def _slope(self, x: Array) -> Array:
-        return self.rate * self._value(x)
+    def _slope(self, y: Array) -> Array:
+        return self.rate * y
