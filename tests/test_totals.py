@@ -29,18 +29,18 @@ ROOMS = {
     "exercises": Size(2127, 889, 25.1),
     "experiments": Size(2379, 1423, 31.3),
     "export": Size(1250, 770, 29.4),
-    "fast": Size(5081, 3093, 35.5),
-    "handpose": Size(17789, 10187, 34.8),
+    "fast": Size(5081, 3088, 35.5),
+    "handpose": Size(16946, 9753, 34.8),
     "layers": Size(7400, 4211, 38.9),
     "netlib": Size(9198, 5407, 32.9),
     "setup.py": Size(40, 16, 40.0),
-    "tests": Size(41647, 23621, 25.7),
-    "tests/support": Size(1479, 812, 28.1),  # a part of the row above
-    "tools": Size(4968, 3108, 29.8),
+    "tests": Size(40275, 22695, 25.6),
+    "tests/support": Size(1477, 811, 28.1),  # a part of the row above
+    "tools": Size(4957, 3096, 29.9),
 }
 LINES = {  # of files that are not Python, by their patterns
     ("prototxt/*.prototxt", "models/*.prototxt"): 3892,
-    ("*.js", "*.css", "*.html"): 2843,
+    ("*.js", "*.css", "*.html"): 2830,
 }
 WORDS = 66168  # of all documents
 
