@@ -40,12 +40,14 @@ import tools
 tools.begin(__name__)
 
 from handpose import Tracker, load_predictor
+from handpose.body.render import Floats
 from handpose.body.sides import SOUGHT_SIDES
 from handpose.estimate.hand import MIN_PRESENCE
 from handpose.fit.body import MAX_SIZE, MIN_SIZE
 from handpose.frames.inspection import Inspection, inspect
-from handpose.tracking.reporting import Ready, Reporting
+from handpose.tracking.later_frames import LaterFrames
 from handpose.tracking.summary import Summary
+from handpose.tracking.track import TrackedFrame
 from handpose.tracking.tracker import MAX_HANDS
 from netlib.errors import DataError
 from tools.common import findings, sources
@@ -97,17 +99,18 @@ def run(args: argparse.Namespace) -> int:
                           min_confidence=0, min_presence=args.min_presence)
         summary, begun = Summary(predictor.skeleton), time.perf_counter()
         outputs, status = Outputs(args, tracker.header(recording.name), recording.rate), DONE
-        reporting = Reporting(tracker.estimator.model, args.min_confidence, recording.live or args.serve is not None)
+        at_once = recording.live or args.serve is not None
+        later = LaterFrames[Floats](tracker.estimator.model, args.min_confidence, at_once)
         try:
             with Stopper() as stopper:
-                _track(seen, tracker, reporting, outputs, summary, stopper, args.frames)
+                _track(seen, tracker, later, outputs, summary, stopper, args.frames)
         except StoppedError:
             say(f"stopped after {summary.frames} frames" if summary.frames else "stopped", file=sys.stderr)
             status = 128 + stopper.signum
         sources.print_new_remarks(seen)
         if summary.frames:
             seconds = time.perf_counter() - begun or 1e-3  # 0: a coarse clock
-            _say_summary(summary, seconds, reporting.sure_hands.note, outputs, talk, seen.doubt)
+            _say_summary(summary, seconds, later.sure_hands.note, outputs, talk, seen.doubt)
             for doubt in summary.doubts if args.size is None else ():
                 say(f"warning: {recording.name}: {doubt}", file=sys.stderr)
         elif status == DONE:
@@ -116,12 +119,12 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _track(
-    seen: Inspection, tracker: Tracker, reporting: Reporting, outputs: Outputs, summary: Summary, stopper: Stopper,
-    frames: int | None,
+    seen: Inspection, tracker: Tracker, later: LaterFrames[Floats], outputs: Outputs, summary: Summary,
+    stopper: Stopper, frames: int | None,
 ) -> None:
     """Track and write up to the end of the recording, or ``frames``. Raises StoppedError, NetlibError."""
 
-    def write(ready: Ready) -> None:
+    def write(ready: list[tuple[Floats, TrackedFrame]]) -> None:
         for depth, found in ready:
             outputs.write(depth, found)
             summary.add(found)
@@ -136,10 +139,10 @@ def _track(
                     found = tracker.step(frame)
                 except DataError as error:
                     raise DataError(f"{seen.recording.name}: frame {frame.number}: {error}") from error
-                write(reporting.add(frame.depth, found))
+                write(later.add(frame.depth, found))
                 progress(1)
         finally:
-            write(reporting.finish())
+            write(later.finish())
 
 
 def _say_summary(summary: Summary, seconds: float, note: str, outputs: Outputs, talk: TextIO, doubt: str) -> None:

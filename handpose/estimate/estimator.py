@@ -110,17 +110,12 @@ class HandEstimator:
         else:
             fit = fit_crops(self.net, fitter, hands, plan, size=sizes, before=before)
             is_tracked = known & (fit.start == len(plan.quarters))
+        fits = [fit.take(slice(n, n + 1)) for n in range(len(candidates))]
         return [
-            self._hand(candidate, camera, fit.take(slice(n, n + 1)), fitter, bool(is_tracked[n]))
-            for n, candidate in enumerate(candidates)
+            Hand(one.side, one.crop, one.center_uvd, self.cube_mm, camera, own.network[0] * mirror_of(one.side), own,
+                 fitter.model, is_tracked=bool(expected))
+            for one, own, expected in zip(candidates, fits, is_tracked)
         ]
-
-    def _hand(self, candidate: Candidate, camera: Camera, fit: DepthFit, fitter: DepthFitter, is_tracked: bool) -> Hand:
-        mirror = mirror_of(candidate.side)
-        return Hand(
-            candidate.side, candidate.crop, candidate.center_uvd, self.cube_mm, camera, fit.network[0] * mirror, fit,
-            fitter.model, is_tracked=is_tracked,
-        )
 
     def _expected(self, candidates: Sequence[Candidate], camera: Camera, model: CapsuleModel) -> Array:
         """The expected variables (N, V) within their limits; NaN where nothing is expected."""

@@ -26,6 +26,7 @@ from handpose.body.sides import Side, mirror_of
 from handpose.fit.body import SIZE, CapsuleModel, WorldPose
 from handpose.fit.pose_confidence import least_error
 from handpose.tracking.output import variables_of
+from handpose.tracking.reporting import SureHands
 from handpose.tracking.smoothing import PoseFilter
 from handpose.tracking.track import TrackedFrame, TrackedHand
 
@@ -45,11 +46,13 @@ T = TypeVar("T")
 class LaterFrames(Generic[T]):
     """Holds frames, each with an item that belongs to it, such as its image, until later ones are known.
 
-    model  of the hands' surfaces, which are moved with the poses
+    model           of the hands' surfaces, which are moved with the poses
+    min_confidence  as for ``SureHands``, which come last, because decided sides and smoothing change the confidence
+    at_once         release frames without waiting for later ones
     """
 
-    def __init__(self, model: CapsuleModel) -> None:
-        self._model = model
+    def __init__(self, model: CapsuleModel, min_confidence: float = 0.0, at_once: bool = False) -> None:
+        self._model, self._at_once, self.sure_hands = model, at_once, SureHands(min_confidence)
         self._held: list[tuple[T, TrackedFrame]] = []
         self._settled = 0  # number of frames held, from the first on, that do not wait for a side
         self._judged: list[tuple[float, TrackedHand]] = []  # hands of these frames and of those shortly before
@@ -59,6 +62,8 @@ class LaterFrames(Generic[T]):
 
         Hands whose poses were not smoothed are not changed, but for their side.
         """
+        if self._at_once:
+            return self._sure([(item, frame)])
         self._held.append((item, frame))
         for hand in frame.hands:
             if hand.known_side is not None:
@@ -71,7 +76,7 @@ class LaterFrames(Generic[T]):
         if newest - self._held[0][1].time < 2 * AHEAD_S and self._settled < 2 * AHEAD:
             return []
         early = sum(newest - frame.time >= AHEAD_S for _, frame in self._held[: self._settled])
-        return self._release(max(early, self._settled - AHEAD))
+        return self._sure(self._release(max(early, self._settled - AHEAD)))
 
     def finish(self) -> list[tuple[T, TrackedFrame]]:
         """The frames that are still held, at the end of the recording."""
@@ -81,7 +86,7 @@ class LaterFrames(Generic[T]):
                 self._decide(hand.id, hand.hand)
         while self._settled < len(self._held):
             self._settle()
-        return self._release(self._settled)
+        return self._sure(self._release(self._settled))
 
     def _waits(self, frame: TrackedFrame, newest: TrackedFrame) -> bool:
         """True while a side in a frame may still be decided."""
@@ -123,6 +128,9 @@ class LaterFrames(Generic[T]):
             first = self._held[0][1].time - LASTING_S
             self._judged = [(time, hand) for time, hand in self._judged if time >= first]
         return released[::-1]
+
+    def _sure(self, ready: list[tuple[T, TrackedFrame]]) -> list[tuple[T, TrackedFrame]]:
+        return [(item, self.sure_hands(frame)) for item, frame in ready]
 
     def _between(self, hand: TrackedHand, backward: WorldPose | None) -> TrackedHand:
         """The hand at the mean of its smoothed pose and this one, with the same error and confidence."""

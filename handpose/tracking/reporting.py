@@ -1,17 +1,10 @@
-"""From tracked frames to those that are reported: sure hands, and of a recording with what later frames show."""
+"""The hands of tracked frames that are sure enough to be reported."""
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from handpose.body.sides import Side
-from handpose.fit.body import CapsuleModel
-from handpose.tracking.later_frames import LaterFrames
 from handpose.tracking.reasons import uncertain
 from handpose.tracking.track import PresentHand, TrackedFrame
-
-Ready = list[tuple[NDArray[np.float32], TrackedFrame]]
 
 
 class SureHands:
@@ -52,27 +45,3 @@ class SureHands:
         self.frames += len(hands) < len(frame.hands)
         lost = [one._replace(since=self._reported[one.id][0]) for one in frame.lost if one.id in self._reported]
         return TrackedFrame(frame.number, frame.time, tuple(hands), tuple(lost), tuple(present))
-
-
-class Reporting:
-    """The frames of a tracker without a minimum confidence, each with its depth image, as they are reported.
-
-    model           of the hands' surfaces
-    min_confidence  as for ``SureHands``, which come last, because decided sides and smoothing change the confidence
-    at_once         report frames without waiting for later ones
-    """
-
-    def __init__(self, model: CapsuleModel, min_confidence: float, at_once: bool) -> None:
-        self.sure_hands, self._at_once = SureHands(min_confidence), at_once
-        self._later = LaterFrames[NDArray[np.float32]](model)
-
-    def add(self, depth: NDArray[np.float32], frame: TrackedFrame) -> Ready:
-        """Add the next frame. Returns those that are ready, in order."""
-        return self._sure([(depth, frame)] if self._at_once else self._later.add(depth, frame))
-
-    def finish(self) -> Ready:
-        """The frames that are still held, at the end of the recording."""
-        return self._sure(self._later.finish())
-
-    def _sure(self, ready: Ready) -> Ready:
-        return [(depth, self.sure_hands(frame)) for depth, frame in ready]
