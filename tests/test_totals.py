@@ -30,13 +30,13 @@ ROOMS = {
     "experiments": Size(2379, 1423, 31.3),
     "export": Size(1250, 770, 29.4),
     "fast": Size(5081, 3088, 35.5),
-    "handpose": Size(16946, 9753, 34.8),
+    "handpose": Size(16926, 9746, 34.7),
     "layers": Size(7400, 4211, 38.9),
     "netlib": Size(9198, 5407, 32.9),
     "setup.py": Size(40, 16, 40.0),
-    "tests": Size(40275, 22695, 25.6),
+    "tests": Size(40300, 22711, 25.6),
     "tests/support": Size(1477, 811, 28.1),  # a part of the row above
-    "tools": Size(4957, 3096, 29.9),
+    "tools": Size(4964, 3102, 29.9),
 }
 LINES = {  # of files that are not Python, by their patterns
     ("prototxt/*.prototxt", "models/*.prototxt"): 3892,

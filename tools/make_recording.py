@@ -87,6 +87,10 @@ def run(args: argparse.Namespace) -> int:
     except StoppedError:
         say(f"stopped; {args.out} and {truth} have {writer.count} frames", file=sys.stderr)
         return 128 + stopper.signum
+    except BaseException:
+        if not args.out.exists():
+            truth.unlink(missing_ok=True)  # of a recording that does not exist
+        raise
     say(f"wrote {args.out}: {writer.count} frames of {writer.count / recording.rate:.1f} s, "
         f"unit {recording.unit_mm:g} mm; ground truth in {truth}")
     return DONE

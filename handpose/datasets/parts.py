@@ -88,7 +88,7 @@ def missing_of(wanted: Sequence[Part], lists: Sequence[Path], force: bool = Fals
         found = attributes(part.path) if exists(part.path) else {}
         if found is None:
             raise DataError(f"{part.path}: not a readable HDF5 file; {instead}")
-        if found.get("recipe") == part.recipe:
+        if str(found.get("recipe")) == part.recipe:
             continue
         if exists(part.path):
             there = _source(found.get("made_from", "an unknown source"), found.get("recipe"))

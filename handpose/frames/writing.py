@@ -53,8 +53,7 @@ class RecordingWriter:
         self._kind = _Stack if suffix in (*STACKS, *CONVERTED, *BAGS, *PICTURES) else _Folder
         if self._kind is _Stack and suffix != ".npz":
             raise NetlibError(f"{path}: cannot write {suffix}; expected a folder or FILE.npz")
-        if names_in(path) if path.is_dir() else exists(path):
-            raise NetlibError(f"{path}: is there already; name a new one or remove it")
+        refuse_existing(path)
         self.path, self.camera, self.unit_mm, self.count = path, camera, unit_mm, 0
         self._rate, self._last = rate, -1
 
@@ -80,6 +79,12 @@ class RecordingWriter:
         self._writer.close()
 
 
+def refuse_existing(path: Path) -> None:
+    """Raise NetlibError for a file, and for a folder that is not empty."""
+    if names_in(path) if path.is_dir() else exists(path):
+        raise NetlibError(f"{path}: is there already; name a new one or remove it")
+
+
 class _Folder:
     """Writes each frame at once, completely or not at all; times are rounded to microseconds.
 
@@ -94,6 +99,7 @@ class _Folder:
         content = cv2.imencode(".png", values)[1].tobytes()
         if not self._has_frames:
             with atomic.error_names(self._path):
+                refuse_existing(self._path)  # of another program meanwhile
                 files.make_folder(self._path)
                 camera_file.write(self._path / camera_file.NAME, self._given)
         name = f"{round(time * MICRO):012d}us.png"

@@ -22,7 +22,7 @@ import numpy as np
 from handpose.body.nyu import CUBE_MM
 from handpose.body.render import Capsules, Floats, in_front, joined, render
 from handpose.body.sides import Side
-from handpose.frames.cameras import NYU, UNIT_MM, Camera
+from handpose.frames.cameras import NYU, UNIT_MM, Camera, View
 from handpose.frames.recording import DepthFrame, Recording
 from handpose.sequences.acts import Act, Actor, Volume
 from handpose.sequences.movements import Movement, Person
@@ -119,7 +119,7 @@ class SyntheticRecording(Recording):
     """A script recorded by a camera.
 
     script    or the name of one of ``SCRIPTS``
-    camera    without a size, the principal point is the middle of the image
+    camera    without a size, the principal point is the middle of the image; a model has 640 x 480 px
     rate      frames per second
     seconds   length; by default the script's
     clean     without the errors of the camera's sensor, whose levels are drawn once
@@ -132,7 +132,7 @@ class SyntheticRecording(Recording):
     rate: float
 
     def __init__(
-        self, script: Script | str, camera: Camera = NYU, *, rate: float = 30.0, seconds: float | None = None,
+        self, script: Script | str, camera: Camera | View = NYU, *, rate: float = 30.0, seconds: float | None = None,
         seed: int = 0, clean: bool = False, mirrored: bool = False,
     ) -> None:
         self.script = SCRIPTS[script] if isinstance(script, str) else script
@@ -140,7 +140,9 @@ class SyntheticRecording(Recording):
             self.script = replace(self.script, acts={OTHER[side]: acts for side, acts in self.script.acts.items()})
         self.name = f"synthetic {script if isinstance(script, str) else 'script'}, seed {seed}"
         length = self.script.seconds if seconds is None else seconds
-        if not camera.width:
+        if isinstance(camera, View):
+            camera = camera.at(640, 480)
+        elif not camera.width:
             camera = replace(camera, width=round(2 * camera.u0), height=round(2 * camera.v0))
         if not (0 < camera.width <= MAX_IMAGE_PX and 0 < camera.height <= MAX_IMAGE_PX):
             raise DataError(f"camera {camera.name}: images of {camera.width} x {camera.height} pixels; expected 1 to "

@@ -15,7 +15,7 @@ import pytest
 
 from handpose.frames.cameras import ICVL
 from handpose.frames.formats import open_recording
-from handpose.frames.writing import _Folder
+from handpose.frames.writing import _Folder, _Stack
 from handpose.output.tracks.json_file import read_track
 from handpose.scoring.tracks import score
 from handpose.sequences.recordings import SyntheticRecording
@@ -76,6 +76,15 @@ def test_a_recording_that_is_stopped_keeps_whole_files(monkeypatch: pytest.Monke
     assert done.err == "stopped; a.npz and a.truth.json have 2 frames\n"
     track = read_track("a.truth.json")
     assert len(list(open_recording("a.npz"))) == len(track.frames) == 2 and track.cut
+
+
+def test_there_is_no_truth_without_a_recording(monkeypatch: pytest.MonkeyPatch) -> None:
+    def failing(self: _Stack, fresh: Path) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "a.npz")
+
+    monkeypatch.setattr(_Stack, "_fill", failing)
+    assert "No space left on device" in run_tool("make_recording", "rest", *SHORT, "--out", "a.npz", status=1).err
+    assert not any(Path().iterdir())
 
 
 def test_a_full_disk_keeps_what_was_done(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -64,12 +64,13 @@ PART, LIST = "train_001.h5", "train.txt"
     (PART, ("NYU", "{}"), "holds data made from NYU, expected us frames of ours.prototxt; "),
     (PART, ("us", '{"skeleton": "arm.prototxt"}'), "holds data made from us frames of arm.prototxt, expected us "),
     (PART, (None, OWN[1][:-1]), "holds data made from an unknown source frames of ours.prototxt, expected "),
+    (PART, ("us", [1, 2]), "holds data made from us, expected us frames of ours.prototxt; "),
     (PART, "notes", "not a readable HDF5 file; "),
     (LIST, " \n", ""),
     (LIST, "elsewhere/train_000.h5\ntrain_012.h5\n", ""),
     (LIST, "train_000.h5\nprecious.h5\n", "names 'precious.h5', expected train_000.h5, ...; "),
     (LIST, "a\0" + "x" * 5000, "names 'a\\x00x"),
-], ids=range(9))
+], ids=range(10))
 def test_what_may_be_replaced(tmp_path: Path, name: str, there: Any, refused: str) -> None:
     """A part of the same source and body and a list of parts are replaced, anything else only with ``force``."""
     wanted = parts.parts_of(tmp_path, "train", 3000, OWN[0], lambda start, rows: json.loads(OWN[1]))

@@ -99,6 +99,14 @@ def test_places_that_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert {path: path.is_file() and path.read_bytes() for path in Path().rglob("*")} == before
 
 
+def test_a_folder_that_another_program_fills_meanwhile(tmp_path: Path) -> None:
+    first, second = (RecordingWriter(tmp_path / "take", SMALL, 1.0) for _ in range(2))
+    with first, pytest.raises(NetlibError, match="take: is there already"), second:
+        first.write(frames(1)[0])
+        second.write(frames(1)[0])
+    assert len(list(open_recording(tmp_path / "take"))) == 1
+
+
 @pytest.mark.parametrize("name", ["take", "take.npz"])
 def test_without_frames_there_is_no_recording(tmp_path: Path, name: str) -> None:
     write(tmp_path / name, [])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from handpose.body.render import in_front
-from handpose.frames.cameras import ICVL, NYU, SR305, Camera
+from handpose.frames.cameras import ICVL, NYU, SR305, VIEWS, Camera
 from handpose.scoring.tracks import score
 from handpose.sequences.recordings import SCRIPTS, SyntheticRecording, render_image
 from handpose.tracking.track import LEFT, PARTLY, joints_of
@@ -139,6 +139,13 @@ def test_cameras() -> None:
     stored = coded.frame(0).depth / coded.unit_mm
     assert coded.unit_mm == 0.125
     np.testing.assert_array_equal(stored, np.rint(stored))
+
+
+def test_a_model_of_camera() -> None:
+    """It has 640 x 480 pixels, if its frames have this shape."""
+    assert SyntheticRecording("rest", VIEWS["d435"], seconds=0.1).frame(0).depth.shape == (480, 640)
+    with pytest.raises(DataError, match="frames of 640 x 480 px; depth frames of azure are"):
+        SyntheticRecording("rest", VIEWS["azure"])
 
 
 @pytest.mark.parametrize("u0", [-3.0, 0.0, 1e6])
