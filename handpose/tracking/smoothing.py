@@ -92,14 +92,14 @@ class PoseFilter:
         if kept is None:
             still = np.zeros(6 + len(body.others))
             self._kept = _Kept(time, body, body, still, still, 1)
-            self._numbers = np.repeat(np.array(self._cutoffs), (3, 3, len(body.others)), axis=0).T  # (7, V)
+            self._each = Cutoff(*np.repeat(np.array(self._cutoffs), (3, 3, len(body.others)), axis=0).T)  # (V,) each
             return body
         seconds = time - kept.time
         if seconds <= 0:
             return kept.filtered
         trust = 1.0 if math.isnan(error_mm) else max((GOOD_MM / max(error_mm, GOOD_MM)) ** POWER, MIN_TRUST)
         now = kept.raw.step_to(body) / seconds
-        speed = kept.speed + share(Cutoff(*self._numbers).speed, seconds) * (now - kept.speed)
+        speed = kept.speed + share(self._each.speed, seconds) * (now - kept.speed)
         scatter = np.log(np.maximum(_sizes(now - speed), NO_SPEED))
         scatter = kept.scatter + max(share(SCATTER_HZ, seconds), 1 / kept.number) * (scatter - kept.scatter)
         gap = kept.filtered.step_to(body)
@@ -113,7 +113,7 @@ class PoseFilter:
 
         The part of the gap is scaled by its cube, because a doubtful pose may be far off.
         """
-        c = Cutoff(*self._numbers)
+        c = self._each
         known = np.maximum(speed - np.minimum(c.noise * scatter, c.most), 0.0)
         far = np.maximum(gap - c.least_gap, 0.0)
         return np.asarray(trust * (c.least + c.slope * known) + trust**3 * c.gap * far)
