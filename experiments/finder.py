@@ -160,7 +160,7 @@ def drawn_scenes(number: int, scenes: int) -> Iterator[Labelled]:
 
 
 def other_scenes(number: int, scenes: int) -> Iterator[Labelled]:
-    """A frame of each of as many synthetic recordings; their scripts, cameras and sides take turns."""
+    """One frame of each of ``scenes`` synthetic recordings, whose scripts, cameras and sides alternate."""
     scripts = list(SCRIPTS)
     for n in range(scenes):
         recording = SyntheticRecording(scripts[n % len(scripts)], MADE[n % len(MADE)], rate=1, seed=number + n,

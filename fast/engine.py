@@ -85,7 +85,7 @@ class FastEngine(Engine):
         return [WholeStep(at) for at in connections]
 
     def run(self, jobs: Sequence[Callable[[], None]], values: float = float("inf")) -> None:
-        """Run independent jobs on all threads, unless they are on few values, and return when all are done."""
+        """Run independent jobs, on all threads if they process many values, and return when all are done."""
         parallel.run(jobs, here=values < LARGE // 4)
 
     def copy(self, source: Array, target: Array) -> None:

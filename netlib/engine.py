@@ -137,7 +137,7 @@ class Engine:
         return Blob((), dtype)
 
     def run(self, jobs: Sequence[Callable[[], None]], values: float = float("inf")) -> None:
-        """Run independent jobs on together so many values and return when all are done."""
+        """Run independent jobs, which process this total number of values, and return when all are done."""
         for job in jobs:
             job()
 

@@ -100,7 +100,7 @@ class Update:
     rule       rule of the solver type, given with its number of history arrays per parameter
     history    per parameter, the arrays of the rule
 
-    ``run`` executes independent jobs on so many values. Raises OutOfMemoryError if the training does not fit in memory.
+    ``run`` executes jobs, given their number of values. Raises OutOfMemoryError if the training does not fit in memory.
     """
 
     def __init__(

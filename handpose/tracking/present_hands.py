@@ -14,8 +14,8 @@ from netlib.blob import Array
 SAME_MM = 110.0  # a hand this close to one that is followed, or to one of the search before, is the same
 STILL = 0.5  # part of the minimum presence that is enough for a hand that was there before
 LOOK = 0.5  # weight of the last look in the mean presence
-# s between tries of what takes long: a search for another hand, a pose at a place, a full fit of an uncertain hand, a
-# run of the network, whose pose competes with the tracked one; and while there is no hand, no pose or no decided side
+# Seconds between two runs of a slow step: a search for another hand, a pose at a place, a full fit of an uncertain
+# hand, a prediction that competes with the tracked pose; the same while there is no hand, no pose or no decided side.
 LATER_S, SOON_S = 0.2, 0.1
 MAX_PAUSE = 4.0  # s: pauses at one place are doubled after each try
 

@@ -22,8 +22,8 @@ def uncertain(confidence: float) -> str:
 
 
 MIN_VISIBLE = 0.03  # minimum share of foreground in a crop
-# Share of the hand's own surface, or of its crop, behind nearer objects, or without a reading, or of its joints outside
-# the image, from which on this is the reason.
+# A reason is given from this share on: of the hand's own surface or its crop that is behind nearer objects or without a
+# reading, or of its joints that are outside the image.
 PART = 0.25
 LEAVING = 0.05  # share of the surface outside the image: what is not read of the hand may be there, too
 
