@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from layers.activation.elementwise import sigmoid
 from netlib.blob import Array, Blobs
 from netlib.layer import Layer
 
@@ -51,7 +52,12 @@ class LSTMUnit(Layer):
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         c_before, x, cont = (blob.data[0] for blob in bottom)
         self.gate = x.reshape(len(x), 4, -1).swapaxes(0, 1).copy()
-        top[0].data[0], top[1].data[0] = step(c_before, self.gate, cont[:, None])
+        i, f, o, g = self.gate
+        self.gate[:3] = sigmoid(self.gate[:3])
+        np.tanh(g, out=g)
+        f *= cont[:, None]
+        c = top[0].data[0] = f * c_before + i * g
+        top[1].data[0] = o * np.tanh(c)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[2]:
@@ -67,23 +73,6 @@ class LSTMUnit(Layer):
 
     def allow_force_backward(self, bottom_index: int) -> bool:
         return bottom_index != 2
-
-
-def step(c_before: Array, gate: Array, cont: Array | None) -> tuple[Array, Array]:
-    """Compute c and h (...) from c_before (...) and cont, None for 1. ``gate`` (4, ...) holds x, replaced by the gates.
-
-    All four gates are one call of tanh: sigmoid(x) = (1 + tanh(x / 2)) / 2.
-    """
-    sigmoids = gate[:3]
-    sigmoids *= 0.5
-    np.tanh(gate, out=gate)
-    sigmoids *= 0.5
-    sigmoids += 0.5
-    i, f, o, g = gate
-    if cont is not None:
-        f *= cont
-    c = f * c_before + i * g
-    return c, o * np.tanh(c)
 
 
 def slopes(c_before: Array, c: Array, gate: Array) -> tuple[Array, Array]:

@@ -128,14 +128,13 @@ class Recurrent(Layer):
     # ------------------------------------------------------------------------------------------ for LSTM and RNN
 
     def _z(self, bottom: Blobs) -> Array:
-        """Compute z for all steps, (T, G, N)."""
+        """Compute z for all steps, (T, G, N), in one product; a view of an array (T, N, G)."""
         T, N = bottom[1].shape
-        constant = self.b.data[:, None]
+        z = (bottom[0].data.reshape(T * N, -1) @ self.w_x.data.T).reshape(T, N, -1)
+        z += self.b.data
         if self.has_static:
-            constant = constant + self.w_s.data @ bottom[2].data.reshape(N, -1).T
-        z = self.w_x.data @ bottom[0].data.reshape(T, N, -1).swapaxes(1, 2)
-        z += constant
-        return z
+            z += bottom[2].data.reshape(N, -1) @ self.w_s.data.T
+        return z.swapaxes(1, 2)
 
     def _cont(self, bottom: Blobs) -> list[Array | None]:
         """cont (N,) of each step; None if it is 1 for all streams, so that nothing need be multiplied."""

@@ -42,10 +42,12 @@ class RNN(Recurrent):
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         z, cont, w_h = self._z(bottom), self._cont(bottom), self.w_h.data
         [h] = self._first_states(bottom)
-        self.r, self.h = np.empty_like(z), np.empty_like(z)
+        self.r, self.h = np.empty((2, *z.shape), self.dtype)
         for t in range(len(z)):
             self.r[t] = h if cont[t] is None else cont[t] * h
-            h = np.tanh(z[t] + w_h @ self.r[t], out=self.h[t])
+            h = np.dot(w_h, self.r[t], out=self.h[t])
+            h += z[t]
+            np.tanh(h, out=h)
         self.o = np.tanh(self.w_o.data @ self.h + self.b_o.data[:, None])
         top[0].data[...] = self.o.swapaxes(1, 2)
         self._keep_states([h.copy()], top)
@@ -59,7 +61,7 @@ class RNN(Recurrent):
         before = np.zeros_like(dh[0])
         for t in reversed(range(len(dz))):
             np.multiply(dh[t] + before, slope[t], out=dz[t])
-            before = w_h @ dz[t]
+            np.dot(w_h, dz[t], out=before)
             if cont[t] is not None:
                 before *= cont[t]
         self._backward_z(dz, self.r, propagate_down, bottom)
