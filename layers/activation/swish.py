@@ -11,6 +11,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from layers.activation.elementwise import Elementwise, sigmoid
 from netlib.blob import Array
 from netlib.proto.schema import numbered
@@ -32,5 +34,6 @@ class Swish(Elementwise):
         return x * sigmoid(x, self.param.beta)
 
     def _slope(self, x: Array) -> Array:
-        s, bx = sigmoid(x, self.param.beta), self.param.beta * x
-        return s * (1 + bx * (1 - s))
+        half = self.param.beta / 2 * x
+        u = np.tanh(half)  # s is (1 + u) / 2, 1 - s is (1 - u) / 2
+        return 0.5 * (1 + u) * (1 + half * (1 - u))
