@@ -70,7 +70,8 @@ def negative(x: Array) -> Array:
 
 def sigmoid(x: Array, beta: float = 1.0) -> Array:
     """1 / (1 + exp(-beta x)), by the hyperbolic tangent, which NumPy computes faster and which cannot overflow."""
-    y = np.tanh(beta / 2 * x)
+    y = np.multiply(x, beta / 2, out=np.empty_like(x))  # an array also for x without axes
+    np.tanh(y, out=y)
     y *= 0.5
     y += 0.5
     return y
