@@ -78,3 +78,8 @@ class FastLayer(Layer):
     def reads_sparse(self) -> bool:
         """Whether a tiled bottom can be sparse."""
         return False
+
+
+def is_fused(layer: Layer) -> bool:
+    """Whether an earlier layer computes this one: a step need not call it at all."""
+    return isinstance(layer, FastLayer) and layer.is_fused

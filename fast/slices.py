@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from fast import parallel
-from fast.fast_layer import FastLayer
+from fast.fast_layer import FastLayer, is_fused
 from fast.parallel import buffer_of
 from fast.plan import Run, Use, uses_of
 from fast.tiles import FastBlob
@@ -125,10 +125,13 @@ class WholeStep(Step):
         self._is_steady = at.layer.type != "Python"  # reshape of a Python layer may depend on more than shapes
 
     def forward(self) -> None:
-        """Reshape the tops if necessary and compute them."""
+        """Reshape the tops if necessary and compute them, unless an earlier layer does."""
         at = self.at
-        with self.errors:
-            if at.ran_with != tuple(map(SHAPE, at.blobs)) or not self._is_steady:
+        fits = at.ran_with == tuple(map(SHAPE, at.blobs)) and self._is_steady
+        if fits and is_fused(at.layer):
+            return
+        with at.errors:
+            if not fits:
                 at.layer.reshape(at.bottom, at.top)
             at.layer.forward(at.bottom, at.top)
         at.ran_with = tuple(map(SHAPE, at.blobs))
@@ -159,7 +162,6 @@ class SlicedStep(Step):
         self._outside = [*read, *self._outputs]
         self._gradients = [b for b in read if b in down] + self._outputs  # whose diff is used
         self._user = {b: at for at in reversed(run.connections) for b in at.blobs}
-        self._errors = {b: LayerErrors(at.layer, at.bottom) for b, at in self._user.items()}
         self._params = [p for at in run.connections for p in at.layer.blobs]
         self._weights: list[Array] = []  # values of the parameters in the last forward
         self._samples: list[Array] = []  # some values of the inputs in the last forward
@@ -175,7 +177,7 @@ class SlicedStep(Step):
         self._reshape()
         self._copy_weights()
         for blob in self._outputs:
-            with self._errors[blob]:
+            with self._user[blob].errors:
                 blob.data  # noqa: B018 - allocates here, not on several threads at once
         parallel.run([partial(self._forward, lane) for lane in self._lanes])
         for step in self._whole:
@@ -187,8 +189,9 @@ class SlicedStep(Step):
     def _forward(self, lane: Lane) -> None:
         for piece in lane:
             for at in piece:
-                with LayerErrors(at.layer, at.bottom):
-                    at.layer.forward(at.bottom, at.top)
+                if not is_fused(at.layer):
+                    with at.errors:
+                        at.layer.forward(at.bottom, at.top)
 
     def backward(self) -> None:
         """Run the layers backwards on all slices, and sum the gradients of the parameters."""
@@ -200,7 +203,7 @@ class SlicedStep(Step):
         if not self._whole and self.unstored:
             self._check_inputs()
         for blob in self._gradients:
-            with self._errors[blob]:
+            with self._user[blob].errors:
                 blob.diff  # noqa: B018
         parallel.run([partial(self._backward, lane) for lane in self._lanes])
         for i, at in enumerate(self.run.order):
@@ -216,7 +219,7 @@ class SlicedStep(Step):
         for piece in lane:
             for at in reversed(piece):
                 if at.needs_backward:
-                    with LayerErrors(at.layer, at.bottom):
+                    with at.errors:
                         at.layer.backward(at.top, at.propagate_down, at.bottom)
 
     def compute_unstored(self, may_discard: bool = False) -> None:
@@ -278,7 +281,7 @@ class SlicedStep(Step):
         if self._whole or self._is_cut():
             return
         for at in self.connections:
-            with LayerErrors(at.layer, at.bottom):
+            with at.errors:
                 at.layer.reshape(at.bottom, at.top)
         if len({b.shape[:1] for at in self.connections for b in at.blobs}) > 1:
             for blob in self.run.hidden:

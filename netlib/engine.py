@@ -43,6 +43,7 @@ class Connection:
 
     propagate_down, needs_backward  the gradients that backward computes
     blobs                           all of its blobs
+    errors                          names the layer in errors of its methods
     ran_with                        shapes of the blobs when forward ran, or None
     has_run_back                    whether backward has run before
     """
@@ -57,6 +58,7 @@ class Connection:
 
     def __post_init__(self) -> None:
         self.blobs = [*self.bottom, *self.top]
+        self.errors = LayerErrors(self.layer, self.bottom)
 
     def has_run(self) -> bool:
         """Whether forward has run with the current shapes, so that backward can run."""
@@ -82,12 +84,11 @@ class Step:
 
     def __init__(self, at: Connection) -> None:
         self.at, self.connections = at, [at]
-        self.errors = LayerErrors(at.layer, at.bottom)
 
     def forward(self) -> None:
         """Reshape the tops and compute them."""
         at = self.at
-        with self.errors:
+        with at.errors:
             at.layer.reshape(at.bottom, at.top)
             at.layer.forward(at.bottom, at.top)
         at.ran_with = tuple(map(SHAPE, at.blobs))
@@ -98,7 +99,7 @@ class Step:
         if not at.needs_backward:
             return
         is_new = at.layer.type == "Python" and not at.has_run_back
-        with self.errors, python_layer.all_written(at) if is_new else nullcontext():
+        with at.errors, python_layer.all_written(at) if is_new else nullcontext():
             at.layer.backward(at.top, at.propagate_down, at.bottom)
         at.has_run_back = True
 

@@ -19,7 +19,7 @@ from numpy.typing import DTypeLike, NDArray
 from netlib import engine as engines
 from netlib.blob import Blob
 from netlib.building import python_layer
-from netlib.engine import LayerErrors, Step, check_memory
+from netlib.engine import Step, check_memory
 from netlib.errors import LayerError, NetlibError, did_you_mean
 from netlib.files import Content
 from netlib.graph import Graph, LayerHook
@@ -272,7 +272,7 @@ class Net:
         with self.one_thread:
             self._fits = False
             for at in self.connections:
-                with LayerErrors(at.layer, at.bottom):
+                with at.errors:
                     at.layer.reshape(at.bottom, at.top)
                 if not at.has_run():
                     at.ran_with = None
