@@ -128,13 +128,14 @@ class Recurrent(Layer):
     # ------------------------------------------------------------------------------------------ for LSTM and RNN
 
     def _z(self, bottom: Blobs) -> Array:
-        """Compute z for all steps, (T, G, N), in one product; a view of an array (T, N, G)."""
+        """Compute z for all steps, (T, G, N)."""
         T, N = bottom[1].shape
-        z = (bottom[0].data.reshape(T * N, -1) @ self.w_x.data.T).reshape(T, N, -1)
-        z += self.b.data
+        x, w_x, constant = bottom[0].data.reshape(T, N, -1), self.w_x.data, self.b.data[:, None]
         if self.has_static:
-            z += bottom[2].data.reshape(N, -1) @ self.w_s.data.T
-        return z.swapaxes(1, 2)
+            constant = constant + self.w_s.data @ bottom[2].data.reshape(N, -1).T
+        z = w_x @ x.swapaxes(1, 2) if N > 1 else (x[:, 0] @ w_x.T)[..., None]  # the steps of one stream are one product
+        z += constant
+        return z
 
     def _cont(self, bottom: Blobs) -> list[Array | None]:
         """cont (N,) of each step; None if it is 1 for all streams, so that nothing need be multiplied."""
