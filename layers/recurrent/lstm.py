@@ -16,7 +16,7 @@ top, dz[t] and dc[t - 1] are the gradients of that unit, and
 
 Kept for backward, of every step: ``r``, and ``gate`` and ``c`` as rows of one array, i, f, o, g and the c before.
 
-The time of a step of a small layer is that of its NumPy calls. As sigmoid(x) = (1 + tanh(x / 2)) / 2, all four gates are
+The time of a step of a small layer is that of its NumPy calls. As sigmoid(x) = (1 + tanh(x / 2)) / 2, the four gates are
 one call of tanh, with z and w_h of three of them halved in advance. As i and f are neighbours, and g and c too, i g and
 f c are one product.
 """
