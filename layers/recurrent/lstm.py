@@ -16,8 +16,8 @@ top, dz[t] and dc[t - 1] are the gradients of that unit, and
 
 Kept for backward, of every step: ``r``, and ``gate`` and ``c`` as rows of one array, i, f, o, g and the c before.
 
-The time of a step of a small layer is that of its NumPy calls. As sigmoid(x) = (1 + tanh(x / 2)) / 2, the four gates are
-one call of tanh, with z and w_h of three of them halved in advance. As i and f are neighbours, and g and c too, i g and
+The time of a step of a small layer is that of its NumPy calls. As sigmoid(x) = (1 + tanh(x / 2)) / 2, all gates are one
+call of tanh, with z and w_h of three of them halved in advance. As i and f are neighbours, and g and c too, i g and
 f c are one product.
 """
 
@@ -37,7 +37,7 @@ class LSTM(Recurrent):
     gates = 4
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        T, N, D, half = *bottom[1].shape, self.param.num_output, self.dtype.type(0.5)
+        T, N, D, half = *bottom[1].shape, self.param.num_output, np.asarray(0.5, self.dtype)
         halves = np.array([[[0.5]], [[0.5]], [[0.5]], [[1]]], self.dtype)  # i, f, o and g
         w_h = (self.w_h.data.reshape(4, D, D) * halves).reshape(4 * D, D)
         rows, y = np.empty((T + 1, 5, D, N), self.dtype), np.empty((T + 1, D, N), self.dtype)
