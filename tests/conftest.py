@@ -132,6 +132,13 @@ def net_of() -> Callable[..., netlib.Net]:
 
 
 @pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder, which is the working directory."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
 def write_rows(tmp_path: Path) -> Callable[..., Path]:
     """``write_rows("list.txt", [4, 3], data=(2, 5, 5), label=(3,))``: HDF5 files of 4 and 3 rows, and their list."""
 

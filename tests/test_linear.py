@@ -9,7 +9,6 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-import numpy as np
 import pytest
 
 import netlib
@@ -164,11 +163,3 @@ def test_a_long_line_of_a_log(tmp_path: Path, line: str) -> None:
     path = tmp_path / "train.log"
     path.write_text("Iteration " + line * 50_000 + "\nIteration 7 (2 iter/s, 1s/2 iters), loss = 0.5\n")
     assert read_log(path) == {LOSS: [(7, 0.5)]}
-
-
-def test_the_depth_of_a_skeleton_says_who_carries_whom() -> None:
-    """Parents come before children, in any order of the file, and each joint has its descendants."""
-    text = 'joint { name: "tip" parent: "middle" } joint { name: "root" } joint { name: "middle" parent: "root" }'
-    skeleton = Skeleton(schema.read(prototxt.parse(text), SkeletonParameter))
-    assert skeleton.order == [1, 2, 0]
-    assert np.array_equal(skeleton.descendants, np.array([[1, 0, 0], [1, 1, 1], [1, 0, 1]], bool))

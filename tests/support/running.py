@@ -51,6 +51,19 @@ def run_tool(name: str, *argv: object, status: int | None = 0) -> Done:
     return done
 
 
+def contents() -> dict[Path, bytes | None]:
+    """The content of every file of the working directory and below; None for what is no file."""
+    return {path: path.read_bytes() if path.is_file() else None for path in Path().rglob("*")}
+
+
+def refusal(name: str, *argv: object) -> str:
+    """Return the one line of error of a command, which must end with status 1 and change no file."""
+    before = contents()
+    (line,) = run_tool(name, *argv, status=1).err.splitlines()
+    assert contents() == before
+    return line
+
+
 def run_python(
     *argv: object,
     status: int | None = 0,

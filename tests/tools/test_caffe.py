@@ -1,9 +1,8 @@
-"""tools/caffe.py: Caffe's command line, Caffe's log line for line, and the log as BVLC's scripts parse it."""
+"""tools/caffe.py: Caffe's command line, and Caffe's log line for line."""
 
 from __future__ import annotations
 
 import contextlib
-import datetime
 import os
 import re
 import signal
@@ -190,29 +189,3 @@ def test_device_query_and_gpu():
 def test_without_a_command():
     out = run_tool("caffe").out
     assert "{train,test,time,device_query}" in out and "--sighup_effect {stop,snapshot,none}" in out
-
-
-# ---------------------------------------------------------------------------------------------- BVLC's scripts
-
-
-def test_what_bvlcs_scripts_take_from_the_log(trained):
-    """parse_log.py, parse_log.sh, extract_seconds.py and plot_training_log.py can parse the log, splitting at spaces.
-
-    Word 1 is a letter, month and day, word 2 the time of day; the value of a test output is word 11, a learning rate is
-    word 9; time starts at a line with ``] Solving ``. The loss follows the first equals sign.
-    """
-    lines = trained[1]
-    start = next(i for i, line in enumerate(lines) if "] Solving " in line)
-    for line in lines[start:]:
-        day, clock, thread, _ = line.split()[:4]
-        assert re.fullmatch(r"[IWE]\d{4}", day) and re.fullmatch(r"\d\d:\d\d:\d\d\.\d{6}", clock) and thread.isdigit()
-        datetime.datetime.strptime(f"2024{day[1:]} {clock}", "%Y%m%d %H:%M:%S.%f")
-    tests = [line.split() for line in lines if "Test net output #0" in line]
-    assert [float(words[10]) for words in tests][:2] == pytest.approx([2.68399, 2.18246], abs=1e-5)
-    rates = [line.split() for line in lines if ", lr = " in line]
-    assert [words[8] for words in rates] == ["0.02", "0.02", "0.02", "0.01", "0.01", "0.005", "0.005"]
-    losses = [line.split("=")[1] for line in lines if ", loss = " in line]
-    assert [float(loss) for loss in losses][:2] == pytest.approx([2.5937, 2.92355], abs=1e-5)
-    assert re.search(r"Iteration \d+, Testing net", lines[start + 2])
-    outputs = re.findall(r"(Train|Test) net output #(\d+): (\S+) = [.\deE+-]+", "\n".join(lines))
-    assert set(outputs) == {("Train", "0", "loss"), ("Test", "0", "loss")}

@@ -16,14 +16,13 @@ FRAMES = 20
 
 
 @pytest.fixture
-def files(tmp_path, monkeypatch):
+def files(here):
     """Annotations of 20 ICVL frames, the same moved by 3 mm and by 30 mm along z, and the latter also as x y z."""
-    monkeypatch.chdir(tmp_path)
     truth = np.random.default_rng(0).normal((0, 0, 400), 30, (FRAMES, 16, 3))
     for name, move in (("truth", 0), ("near", 3), ("far", 30)):
         np.savetxt(f"{name}.txt", ICVL.project(truth + (0, 0, move)).reshape(FRAMES, 48), fmt="%.6f")
     np.savetxt("far_xyz.txt", (truth + (0, 0, 30)).reshape(FRAMES, 48), fmt="%.6f")
-    return tmp_path
+    return here
 
 
 def run(*arguments, dataset="icvl", status=0):
@@ -91,9 +90,8 @@ def test_without_matplotlib(files, monkeypatch):
     run("A=near.txt")
 
 
-def test_angles(tmp_path, monkeypatch):
+def test_angles(here, monkeypatch):
     """--angles adds a table of the angles of each method; predictions may not be of the model."""
-    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(evaluate.published, "compare_angles", lambda skeleton, truth, predictions, watch: {
         "Bent": FittedAngles(9.126, 0.5, 0.001, 0.5), "Noise": FittedAngles(20, 6.25, 4, None)})
     np.savetxt("truth.txt", np.tile([320.0, 240, 700], (2, 14)))

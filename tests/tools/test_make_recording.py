@@ -24,10 +24,7 @@ from tests.support.running import run_tool
 
 SHORT = ["--camera", "icvl", "--seconds", "0.4", "--rate", "10"]
 
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+pytestmark = pytest.mark.usefixtures("here")
 
 
 @pytest.mark.parametrize("name", ["take.npz", "take", "new/folder/take"])

@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import pytest
 
-from tests.support.running import run_tool
+from tests.support.running import refusal, run_tool
 from tools import plot_log
 
 LOG = """I20261121 01:57:02.9 1 solver.cpp:347] Iteration 0, Testing net (#0)
@@ -79,12 +79,8 @@ def test_as_many_outputs_as_panels(tmp_path, figures, monkeypatch):
         ("a.svg --out folder/../a.svg", "folder/../a.svg: is read in this run; expected another output"),
     ],
 )
-def test_mistakes(tmp_path, monkeypatch, argv, message):
-    monkeypatch.chdir(tmp_path)
+def test_mistakes(here, argv, message):
     Path("a.svg").write_text(LOG)
     Path("hello.txt").write_text("hello")
     Path("folder").mkdir()
-    (line,) = run_tool("plot_log", *argv.split(), status=1).err.splitlines()
-    assert re.match(message, line)
-    assert Path("a.svg").read_text() == LOG
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.svg", "folder", "hello.txt"]
+    assert re.match(message, refusal("plot_log", *argv.split()))

@@ -27,7 +27,7 @@ from netlib import engine
 from netlib.errors import DataError
 from tests.handpose.drawn_hands import ARM_BEHIND, capsules_of
 from tests.support import json_schema
-from tests.support.running import run_tool
+from tests.support.running import refusal, run_tool
 from tests.tools.conftest import ROOT
 
 OWN = ["--weights", "net.caffemodel.h5", "--fit", "no"]  # the user's network without a fit
@@ -46,9 +46,8 @@ def weights(tmp_path_factory):
 
 
 @pytest.fixture
-def snapshot(tmp_path, monkeypatch, weights):
+def snapshot(here, weights):
     """Write net.caffemodel.h5 and crop.png to the working directory."""
-    monkeypatch.chdir(tmp_path)
     shutil.copy(weights, "net.caffemodel.h5")
     rng = np.random.default_rng(0)
     cv2.imwrite("crop.png", rng.integers(0, 256, (128, 128), dtype=np.uint8))
@@ -95,8 +94,7 @@ def predicted(*arguments):
 
 
 def mistake(*arguments):
-    (line,) = run_tool("predict", *OWN, *arguments, status=1).err.splitlines()
-    return line
+    return refusal("predict", *OWN, *arguments)
 
 
 def table(path):
@@ -295,9 +293,7 @@ def test_mistakes(snapshot, argv, message):
         shutil.copy("crop.png", f"{folder}/x.png")
     shutil.copy("crop.png", "x_hand.png")
     Path("unit.json").write_text('{"unit_mm": 1}')
-    before = {path: path.read_bytes() for path in Path().rglob("*.*")}
     assert mistake(*argv.split()).startswith(message)
-    assert {path: path.read_bytes() for path in Path().rglob("*.*")} == before
 
 
 def test_what_is_likely_wrong(frame):
@@ -365,9 +361,8 @@ def test_a_hand_below_the_minimum_confidence(frame):
     assert read_track("x.json").frames[0].present[0].reason == present["reason"]
 
 
-def test_a_hand_with_the_packaged_weights(tmp_path, monkeypatch):
+def test_a_hand_with_the_packaged_weights(here):
     """A fitted hand has the correct side, an expected error, and 14 joints within 2 cm of the truth on average."""
-    monkeypatch.chdir(tmp_path)
     depth, hand = rendered(prior_file.load(prior_file.PEOPLE_PRIOR), seed=3)
     cv2.imwrite("frame.png", depth)
     argv = ["frame.png", "--center=271,217,700", *KINECT, "--out", "p", "--html", "page.html", "--csv", "hand.csv"]

@@ -8,24 +8,19 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.support.running import run_tool
+from tests.support.running import contents, run_tool
 
 CAMERA = '{"fx": 60, "fy": 60, "u0": 31.5, "v0": 23.5, "unit_mm": 1}'
 
 
 @pytest.fixture(autouse=True)
-def frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def frames(here: Path) -> Path:
     """Three frames without a hand, in a folder with a camera.json."""
-    monkeypatch.chdir(tmp_path)
     Path("frames").mkdir()
     for i in range(3):
         cv2.imwrite(f"frames/{i}.png", np.full((48, 64), 900 + i, np.uint16))
     Path("frames/camera.json").write_text(CAMERA)
     return Path("frames")
-
-
-def contents() -> dict[str, bytes | None]:
-    return {str(path): path.read_bytes() if path.is_file() else None for path in Path().rglob("*")}
 
 
 @pytest.mark.parametrize(

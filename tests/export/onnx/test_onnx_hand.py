@@ -8,10 +8,7 @@ import pytest
 from export.onnx.hand import steps_of
 from export.onnx.net import load as load_net
 from export.onnx.net import onnx_image
-from layers.hand.kinematics import Kinematics
-from layers.hand.skeleton import Skeleton, load
-from layers.hand.skeleton_file import SkeletonParameter
-from netlib.proto import prototxt, schema
+from layers.hand.skeleton import load
 from tests.support.onnx_nets import run_onnx
 
 
@@ -23,27 +20,11 @@ def test_steps_of_the_hand():
     assert max(last) == 26
 
 
-def test_another_body(files, rng):
-    """A body may have two roots, children before parents in the file, a turn about -z, and a joint without a DoF."""
-    body = """
-        name: "two" dof { name: "a" initial: 0.3 } dof { name: "b" fixed: true initial: 0.5 } dof { name: "c" }
-        joint { name: "tip" parent: "arm" rotate { axis: NEG_Z dof: "c" } bone { axis: NEG_X length: 0.5 } }
-        joint { name: "arm" translate { axis: NEG_Y dof: "a" } rotate { axis: X dof: "b" } bone { axis: Z length: 2 } }
-        joint { name: "post" rotate { axis: Y dof: "b" } bone { axis: X length: 1 } }
-        joint { name: "ring" parent: "tip" rotate { axis: Y dof: "a" } }
+@pytest.mark.parametrize("sizes", [0, 1, 4])
+def test_another_body(files, rng, sizes):
+    """Two roots, children before parents in the file, bones after fixed turns, a fixed slide, a DoF that slides and
+    turns, a joint without a DoF; the size of each item's body may be an input.
     """
-    layer = 'layer {{ name: "h" type: "HandModel" bottom: "x0" top: "y" hand_model_param {{ skeleton: "{}" }} }}'
-    Path("body.prototxt").write_text(body)
-    net = load_net(*files(layer.format("body.prototxt"), (1, 3)))
-    x = rng.normal(size=(4, 3)).astype(np.float32)
-    skeleton = Skeleton(schema.read(prototxt.parse(body, "body"), SkeletonParameter, "skeleton"))
-    found = run_onnx(onnx_image(net, cube_mm=900), x0=x)["y"].reshape(4, 4, 3)
-    np.testing.assert_allclose(found, Kinematics(skeleton).joints(x), atol=1e-6)
-
-
-@pytest.mark.parametrize("sizes", [1, 4])
-def test_another_body_of_each_item(files, rng, sizes):
-    """The size of each item's body is an input: bones after fixed turns, a fixed slide, a DoF that slides and turns."""
     Path("body.prototxt").write_text("""
         dof { name: "a" initial: 0.3 } dof { name: "b" fixed: true initial: 0.5 }
         dof { name: "c" fixed: true initial: -0.7 } dof { name: "d" }
@@ -54,8 +35,10 @@ def test_another_body_of_each_item(files, rng, sizes):
         joint { name: "post" rotate { axis: Y dof: "b" } bone { axis: X length: 1 } }
         joint { name: "ring" parent: "tip" translate { axis: Z dof: "d" } rotate { axis: Y dof: "a" } }
     """)
-    layer = 'layer { name: "h" type: "HandModel" bottom: "x0" bottom: "x1" top: "y" %s }'
-    net = load_net(*files(layer % 'hand_model_param { skeleton: "body.prototxt" }', (1, 4), (1, sizes)))
-    x = {"x0": rng.normal(size=(3, 4)).astype(np.float32), "x1": rng.normal(size=(3, sizes)).astype(np.float32)}
+    shapes = [(1, 4), (1, sizes)] if sizes else [(1, 4)]
+    bottoms = " ".join(f'bottom: "x{i}"' for i in range(len(shapes)))
+    body = 'hand_model_param { skeleton: "body.prototxt" }'
+    net = load_net(*files(f'layer {{ name: "h" type: "HandModel" {bottoms} top: "y" {body} }}', *shapes))
+    x = {f"x{i}": rng.normal(size=(3, *shape[1:])).astype(np.float32) for i, shape in enumerate(shapes)}
     found = run_onnx(onnx_image(net, cube_mm=900), **x)["y"]
     np.testing.assert_allclose(found, net.forward(**x)["y"], atol=2e-6)

@@ -11,17 +11,14 @@ import pytest
 
 from handpose.frames.cameras import SR305, Camera
 from handpose.frames.inspection import inspect
-from netlib.errors import DataError
 from tools.common.sources import add_source_options, opened, print_inspection, print_warnings
 
 
 @pytest.fixture
-def frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def frames(here: Path) -> None:
     """Two frames with the size of the SR305 camera."""
-    monkeypatch.chdir(tmp_path)
     for i in range(2):
         cv2.imwrite(f"{i}.png", np.full((480, 640), 4000 + i, np.uint16))
-    return tmp_path
 
 
 def parsed(*argv: str) -> argparse.Namespace:
@@ -30,7 +27,7 @@ def parsed(*argv: str) -> argparse.Namespace:
     return parser.parse_args(["*.png", *argv])
 
 
-def test_a_camera_by_name_by_numbers_by_file(frames: Path) -> None:
+def test_a_camera_by_name_by_numbers_by_file(frames: None) -> None:
     """A camera may be a name, numbers or a file; options on the command line take precedence."""
     assert opened(parsed("--camera", "sr305")).camera == SR305
     assert opened(parsed("--camera", "sr305")).unit_mm == 0.125
@@ -40,7 +37,7 @@ def test_a_camera_by_name_by_numbers_by_file(frames: Path) -> None:
     assert (recording.camera.fx, recording.unit_mm, recording.rate) == (500, 0.25, 60)
 
 
-def test_a_file_of_another_program(frames: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_of_another_program(frames: None, capsys: pytest.CaptureFixture[str]) -> None:
     """Any name; the report says what was taken from it."""
     Path("narrow").write_text("image_width: 640\nimage_height: 480\nK: [500, 0, 320, 0, 501, 240, 0, 0, 1]\nseq: 3\n")
     recording = opened(parsed("--camera", "narrow"))
@@ -56,7 +53,7 @@ def test_a_file_of_another_program(frames: Path, capsys: pytest.CaptureFixture[s
     (("--camera", "kinect1"), "kinect1", 576, 576),
 ])
 def test_a_camera_by_its_field_of_view(
-    frames: Path, option: tuple[str, str], name: str, fx: float, fy: float
+    frames: None, option: tuple[str, str], name: str, fx: float, fy: float
 ) -> None:
     """The principal point is in the middle; the report says that it is a guess."""
     recording = opened(parsed(*option))
@@ -65,17 +62,6 @@ def test_a_camera_by_its_field_of_view(
     assert (camera.fx, camera.fy) == (pytest.approx(fx, rel=5e-3), pytest.approx(fy, rel=5e-3))
     said = f"camera {name}: focal lengths {camera.fx:.0f}, {camera.fy:.0f} px by the field of view alone, often 5% off"
     assert any(remark.startswith(said) for remark in recording.remarks)
-
-
-def test_a_model_has_frames_of_few_shapes(frames: Path) -> None:
-    with pytest.raises(DataError, match=r"640 x 480 px; depth frames of azure are 10:9, 1:1; .* give --camera FX"):
-        opened(parsed("--camera", "azure"))
-
-
-def test_distortion(frames: Path) -> None:
-    """Lens distortion is removed and mentioned in the remarks."""
-    recording = opened(parsed("--camera", "sr305", "--distortion=-0.1,0.2,0,0"))
-    assert "the distortion of the lens is taken out" in recording.remarks
 
 
 @pytest.mark.parametrize(
@@ -95,7 +81,7 @@ def test_wrong_usage(argv: tuple[str, ...], what: str, capsys: pytest.CaptureFix
     assert stopped.value.code == 2 and what in capsys.readouterr().err
 
 
-def test_what_a_first_look_shows(frames: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_a_first_look_shows(frames: None, capsys: pytest.CaptureFixture[str]) -> None:
     """The summary is printed on stdout, warnings on stderr."""
     print_inspection(inspect(opened(parsed("--camera", "sr305", "--rate", "60"))))
     assert capsys.readouterr().out.splitlines() == [
