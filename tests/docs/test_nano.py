@@ -13,8 +13,6 @@ import numpy as np
 import pytest
 
 from handpose.synthetic.generator import Generator
-from layers.hand.kinematics import Kinematics
-from layers.hand.skeleton import load
 
 BOOK = Path(__file__).resolve().parents[2] / "docs" / "book"
 sys.path.insert(0, str(BOOK))
@@ -37,17 +35,6 @@ def test_it_is_short_and_needs_numpy_alone() -> None:
     assert count <= 240 and f"It is {count} lines" in (BOOK / "0_all_of_it.md").read_text(encoding="utf-8")
     imported = set(re.findall(r"^ *(?:import|from) (\w+)", text, re.MULTILINE))
     assert imported - {"check_nano", "numpy"} <= sys.stdlib_module_names
-
-
-def test_the_hand_is_that_of_the_layer(hand) -> None:
-    """Joints and gradients of random poses equal those of the hand layer."""
-    rng = np.random.default_rng(0)
-    inputs, dX = rng.normal(size=(3, 47)), rng.normal(size=(3, 31, 3))
-    X, backward = nano.hand_model(inputs, hand)
-    layer = Kinematics(load())
-    pose = layer.forward(inputs)
-    np.testing.assert_allclose(X, pose.joints, atol=1e-13)
-    np.testing.assert_allclose(backward(dX), layer.backward(pose, dX), atol=1e-12)
 
 
 def test_dropout_passes_the_gradient_where_it_passed_the_value() -> None:

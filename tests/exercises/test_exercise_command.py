@@ -13,12 +13,6 @@ from tests.support.running import ROOT, Done, run_python, run_tool
 FORWARD = "y.data[...] = bottom[0].data"
 
 
-@pytest.fixture
-def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def write(first: str = "", forward: str = FORWARD) -> None:
     """Write a solution of split, with code that runs when it is loaded, and another body of forward."""
     text = EXERCISES["split"].source()
@@ -26,11 +20,11 @@ def write(first: str = "", forward: str = FORWARD) -> None:
     Path("split.py").write_text(f"{text.replace(FORWARD, f'exec({forward!r})')}\n{first}\n", encoding="utf-8")
 
 
-def check(work: Path, *words: str, status: int = 0) -> Done:
-    return run_python(ROOT / "tools" / "exercise.py", "split", *words, status=status, cwd=work)
+def check(here: Path, *words: str, status: int = 0) -> Done:
+    return run_python(ROOT / "tools" / "exercise.py", "split", *words, status=status, cwd=here)
 
 
-def test_the_list_marks_what_is_started(work: Path) -> None:
+def test_the_list_marks_what_is_started(here: Path) -> None:
     run_tool("exercise", "inner_product", "--start")
     lines = run_tool("exercise").out.splitlines()
     assert [line[5:].split()[0] for line in lines[:-1]] == list(EXERCISES)
@@ -38,7 +32,7 @@ def test_the_list_marks_what_is_started(work: Path) -> None:
     assert lines[-1] == "Start one: python tools/exercise.py relu --start"
 
 
-def test_start_keeps_a_file(work: Path) -> None:
+def test_start_keeps_a_file(here: Path) -> None:
     assert run_tool("exercise", "relu", "--start").out.startswith("wrote relu.py: ")
     assert Path("relu.py").read_text(encoding="utf-8") == stub(EXERCISES["relu"])
     Path("relu.py").write_text("mine")
@@ -47,9 +41,9 @@ def test_start_keeps_a_file(work: Path) -> None:
     assert Path("relu.py").read_text() == "mine"
 
 
-def test_a_solution_passes(work: Path) -> None:
+def test_a_solution_passes(here: Path) -> None:
     write("print('x' * 100_000)", f"print('in forward'); {FORWARD}")
-    done = check(work, "--iterations", "2")
+    done = check(here, "--iterations", "2")
     lines = done.out.splitlines()
     assert lines[0] == "Split: one blob for several consumers (split.py)"
     assert [line[0] for line in lines[1:-1]] == ["✓"] * 4
@@ -57,17 +51,17 @@ def test_a_solution_passes(work: Path) -> None:
     assert "in forward" in done.err
 
 
-def test_a_bug_to_find(work: Path) -> None:
+def test_a_bug_to_find(here: Path) -> None:
     run_tool("exercise", "split", "--bug", "1")
     run_tool("exercise", "split", "--bug", "1", status=1)
-    lines = check(work, "--file", "split_bug1.py", status=1).out.splitlines()
+    lines = check(here, "--file", "split_bug1.py", status=1).out.splitlines()
     assert lines[2].startswith("✓ values") and lines[3].startswith("✗ gradient")
     assert all(line.startswith("    ") and len(line) <= 120 for line in lines[4:])
     assert "dx contains only the gradient of the last top" in " ".join(lines)
     assert lines[-1].startswith("    See backward, split_bug1.py:")
     text = Path("split_bug1.py").read_text(encoding="utf-8")
     Path("split_bug1.py").write_text(text.replace("bottom[0].diff[...] = y.diff", "bottom[0].diff[...] += y.diff"))
-    check(work, "--file", "split_bug1.py", "--iterations", "0")
+    check(here, "--file", "split_bug1.py", "--iterations", "0")
 
 
 @pytest.mark.parametrize(
@@ -80,15 +74,15 @@ def test_a_bug_to_find(work: Path) -> None:
         ("del Split", "split.py: Split missing; keep the names of the stub that --start writes\n"),
     ],
 )
-def test_a_solution_that_ends_the_check(first: str, said: str, work: Path) -> None:
+def test_a_solution_that_ends_the_check(first: str, said: str, here: Path) -> None:
     write(first)
-    done = check(work, status=1)
+    done = check(here, status=1)
     assert said in done.err and done.err.count("\n") == 1 and done.out.count("\n") == 1
 
 
-def test_an_endless_loop_ends_at_the_limit(work: Path) -> None:
+def test_an_endless_loop_ends_at_the_limit(here: Path) -> None:
     write("while True: pass")
-    assert check(work, "--limit", "0.01", status=1).err.startswith("split.py: not finished after 0.01 s; look for an")
+    assert check(here, "--limit", "0.01", status=1).err.startswith("split.py: not finished after 0.01 s; look for an")
 
 
 @pytest.mark.parametrize(
@@ -102,5 +96,5 @@ def test_an_endless_loop_ends_at_the_limit(work: Path) -> None:
         (["relu", "--bug", "1", "--start"], 2, "not allowed with argument"),
     ],
 )
-def test_wrong_usage(argv: list[str], status: int, said: str, work: Path) -> None:
+def test_wrong_usage(argv: list[str], status: int, said: str, here: Path) -> None:
     assert said in run_tool("exercise", *argv, status=status).err

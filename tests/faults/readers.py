@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import io
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -26,10 +25,10 @@ from netlib.proto import prototxt, wire
 from netlib.proto.upgrade import AnyNetParameter
 from netlib.snapshots import snapshot
 from tests.support.caffe_messages import write_blob
+from tests.support.hdf5_files import write_hdf5
 from tests.support.layer_cases import CASES
 from tests.support.nets import inputs
-from tests.support.running import ROOT
-from tools import compute_image_mean
+from tests.support.running import ROOT, run_tool
 
 RECORDED = ROOT / "tests" / "caffe"
 OLD_NET = """name: "old" input: "x" input_dim: 2 input_dim: 3 input_dim: 4 input_dim: 4
@@ -64,28 +63,10 @@ def put(name: str, text: str) -> str:
     return name
 
 
-def put_rows(name: str, **shapes: tuple[int, ...]) -> str:
-    rng = np.random.default_rng(len(name))
-    with h5py.File(name, "w") as file:
-        for dataset, shape in shapes.items():
-            file[dataset] = rng.uniform(-0.9, 0.9, shape).astype(np.float32)
-        file.attrs["made_from"] = "a test"
-    return name
-
-
 def put_picture(name: str, shape: tuple[int, ...], dtype: type = np.uint8, seed: int = 0) -> str:
     pixels = np.random.default_rng(seed).integers(0, np.iinfo(dtype).max, shape)
     assert cv2.imwrite(name, cv2.blur(pixels.astype(np.float32), (5, 5)).astype(dtype))
     return name
-
-
-def run_tool(main: Callable[[list[str]], int], *arguments: str) -> None:
-    """Run the main function of a tool; raises NetlibError with the last line of its errors."""
-    errors = io.StringIO()
-    with contextlib.redirect_stderr(errors), contextlib.redirect_stdout(io.StringIO()):
-        status = main(list(arguments))
-    if status:
-        raise NetlibError(errors.getvalue().strip().split("\n")[-1])
 
 
 def make_nets() -> list[str]:
@@ -201,7 +182,8 @@ def read_batches(path: Path) -> None:
 def make_hdf5() -> list[str]:
     """Write contiguous rows, rows in compressed chunks and rows behind a link, and the list of the files."""
     put("net.prototxt", DATA_LAYER % ("HDF5Data", ""))
-    put_rows("a.h5", data=(5, 2, 3), label=(5,))
+    rng = np.random.default_rng(4)
+    write_hdf5("a.h5", data=rng.uniform(-0.9, 0.9, (5, 2, 3)).astype("f4"), label=np.zeros(5, "f4"))
     with h5py.File("b.h5", "w") as file:
         file.create_dataset("data", data=np.ones((40, 2, 3), "f4"), chunks=(8, 2, 3), compression="gzip", shuffle=True)
         file.create_dataset("label", data=np.arange(40), maxshape=(None,))
@@ -225,7 +207,9 @@ def read_pictures(path: Path) -> None:
     read_batches(path)
     if path.suffix in (".png", ".jpg", ".bmp"):
         load_image(path)
-    run_tool(compute_image_mean.main, "list.txt", "-resize_width=4", "-resize_height=4")
+    done = run_tool("compute_image_mean", "list.txt", "-resize_width=4", "-resize_height=4", status=None)
+    if done.status:
+        raise NetlibError(done.err.strip().split("\n")[-1])
 
 
 def digest(value: Any) -> str:

@@ -180,10 +180,9 @@ def test_the_harness_finds_failures(folder: Path) -> None:
     assert "ended by SIGSEGV" in found
 
 
-@pytest.mark.parametrize("suffix", [".h5", ""])
-def test_no_flipped_bit_in_a_solver_state_is_believed(suffix: str) -> None:
+def test_no_flipped_bit_in_a_binary_solver_state_is_believed() -> None:
     make_states()
-    path, rng = Path(f"older_iter_2.solverstate{suffix}"), random.Random(suffix)
+    path, rng = Path("older_iter_2.solverstate"), random.Random(0)
     content, expected = path.read_bytes(), digest(read_state(path))
     refused = 0
     for _ in range(200):

@@ -1,11 +1,14 @@
 """A folder with a small data set, the paper's network with fewer features, and a solver."""
 
+import contextlib
+import os
 from pathlib import Path
 
 import pytest
 
 from netlib import engine
 from tools import make_synthetic
+from tools.common import training
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -28,15 +31,31 @@ def small_data(tmp_path_factory):
 
 
 @pytest.fixture
-def work(tmp_path, monkeypatch, small_data):
+def work(here, small_data):
     """Make a folder with net.prototxt and solver.prototxt the working directory."""
     net = (ROOT / "prototxt" / "nyu_train_test.prototxt").read_text()
     net = net.replace("data/nyu", str(small_data)).replace("batch_size: 512", "batch_size: 16")
     net = net.replace("num_output: 1024", "num_output: 64")
-    (tmp_path / "net.prototxt").write_text(net.replace("batch_size: 250", "batch_size: 10"))
-    (tmp_path / "solver.prototxt").write_text(SOLVER)
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+    (here / "net.prototxt").write_text(net.replace("batch_size: 250", "batch_size: 10"))
+    (here / "solver.prototxt").write_text(SOLVER)
+    return here
+
+
+@pytest.fixture
+def signal_at_start(monkeypatch):
+    """``signal_at_start(number)``: send the signal to this process when a training begins."""
+    original = training.requests_by_signal
+
+    def arm(number):
+        @contextlib.contextmanager
+        def with_signal(*given):
+            with original(*given) as stopped:
+                os.kill(os.getpid(), number)
+                yield stopped
+
+        monkeypatch.setattr(training, "requests_by_signal", with_signal)
+
+    return arm
 
 
 @pytest.fixture

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
 import re
 import signal
 from pathlib import Path
@@ -14,7 +12,6 @@ from netlib.snapshots import binary_format, snapshot
 from tests.caffe.recorded import COMPARED, check_same_log, log_lines, said, solver_text, texts
 from tests.support.running import run_tool
 from tests.tools.conftest import ROOT
-from tools.common import training
 
 SOLVERS = ROOT / "tests" / "caffe" / "solvers"
 FRAME = re.compile(r"Use CPU|Creating t|Solver scaffolding|SGDSolver|Starting|Running|Batch|Loss:|\w+ = ")
@@ -56,11 +53,8 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
 
 def spoken(lines: list[str]) -> list[str]:
     """Return the lines of a log that both programs write, including the first and the last."""
-    return [w for line in lines for w in (said([line]) if COMPARED.match(line) else [line]) if _is_both(line)]
-
-
-def _is_both(line: str) -> bool:
-    return bool(COMPARED.match(line) or FRAME.match(line))
+    both = [line for line in lines if COMPARED.match(line) or FRAME.match(line)]
+    return [said([line])[0] if COMPARED.match(line) else line for line in both]
 
 
 # ---------------------------------------------------------------------------------------------- train
@@ -98,20 +92,12 @@ def test_train_goes_on_from_a_snapshot(trained, tmp_path):
     ],
     ids=["SIGINT", "SIGHUP", "SIGINT snapshot", "SIGINT none", "SIGHUP stop", "SIGTERM"],
 )
-def test_signals(short, tmp_path, monkeypatch, number, flags, last):
+def test_signals(short, tmp_path, signal_at_start, number, flags, last):
     """After a signal in the first iteration the exit status is 0 and the last lines are those of Caffe's log.
 
     SIGTERM ends Caffe at once; here a snapshot is written first, and the exit status is that of the signal.
     """
-    original = training.requests_by_signal
-
-    @contextlib.contextmanager
-    def with_signal(*given):
-        with original(*given) as stopped:
-            os.kill(os.getpid(), number)
-            yield stopped
-
-    monkeypatch.setattr(training, "requests_by_signal", with_signal)
+    signal_at_start(number)
     is_term = number == signal.SIGTERM
     lines = texts(log_of("train", "-solver", short, *flags, status=143 if is_term else 0))
     assert ("Optimization stopped early." in lines[-2:]) == (last == 1)

@@ -14,11 +14,10 @@ from tests.support.running import run_tool
 
 
 @pytest.fixture
-def images(tmp_path, monkeypatch, rng):
+def images(here, rng):
     """Seven images of bytes with shape (3, 4, 5), in the database db."""
-    monkeypatch.chdir(tmp_path)
     images = rng.integers(0, 256, (7, 3, 4, 5)).astype(np.uint8)
-    write_database(tmp_path / "db", [datum(image, 0) for image in images])
+    write_database(here / "db", [datum(image, 0) for image in images])
     return images
 
 

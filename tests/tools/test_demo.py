@@ -16,9 +16,8 @@ from tests.support.running import run_tool
 from tools import demo
 
 
-def test_demo(tmp_path, monkeypatch):
+def test_demo(here):
     """The demo writes two depth frames, a picture and the joints, and prints a command that runs as printed."""
-    monkeypatch.chdir(tmp_path)
     first, second = run_tool("demo", "--out", "my frames ö", "--frames", "2").out.splitlines()
     assert first.startswith("2 frames in ") and first.endswith(f": {Path('my frames ö/hands.png')}")
     command = second.removeprefix("For your own camera: ")
@@ -34,9 +33,8 @@ def test_demo(tmp_path, monkeypatch):
     assert all(hand["true_error_mm"] < 20 for frame in document["frames"] for hand in frame["hands"])
 
 
-def test_a_hand_that_is_not_sure_enough(tmp_path, monkeypatch):
+def test_a_hand_that_is_not_sure_enough(here, monkeypatch):
     """Its row has the crop and no joints, in the picture and in the JSON file."""
-    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(demo, "load_predictor", functools.partial(demo.load_predictor, min_confidence=1))
     run_tool("demo", "--frames", "1")
     document = json.loads(Path("demo/hands.json").read_text())

@@ -32,9 +32,8 @@ NUMBERS = ("--mean", "104,117,123", "--scale", "0.02")
 
 
 @pytest.fixture(autouse=True)
-def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def work(here: Path) -> None:
     """A folder with a net for seven classes, its weights, and ten pictures of each of three colours."""
-    monkeypatch.chdir(tmp_path)
     write_net(NET)
     rng = np.random.default_rng(0)
     for name, colour in COLOURS.items():
@@ -44,7 +43,6 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         for i in range(10):
             picture = np.clip(colour + rng.normal(0, 20, (9 + i, 12, 3)), 0, 255)
             cv2.imwrite(str(folder / f"{i} a.png"), picture.astype(np.uint8))
-    return tmp_path
 
 
 def write_net(text: str) -> None:

@@ -17,9 +17,8 @@ ODD = os.fsdecode(b"odd\xe9")  # not valid in UTF-8
 
 
 @pytest.fixture
-def odd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+def odd(here: Path) -> str:
     """A name that is not UTF-8, for the working directory."""
-    monkeypatch.chdir(tmp_path)
     try:
         Path(ODD).mkdir()
     except OSError:

@@ -112,8 +112,5 @@ def test_frames_that_cannot_be_fitted(work, small_data, snapshot):
         ("", {"center_uvd": arrays["center_uvd"] + np.arange(24)[:, None]}, "fit none of the cameras nyu, "),
         ("", {"center_uvd": arrays["center_uvd"][:, :2]}, "centres of shape"),
     ):
-        with h5py.File(work / "data" / "test.h5", "w") as file:
-            for name, values in (arrays | change).items():
-                if name != missing:
-                    file[name] = values
+        write_hdf5(work / "data" / "test.h5", **{n: v for n, v in (arrays | change).items() if n != missing})
         assert message in run_tool("test", *options, status=1).err

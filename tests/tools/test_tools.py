@@ -163,9 +163,8 @@ layer { name: "own" type: "Python" bottom: "depth" top: "pred" python_param { mo
         ("train", ["solver.prototxt"]),
     ],
 )
-def test_no_python_layers(name: str, argv: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_python_layers(name: str, argv: list[str], here: Path) -> None:
     """--no-python-layers rejects the net wherever it is built and runs no code; the next call is unaffected."""
-    monkeypatch.chdir(tmp_path)
     Path("net.prototxt").write_text(PYTHON)
     Path("solver.prototxt").write_text('net: "net.prototxt" base_lr: 0.1 lr_policy: "fixed"')
     Path("gadget.py").write_text("class Own: pass")

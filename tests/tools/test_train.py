@@ -1,8 +1,6 @@
 """tools/train.py: Caffe's log, resume, signals, and one-line errors."""
 
-import contextlib
 import logging
-import os
 import re
 import shutil
 import signal
@@ -56,9 +54,8 @@ layer { name: "loss" type: "Reduction" bottom: "filled" top: "loss" loss_weight:
 """
 
 
-def test_weights_of_zero_are_reported(tmp_path, monkeypatch):
+def test_weights_of_zero_are_reported(here):
     """A layer without a filler is reported if it learns and no file has its weights."""
-    monkeypatch.chdir(tmp_path)
     Path("net.prototxt").write_text(ZERO)
     Path("solver.prototxt").write_text('net: "net.prototxt" base_lr: 1 lr_policy: "fixed" max_iter: 1')
     net = netlib.Net("net.prototxt", netlib.TRAIN)
@@ -103,17 +100,11 @@ def test_seed_and_threads(work):
 @pytest.mark.parametrize(
     ("number", "status", "last"), [(signal.SIGINT, 130, 1), (signal.SIGTERM, 143, 1), (signal.SIGHUP, 0, 2)]
 )
-def test_signals(work, monkeypatch, number, status, last):
+def test_signals(work, signal_at_start, number, status, last):
     """Ctrl-C and SIGTERM finish the iteration, write a snapshot, and determine the exit status; SIGHUP goes on."""
-    original = training.requests_by_signal
-
-    @contextlib.contextmanager
-    def with_signal(solver, *effects):
-        with original(solver, *effects) as stopped:
-            solver.on_start.append(lambda: os.kill(os.getpid(), number))
-            yield stopped
-
-    monkeypatch.setattr(training, "requests_by_signal", with_signal)
+    with open("solver.prototxt", "a") as file:
+        file.write("test_initialization: false")
+    signal_at_start(number)
     lines = train("--max-iter", "2", status=status).err.splitlines()
     assert ("Optimization stopped early." in lines[-1]) == (last == 1)
     for i in {1, last}:

@@ -18,9 +18,8 @@ pytestmark = needs_mpi
 
 
 @pytest.fixture
-def small(tmp_path, monkeypatch):
+def small(here):
     """Change to a folder with a small net on three files of rows, and solver.prototxt for a long training run."""
-    monkeypatch.chdir(tmp_path)
     write_files()
 
 

@@ -16,9 +16,8 @@ def onnx():
 
 
 @pytest.fixture
-def files(tmp_path, monkeypatch):
+def files(here):
     """``files(layers, shapes ...)``: net.prototxt and net.caffemodel.h5 with random parameters, in a new folder."""
-    monkeypatch.chdir(tmp_path)
 
     def make(layers: str, *shapes: tuple[int, ...]) -> tuple[str, str]:
         Path("net.prototxt").write_text(net_text(layers, *shapes))

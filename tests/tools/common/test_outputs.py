@@ -12,9 +12,8 @@ from tools.common import outputs
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def folder(here: Path) -> None:
     """Make a folder with a file, a link to it and an empty folder the working directory."""
-    monkeypatch.chdir(tmp_path)
     Path("a.txt").write_text("mine")
     Path("link.txt").symlink_to("a.txt")
     Path("inner").mkdir()
