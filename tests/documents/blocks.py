@@ -15,6 +15,7 @@ from files that other tests run.
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import doctest
 import io
 import json
@@ -28,7 +29,13 @@ from sybil.evaluators.python import PythonEvaluator, pad
 from sybil.parsers.abstract.doctest import DocTestStringParser
 from sybil.parsers.markdown.lexers import RawFencedCodeBlockLexer
 
-from tests.documents import commands, prototxts
+from handpose.synthetic.prior_file import PosePrior
+from layers.hand.skeleton_file import SkeletonParameter
+from netlib.building import create
+from netlib.proto import messages, options, prototxt, schema
+from netlib.proto.messages import LayerParameter, NetParameter, SolverParameter
+from netlib.proto.net_parameter import load_parameter
+from tests.documents import commands
 
 FOLDER, PRINTED = "(folder)", "(printed)"  # in a document's namespace: its folder; the output of blocks, by their end
 FENCES = RawFencedCodeBlockLexer(re.compile(r"(?P<tag>[^\n]*)\n"))
@@ -126,7 +133,29 @@ def _write(example: Example) -> None:
     name = example.region.lexemes["file"]
     (example.namespace[FOLDER] / name).write_text(example.parsed, encoding="utf-8")
     if name.endswith(".prototxt"):
-        prototxts.read(example.parsed)
+        _read_prototxt(example.parsed)
+
+
+def _read_prototxt(text: str) -> None:
+    """Read the message whose fields the text has. Raises PrototxtError, NetlibError."""
+    tree = prototxt.parse(text, "the block")
+    names = {item.name for item in tree.fields}
+    if names & {"layer", "layers"}:
+        layers = load_parameter(tree).layer  # the blobs that they read need not be defined
+    else:
+        others = [kind for kind in vars(messages).values() if isinstance(kind, type) and dataclasses.is_dataclass(kind)]
+        kinds = [SkeletonParameter, SolverParameter, NetParameter, PosePrior, LayerParameter, *others,
+                 *options.option_blocks().values()]
+        message = schema.read(tree, min(kinds, key=lambda kind: len(names - _fields(kind))))
+        layers = [message] if isinstance(message, LayerParameter) else []
+    for layer in layers:
+        assert layer.type in {None, "", "Python", *options.layer_types()}, f"unknown layer type {layer.type!r}"
+        create.check_options(layer)
+
+
+def _fields(kind: type) -> set[str]:
+    blocks = set(options.option_blocks()) if kind is LayerParameter else set()
+    return {schema.written_name(field.name) for field in dataclasses.fields(kind)} | blocks
 
 
 def _nothing(example: Example) -> None:
@@ -141,7 +170,7 @@ RUN: dict[str, Callable[[Example], str | None]] = {
     "pycon": _nothing,  # by SESSIONS
     "python": _run_python,
     "bash": _run_commands,
-    "prototxt": lambda example: prototxts.read(example.parsed),
+    "prototxt": lambda example: _read_prototxt(example.parsed),
     "json": lambda example: json.loads(example.parsed) and None,
     "text": _compare,
 }

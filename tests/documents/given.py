@@ -21,6 +21,7 @@ from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
+from tests.support.nets import inputs, ip
 from tools import make_synthetic
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -83,21 +84,14 @@ def joints(folder: Path) -> None:
 SOLVER = 'net: "{}" base_lr: 0.001 lr_policy: "fixed" max_iter: 3 snapshot_prefix: "net"'
 
 
-def fully_connected(name: str, bottom: str, outputs: int = 2) -> str:
-    """The text of an InnerProduct layer."""
-    return (f'layer {{ name: "{name}" type: "InnerProduct" bottom: "{bottom}" top: "{name}"'
-            f" inner_product_param {{ num_output: {outputs} }} }}\n")
-
-
 def nets(folder: Path) -> None:
     """net.prototxt, solver.prototxt, deploy.prototxt and the weights net.caffemodel of a net with one layer."""
-    inputs = 'layer { name: "in" type: "Input" top: "data" input_param { shape { dim: 1 dim: 2 } } }\n'
     dummy = 'layer { name: "in" type: "DummyData" top: "data" top: "label"'
     dummy += " dummy_data_param { shape { dim: 3 dim: 2 } } }\n"
     loss = 'layer { name: "loss" type: "EuclideanLoss" bottom: "fc" bottom: "label" top: "loss" }\n'
-    fc = fully_connected("fc", "data")
+    fc = ip("fc", "data", "fc", outputs=2)
     (folder / "net.prototxt").write_text(dummy + fc + loss, encoding="utf-8")
-    (folder / "deploy.prototxt").write_text(inputs + fc, encoding="utf-8")
+    (folder / "deploy.prototxt").write_text(inputs(data=(1, 2)) + fc, encoding="utf-8")
     (folder / "solver.prototxt").write_text(SOLVER.format("net.prototxt"), encoding="utf-8")
     netlib.Net(folder / "deploy.prototxt", netlib.TEST).save(folder / "net.caffemodel")
 
@@ -118,17 +112,15 @@ def pictures(folder: Path) -> None:
     for n in range(4):
         cv2.imwrite(str(folder / "pictures" / f"{n}.png"), rng.integers(0, 256, (8, 8, 3), dtype=np.uint8))
     (folder / "list.txt").write_text("".join(f"{n}.png {n % 2}\n" for n in range(4)), encoding="utf-8")
-    text = PICTURES + fully_connected("fc6", "data") + fully_connected("fc7", "fc6") + LOSS
-    (folder / "train_test.prototxt").write_text(text, encoding="utf-8")
+    layers = ip("fc6", "data", "fc6") + ip("fc7", "fc6", "fc7", outputs=2)
+    (folder / "train_test.prototxt").write_text(PICTURES + layers + LOSS, encoding="utf-8")
     (folder / "solver.prototxt").write_text(SOLVER.format("train_test.prototxt"), encoding="utf-8")
-    layers = text[text.index("layer", 7) : text.rindex("layer")]
-    shape = 'input: "data" input_shape { dim: 1 dim: 3 dim: 256 dim: 256 }\n'
-    (folder / "deploy.prototxt").write_text(shape + layers, encoding="utf-8")
+    (folder / "deploy.prototxt").write_text(inputs(data=(1, 3, 256, 256)) + layers, encoding="utf-8")
     netlib.Net(folder / "deploy.prototxt", netlib.TEST).save(folder / "net_iter_1000.caffemodel")
 
 
 CLASSES = ("bird", "cat", "dog")
-CLASSIFIER = """layer { name: "data" type: "Input" top: "data" input_param { shape { dim: 1 dim: 3 dim: 32 dim: 32 } } }
+CLASSIFIER = inputs(data=(1, 3, 32, 32)) + """
 layer {
   name: "conv" type: "Convolution" bottom: "data" top: "conv"
   convolution_param { num_output: 4 kernel_size: 5 stride: 2 weight_filler { type: "xavier" } }
@@ -151,7 +143,7 @@ def classifier(folder: Path) -> None:
     (folder / "labels.txt").write_text("".join(f"{name}\n" for name in CLASSES), encoding="utf-8")
     (folder / "list.txt").write_text("".join(f"{name}.png {n}\n" for n, name in enumerate(CLASSES)), encoding="utf-8")
     softmax = 'layer { name: "prob" type: "Softmax" bottom: "fc" top: "prob" }\n'
-    (folder / "deploy.prototxt").write_text(CLASSIFIER + fully_connected("fc", "pool", 3) + softmax, encoding="utf-8")
+    (folder / "deploy.prototxt").write_text(CLASSIFIER + ip("fc", "pool", "fc") + softmax, encoding="utf-8")
     net = netlib.Net(folder / "deploy.prototxt", netlib.TEST, seed=1)
     pool = net.forward(["pool"], data=cv2.dnn.blobFromImages(images, 1.0, (32, 32), (104, 117, 123)))["pool"]
     net.params["fc"][0].data[...] = 2 * np.linalg.pinv(pool.reshape(len(CLASSES), -1)).T

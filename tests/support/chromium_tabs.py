@@ -20,9 +20,9 @@ FLAGS = ("--disable-gpu", "--no-first-run", "--disable-background-networking", "
          "--disable-sync")
 
 
-@contextlib.contextmanager
-def browsing() -> Iterator[Any]:
-    """A browser without a window, for tests that do not fork; skips if there is none."""
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """A browser without a window for a module's pages, for tests that do not fork; skips if there is none."""
     sync_api = pytest.importorskip("playwright.sync_api", reason="tests of pages need: pip install -e '.[test]'")
     path = next(filter(None, map(shutil.which, CHROMIUM)), None)
     as_root = ("--no-sandbox",) if hasattr(os, "geteuid") and os.geteuid() == 0 else ()
@@ -31,13 +31,6 @@ def browsing() -> Iterator[Any]:
             pytest.skip("no Chromium: install it, or run: playwright install chromium")
         with contextlib.closing(driver.chromium.launch(executable_path=path, args=[*FLAGS, *as_root])) as opened:
             yield opened
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    """The browser for a module's pages."""
-    with browsing() as opened:
-        yield opened
 
 
 SIZE = {"width": 1000, "height": 800}
@@ -49,7 +42,7 @@ def visits(browser: Any) -> Iterator[Callable[..., Any]]:
     """``visit(path)``: open a page from a file, as from disk, or from an address. In the end, no other address was
     fetched, and the console is empty.
 
-    A tab that differs from others by its size only shows one page after the other, unless it is ``alone``.
+    A tab that differs from others by its size only shows one page after the other.
     """
     contexts, shared, fetched, said, files = [], [], [], [], []
     watched: dict[str, Callable[[Any], None]] = {
@@ -63,9 +56,9 @@ def visits(browser: Any) -> Iterator[Callable[..., Any]]:
         context.set_default_timeout(120_000)  # reached by a hang only
         return context.new_page()
 
-    def opened(place: Path | str, fragment: str = "", alone: bool = False, **options: Any) -> Any:
+    def opened(place: Path | str, fragment: str = "", **options: Any) -> Any:
         size = options.pop("viewport", SIZE)
-        if options or alone:
+        if options:
             tab = new(viewport=size, **options)
             contexts.append(tab.context)
         else:

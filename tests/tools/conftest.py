@@ -6,11 +6,15 @@ from pathlib import Path
 
 import pytest
 
+from handpose.frames.cameras import ICVL
+from handpose.frames.writing import RecordingWriter
+from handpose.sequences.recordings import SyntheticRecording
 from netlib import engine
 from tools import make_synthetic
 from tools.common import training
 
 ROOT = Path(__file__).resolve().parents[2]
+COUNT = 6  # frames of a recording
 
 SOLVER = """
 net: "net.prototxt"
@@ -39,6 +43,18 @@ def work(here, small_data):
     (here / "net.prototxt").write_text(net.replace("batch_size: 250", "batch_size: 10"))
     (here / "solver.prototxt").write_text(SOLVER)
     return here
+
+
+@pytest.fixture(scope="session")
+def recorded(tmp_path_factory):
+    """A folder with two recordings of a hand at rest: take.npz, and slow.npz with an hour between its frames."""
+    folder = tmp_path_factory.mktemp("recorded")
+    recording = SyntheticRecording("rest", ICVL, rate=15, seconds=COUNT / 15)
+    for name, rate in (("take.npz", recording.rate), ("slow.npz", 1 / 3600)):
+        with RecordingWriter(folder / name, recording.camera, recording.unit_mm, rate) as writer:
+            for frame in recording:
+                writer.write(frame._replace(time=frame.number / rate))
+    return folder
 
 
 @pytest.fixture

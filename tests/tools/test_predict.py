@@ -107,6 +107,8 @@ def table(path):
 def test_crops(snapshot):
     """Joints are in mm, scaled by the cube; without frames and a fit, JSON has neither a camera nor angles."""
     text = run_tool("predict", *OWN, "crop.png", "crop.png", "--out", "p", "--json", "-").out
+    lines = run_tool("predict", *OWN, "crop.png", "crop.png", "--out", "p", "--json", "a.json").out
+    assert lines.startswith("crop.png: ") and Path("a.json").read_text() == text
     document, (first, second) = json.loads(text), hands_of(text)
     assert document["camera"] is None and document["source"] == "2 images"
     assert [(found["number"], found["time_s"]) for found in (first, second)] == [(0, None), (1, None)]
@@ -117,16 +119,8 @@ def test_crops(snapshot):
     assert len(first["joints"]) == 31 and first["image"] == "crop.png"
     (smaller,) = predicted("crop.png", "--cube", "261")
     assert smaller["joints"]["palm"] == pytest.approx(np.array(first["joints"]["palm"]) * 0.87, abs=0.02)
-    Path("a.json").write_text(text)
     with pytest.raises(DataError, match="predicted from crops without a camera"):
         read_track("a.json")
-
-
-def test_json_to_a_file(snapshot):
-    """--json FILE.json writes what --json - prints, in addition to the table."""
-    printed = run_tool("predict", *OWN, "crop.png", "--out", "p", "--json", "-").out
-    lines = run_tool("predict", *OWN, "crop.png", "--out", "p", "--json", "hands.json").out
-    assert lines.startswith("crop.png: ") and Path("hands.json").read_text() == printed
 
 
 def test_engine(snapshot, monkeypatch):

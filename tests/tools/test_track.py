@@ -23,37 +23,24 @@ from handpose.frames.cameras import ICVL
 from handpose.frames.formats import open_recording
 from handpose.frames.formats.stack import StackRecording
 from handpose.frames.recording import DepthFrame
-from handpose.frames.writing import RecordingWriter
 from handpose.output.tracks.json_file import read_track
-from handpose.sequences.recordings import SyntheticRecording
 from handpose.tracking.later_frames import LaterFrames
 from handpose.tracking.track import TrackedFrame
 from handpose.tracking.tracker import Tracker, load_tracker
 from netlib.errors import DataError
 from tests.support import json_schema
 from tests.support.running import run_tool
+from tests.tools.conftest import COUNT
 from tools import track
 
 RAW = ["--camera", "icvl", "--unit", "1", "--rate", "15"]  # required for a bare stack
-COUNT = 6
-
-
-@pytest.fixture(scope="session")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A recording of 0.4 s of a hand at rest."""
-    path = tmp_path_factory.mktemp("recorded") / "take.npz"
-    recording = SyntheticRecording("rest", ICVL, rate=15, seconds=COUNT / 15)
-    with RecordingWriter(path, recording.camera, recording.unit_mm, recording.rate) as writer:
-        for frame in recording:
-            writer.write(frame)
-    return path
 
 
 @pytest.fixture(autouse=True)
 def take(recorded: Path, here: Path) -> None:
     """Copy the recording to takes/take.npz in the working directory."""
     Path("takes").mkdir()
-    shutil.copy(recorded, "takes/take.npz")
+    shutil.copy(recorded / "take.npz", "takes/take.npz")
 
 
 def files() -> list[str]:

@@ -17,15 +17,12 @@ import cv2
 import numpy as np
 import pytest
 
-from handpose.frames.cameras import ICVL
-from handpose.frames.writing import RecordingWriter
 from handpose.output.tracks.json_file import read_track
 from handpose.output.tracks.writing import TrackWriter
-from handpose.sequences.recordings import SyntheticRecording
 from handpose.tracking.track import TrackedFrame
 from netlib.errors import NetlibError
 from tests.support.tracked_hands import HEADER, seen, tracked
-from tests.tools.conftest import ROOT
+from tests.tools.conftest import COUNT, ROOT
 from tools.common import track_outputs
 from tools.common.progress import StoppedError
 from tools.common.track_outputs import LiveOutput, Outputs, add_output_options, is_drawn, settle_outputs
@@ -157,7 +154,6 @@ def test_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
 
 # ------------------------------------------------------------------------------------------------ live output
 
-COUNT = 3
 HAND = tracked()
 DEPTH = seen([HAND])
 
@@ -235,22 +231,9 @@ def test_the_addresses_in_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 # ------------------------------------------------------------------------------------------------ the whole command
 
 
-@pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with two recordings of a hand at rest: quick.npz, and slow.npz with an hour between its frames."""
-    folder = tmp_path_factory.mktemp("recorded")
-    recording = SyntheticRecording("rest", ICVL, rate=15, seconds=COUNT / 15)
-    frames = list(recording)
-    for name, rate in (("quick.npz", recording.rate), ("slow.npz", 1 / 3600)):
-        with RecordingWriter(folder / name, recording.camera, recording.unit_mm, rate) as writer:
-            for number, frame in enumerate(frames):
-                writer.write(frame._replace(time=number / rate))
-    return folder
-
-
 @pytest.fixture
 def running(recorded: Path, tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
-    """``running("quick.npz", "--serve", ...)`` starts the tracker as a process, which is killed after the test."""
+    """``running("take.npz", "--serve", ...)`` starts the tracker as a process, which is killed after the test."""
     begun: list[subprocess.Popen[str]] = []
 
     def start(name: str, *options: str) -> subprocess.Popen[str]:
@@ -279,7 +262,7 @@ def client_of(process: subprocess.Popen[str]) -> contextlib.AbstractContextManag
 
 def test_a_program_gets_all_frames_of_a_recording(running: Callable[..., subprocess.Popen[str]]) -> None:
     """Tracking starts when a client connects; it receives the lines of --json up to the end of the recording."""
-    process = running("quick.npz", "--serve", "--json", "a.jsonl", "--joints", "mano")
+    process = running("take.npz", "--serve", "--json", "a.jsonl", "--joints", "mano")
     with client_of(process) as client:
         header, *frames = (json.loads(line) for line in client)
     out, error = process.communicate(timeout=300)
