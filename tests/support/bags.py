@@ -53,11 +53,9 @@ class Messages:
         )
         return self.encode("sensor_msgs/msg/Image", message)
 
-    def packed(
-        self, values: Depth, ns: int, form: str = "16UC1; compressedDepth png", header: bytes = bytes(12)
-    ) -> bytes:
+    def packed(self, values: Depth, ns: int) -> bytes:
         """Return an image in the format of the plug-in compressedDepth: twelve bytes, then a PNG."""
-        return self.compressed(header + cv2.imencode(".png", values)[1].tobytes(), ns, form)
+        return self.compressed(bytes(12) + cv2.imencode(".png", values)[1].tobytes(), ns, "16UC1; compressedDepth png")
 
     def compressed(self, content: bytes, ns: int, form: str) -> bytes:
         """Return a CompressedImage."""

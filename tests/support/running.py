@@ -8,18 +8,10 @@ import io
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[2]
-
-
-def wait_until(condition: Callable[[], object], process: subprocess.Popen[str]) -> None:
-    """Return when the condition holds; meanwhile the process must not end."""
-    while not condition():
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            raise AssertionError(f"ended with status {process.wait(0.02)}")
 
 
 class Done(NamedTuple):
@@ -65,21 +57,15 @@ def refusal(name: str, *argv: object) -> str:
 
 
 def run_python(
-    *argv: object,
-    status: int | None = 0,
-    cwd: Path = ROOT,
-    preexec_fn: Callable[[], None] | None = None,
-    typed: str = "",
-    **changes: str | None,
+    *argv: object, status: int | None = 0, cwd: Path = ROOT, typed: str = "", **changes: str | None
 ) -> Done:
     """Run Python in a separate process, with this project on its path; it must end with ``status`` (None: any).
 
-    ``preexec_fn`` runs in the process before Python starts; ``typed`` is its standard input; ``changes`` are
-    environment variables (None removes one).
+    ``typed`` is its standard input; ``changes`` are environment variables (None removes one).
     """
     environment = {**os.environ, "PYTHONPATH": str(ROOT), **changes}
     ended = subprocess.run(
-        [sys.executable, *map(str, argv)], cwd=cwd, preexec_fn=preexec_fn, input=typed, capture_output=True,
+        [sys.executable, *map(str, argv)], cwd=cwd, input=typed, capture_output=True,
         env={name: value for name, value in environment.items() if value is not None}, encoding="utf-8",
         errors="replace", check=False,
     )

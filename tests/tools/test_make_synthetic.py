@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import signal
@@ -16,7 +17,7 @@ import pytest
 from handpose.datasets import parts
 from handpose.synthetic.generator import Generator
 from layers.hand.skeleton import NYU_HAND
-from tests.support.running import Done, run_tool, wait_until
+from tests.support.running import Done, run_tool
 
 TOOL = Path(__file__).parents[2] / "tools" / "make_synthetic.py"
 
@@ -102,7 +103,9 @@ def test_ctrl_c(tmp_path: Path) -> None:
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     ) as process:
-        wait_until(lambda: list(out.glob(".*.tmp")), process)
+        while not list(out.glob(".*.tmp")):
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                raise AssertionError(f"ended with status {process.wait(0.02)}")
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all processes
         stdout, stderr = process.communicate(timeout=300)
     assert (process.returncode, stdout) == (130, "")

@@ -40,8 +40,8 @@ def root(tmp_path) -> Path:
     return tmp_path / "icvl"
 
 
-def prepare(root: Path, *more: object, status: int = 0) -> Done:
-    return run_tool("prepare_icvl", root, "--out", root.parent / "out", *more, status=status)
+def prepare(root: Path) -> Done:
+    return run_tool("prepare_icvl", root, "--out", root.parent / "out")
 
 
 def test_frames(root):

@@ -78,11 +78,6 @@ def test_the_first_signal_is_noted_the_second_hits() -> None:
         signal.signal(signal.SIGINT, before)
 
 
-def test_a_folder_is_filled(tmp_path: Path) -> None:
-    assert fill_folder(tmp_path / "a" / "b", 1, lambda advance: (tmp_path / "a" / "b" / "file").touch()) == 0
-    assert (tmp_path / "a" / "b" / "file").exists()
-
-
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_ends_the_filling(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], number: signal.Signals, status: int
