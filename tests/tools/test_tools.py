@@ -106,6 +106,7 @@ EVALUATE = "nyu --groundtruth t.txt --predictions"
         ("evaluate", f"{EVALUATE} A=a.txt --plot a.jpg", "suffix .png, .svg, .pdf, found 'a.jpg'"),
         ("evaluate", f"{EVALUATE} A=a.txt --format xyd", "invalid choice: 'xyd'"),
         ("evaluate", f"{EVALUATE} A=a.txt --angles".replace("nyu", "icvl"), "--angles applies only to nyu"),
+        ("export_onnx", "net w out --cube 0", "argument --cube: expected a number of at least 50 and at most 10000 mm"),
         *(("finetune", f"net w pictures {options}", "give --mean or --mean-file, and --scale, with which")
           for options in ("", "--mean 104", "--scale 1")),
         ("fit_pose", "uvd.txt --swarm --no-limits", "--swarm does not support --no-limits and --ridge"),

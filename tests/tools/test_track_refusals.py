@@ -36,7 +36,6 @@ def frames(here: Path) -> Path:
         (["frames", "--json", "link.jsonl"], "link.jsonl: is read"),
         (["frames", "--json", "a.json", "--sheet", "none/a.png"], "none/a.png: folder none does not exist"),
         (["frames", "--json", "a.json", "--csv", "none/a.csv"], "none/a.csv: No such file or directory"),
-        (["frames", "--json", "a.json", "--sheet", "folder.png"], "folder.png: Is a directory"),
         (["frames", "--json", "a.json", "--video", "folder.mp4"], "folder.mp4: Is a directory"),
     ],
 )
@@ -46,8 +45,7 @@ def test_what_cannot_be_written(argv: list[str], said: str) -> None:
     for name in ("own.json", "take.camera.json"):
         Path(name).write_text(CAMERA)
     Path("link.jsonl").symlink_to("frames/camera.json")
-    for name in ("folder.png", "folder.mp4"):
-        Path(name).mkdir()
+    Path("folder.mp4").mkdir()
     before = contents()
     (line,) = [line for line in run_tool("track", *argv, status=1).err.splitlines() if not line.startswith("warning")]
     assert line.startswith(said) and contents() == before

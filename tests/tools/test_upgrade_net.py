@@ -8,7 +8,6 @@ import pytest
 import netlib
 from netlib.proto import binaryproto, prototxt, schema, wire
 from netlib.proto.messages import NetParameter
-from netlib.proto.prototxt import Field
 from netlib.proto.upgrade import AnyNetParameter
 from tests.support.running import refusal, run_tool
 
@@ -41,13 +40,10 @@ def test_a_text(here, old):
 
 def test_weights(here, rng):
     """A binary file stays binary, and its weights load into a net in the current format."""
-    tree = prototxt.parse(V1)
     weights = [rng.normal(size=shape).astype(np.float32) for shape in ((4, 2, 5, 5), (4,))]
-    blobs = [Field("blobs", binaryproto.tree_of(array), tree.position) for array in weights]
-    for layer in (schema.message_of(field) for field in tree.fields if field.name == "layers"):
-        if [str(name) for name in layer.values("name")] == ['"c"']:
-            layer.fields += blobs
-    (here / "old.caffemodel").write_bytes(wire.encode(tree, AnyNetParameter))
+    blobs = " ".join(f"blobs {{ {binaryproto.tree_of(array)} }}" for array in weights)
+    old = prototxt.parse(V1.replace("blobs_lr: 1", f"{blobs} blobs_lr: 1"))
+    (here / "old.caffemodel").write_bytes(wire.encode(old, AnyNetParameter))
     run_tool("upgrade_net", "old.caffemodel", "new.caffemodel")
     new = schema.read(wire.decode((here / "new.caffemodel").read_bytes(), NetParameter), NetParameter)
     assert [layer.type for layer in new.layer] == ["Input", "Convolution", "ReLU"]

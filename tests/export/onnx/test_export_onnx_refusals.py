@@ -89,8 +89,3 @@ def test_a_difference_fails(files, monkeypatch):
     assert re.search(r"^y: largest difference 1\.5e\+00 of its largest value \(float32 rounding: \d\.\de.\d\d\), "
                      r"batch sizes 1 and 3$", out, re.MULTILINE)
     assert err.startswith("out.onnx: blob 'y': onnxruntime's values differ by 1.5e+00 of the largest value; expected ")
-
-
-def test_usage():
-    done = run_tool("export_onnx", "net", "weights", "out", "--cube", "0", status=2)
-    assert done.err.endswith("argument --cube: expected a number of at least 50 and at most 10000 mm, found '0'\n")

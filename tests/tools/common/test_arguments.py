@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from handpose.frames.cameras import CAMERAS, KINECT2, VIEWS
+from handpose.frames.cameras import CAMERAS, KINECT2, VIEWS, Camera
 from tools.common import arguments, sources
 
 CAMERA_FORM = f"a file, {', '.join((*CAMERAS, *VIEWS))}, or FX,FY,U0,V0 in px, the intrinsics from its SDK"
@@ -18,6 +18,7 @@ CAMERA_FORM = f"a file, {', '.join((*CAMERAS, *VIEWS))}, or FX,FY,U0,V0 in px, t
     [
         (arguments.positive, "12", 12),
         (arguments.natural, "0", 0),
+        *((kind, str(2**63 - 1), 2**63 - 1) for kind in (arguments.positive, arguments.natural)),  # of 64 bits
         (arguments.whole(0, 100), "100", 100),
         (sources.cube, "10000", 10000.0),
         (arguments.weight, "0", 0.0),
@@ -27,6 +28,7 @@ CAMERA_FORM = f"a file, {', '.join((*CAMERAS, *VIEWS))}, or FX,FY,U0,V0 in px, t
         (arguments.address, "a:65535", ("a", 65535)),
         (arguments.pixels, "224x112", (224, 112)),
         (sources.camera, "kinect2", KINECT2),
+        (sources.camera, "500,510,320,240", Camera("own", 500, 510, 320, 240, 0, 0)),  # of images of any size
         (sources.center, "1,2.5", (1.0, 2.5)),
         (sources.center, "1,2,-3", (1.0, 2.0, -3.0)),
     ],
@@ -34,20 +36,6 @@ CAMERA_FORM = f"a file, {', '.join((*CAMERAS, *VIEWS))}, or FX,FY,U0,V0 in px, t
 )
 def test_values(kind: Callable[[str], object], text: str, value: object) -> None:
     assert kind(text) == value
-
-
-@pytest.mark.parametrize("kind", [arguments.positive, arguments.natural])
-def test_the_largest_number(kind: Callable[[str], object]) -> None:
-    """The largest accepted integer is the largest 64-bit integer, which files can hold."""
-    assert kind(str(2**63 - 1)) == 2**63 - 1
-    with pytest.raises(argparse.ArgumentTypeError, match=f"of at most {2**63 - 1}, found '{2**64}'"):
-        kind(str(2**64))
-
-
-def test_a_camera_by_its_numbers() -> None:
-    """A camera given by numbers accepts images of any size."""
-    camera = sources.camera("500,510,320,240")
-    assert (camera.fx, camera.fy, camera.u0, camera.v0, camera.width, camera.height) == (500, 510, 320, 240, 0, 0)
 
 
 @pytest.mark.parametrize(
@@ -58,6 +46,7 @@ def test_a_camera_by_its_numbers() -> None:
         (arguments.natural, "-1", "an integer of at least 0"),
         (arguments.natural, "1.0", "an integer of at least 0"),
         (arguments.natural, "9" * 5000, "an integer of at least 0"),
+        *((kind, str(2**63), f"an integer of at most {2**63 - 1}") for kind in (arguments.positive, arguments.natural)),
         (arguments.whole(0, 100), "101", "an integer of at most 100"),
         (sources.cube, "0.3", "a number of at least 50 and at most 10000 mm"),
         (sources.cube, "nan", "a number of at least 50 and at most 10000 mm"),

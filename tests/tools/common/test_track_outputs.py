@@ -25,7 +25,7 @@ from tests.support.tracked_hands import HEADER, seen, tracked
 from tests.tools.conftest import COUNT, ROOT
 from tools.common import track_outputs
 from tools.common.progress import StoppedError
-from tools.common.track_outputs import LiveOutput, Outputs, add_output_options, is_drawn, settle_outputs
+from tools.common.track_outputs import LiveOutput, Outputs, add_output_options, is_drawn
 
 ALL = ["--json", "a.json", "--csv", "a.csv", "--sheet", "a.png"]
 
@@ -61,18 +61,6 @@ def test_everything_at_once() -> None:
     assert not track.cut and [frame.number for frame in track.frames] == [0, 1, 2, 3]
     assert len(Path("a.csv").read_text().splitlines()) == 5
     assert cv2.imread("a.png") is not None
-
-
-def test_nothing_is_asked() -> None:
-    """Without output options nothing is written, unless default names are set from the source."""
-    assert written() == [] and list(Path().iterdir()) == []
-    parser = argparse.ArgumentParser()
-    args = argparse.Namespace(**vars(parsed()), source="takes/wave.bag")
-    settle_outputs(args, parser)
-    assert (args.json, args.sheet, args.csv, args.video) == ("wave.json", "wave.png", None, None)
-    named = argparse.Namespace(**vars(parsed("--csv", "a.csv")), source="takes/wave.bag")
-    settle_outputs(named, parser)
-    assert named.json is None and named.sheet is None
 
 
 @pytest.mark.parametrize(
@@ -117,6 +105,10 @@ def test_one_that_fails_at_the_end(stopped: bool, monkeypatch: pytest.MonkeyPatc
         outputs.write(*next(frames()))
         raise NetlibError("the camera was unplugged")
     assert read_track("a.json").cut
+
+
+def test_nothing_is_asked() -> None:
+    assert written() == [] and list(Path().iterdir()) == []
 
 
 def test_no_frames() -> None:
