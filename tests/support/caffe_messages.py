@@ -28,31 +28,22 @@ def content(field: int, value: bytes) -> bytes:
     return varint(field << 3 | 2) + varint(len(value)) + value
 
 
-def one_by_one(field: int, values: np.ndarray) -> bytes:
-    """Return a field of floats that is not packed."""
-    return b"".join(varint(field << 3 | 5) + np.float32(value).tobytes() for value in np.ravel(values))
-
-
 def datum(image: np.ndarray | bytes, label: int) -> bytes:
     """Return a Datum: an image (C, H, W) of bytes or floats, or the bytes of a picture file."""
     if isinstance(image, bytes):
         return content(4, image) + number(5, label) + number(7, 1)
     shape = b"".join(number(field, size) for field, size in zip((1, 2, 3), image.shape))
-    values = content(4, image.tobytes()) if image.dtype == np.uint8 else b""
-    floats = one_by_one(6, image) if image.dtype != np.uint8 else b""
-    return shape + values + number(5, label) + floats
-
-
-def blob(values: np.ndarray) -> bytes:
-    """Return a BlobProto of floats or doubles."""
-    shape = content(7, content(1, b"".join(map(varint, values.shape))))
-    field, dtype = (8, "<f8") if values.dtype == np.float64 else (5, "<f4")
-    return content(field, values.astype(dtype).tobytes()) + shape
+    if image.dtype == np.uint8:
+        return shape + content(4, image.tobytes()) + number(5, label)
+    floats = [varint(6 << 3 | 5) + np.float32(value).tobytes() for value in np.ravel(image)]  # not packed
+    return shape + number(5, label) + b"".join(floats)
 
 
 def write_blob(path: Path, values: np.ndarray) -> Path:
-    """Write a mean file."""
-    path.write_bytes(blob(values))
+    """Write a mean file: a BlobProto of floats or doubles."""
+    shape = content(7, content(1, b"".join(map(varint, values.shape))))
+    field, dtype = (8, "<f8") if values.dtype == np.float64 else (5, "<f4")
+    path.write_bytes(content(field, values.astype(dtype).tobytes()) + shape)
     return path
 
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 import io
 import signal
 import sys
-from collections.abc import Callable
 from contextlib import redirect_stderr
-from pathlib import Path
 
 import pytest
 
-from tools.common.progress import ProgressBar, StoppedError, Stopper, fill_folder
+from tools.common.progress import ProgressBar, StoppedError, Stopper
 
 
 class Terminal(io.StringIO):
@@ -76,21 +74,3 @@ def test_the_first_signal_is_noted_the_second_hits() -> None:
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     finally:
         signal.signal(signal.SIGINT, before)
-
-
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_signal_ends_the_filling(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], number: signal.Signals, status: int
-) -> None:
-    """A signal ends the work at the next part, with one line and the status of the signal."""
-    filled = []
-
-    def fill(advance: Callable[[int], None]) -> None:
-        for part in range(3):
-            signal.raise_signal(number)
-            filled.append(part)
-            advance(1)
-
-    assert fill_folder(tmp_path, 3, fill) == status
-    assert filled == [0]
-    assert capsys.readouterr() == ("", "stopped; whole files are kept, and the next run continues after them\n")

@@ -64,6 +64,12 @@ def test_a_camera_by_its_field_of_view(
     assert any(remark.startswith(said) for remark in recording.remarks)
 
 
+def test_distortion(frames: None) -> None:
+    """Lens distortion is removed and mentioned in the remarks."""
+    recording = opened(parsed("--camera", "sr305", "--distortion=-0.1,0.2,0,0"))
+    assert "the distortion of the lens is taken out" in recording.remarks
+
+
 @pytest.mark.parametrize(
     ("argv", "what"),
     [
