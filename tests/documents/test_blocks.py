@@ -9,11 +9,11 @@ import pytest
 
 pytest.importorskip("sybil", reason="sybil runs the blocks of documents: pip install -e '.[test]'")
 
+from netlib.files.paths import ROOT
+from tests.docs.test_documents import DOCUMENTS
 from tests.documents import given, workplace
 from tests.documents.blocks import failures
 
-ROOT = Path(__file__).resolve().parents[2]
-DOCUMENTS = [path for place in ("*.md", "docs/**/*.md", "models/**/*.md", "tests/**/*.md") for path in ROOT.glob(place)]
 NAMES = sorted(path.relative_to(ROOT).as_posix() for path in DOCUMENTS)
 
 

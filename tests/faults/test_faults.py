@@ -273,20 +273,16 @@ def limited_size(number: int) -> None:
 
 @pytest.mark.parametrize("write", [write_nets, write_tracks, write_recordings])
 @pytest.mark.parametrize("fault", [kill_before_rename, full_disk, limited_size])
-def test_old_or_new(write: Callable[[int], None], fault: Callable[[int], object], tmp_path: Path,
-                    monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("NETLIB_ENGINE", "plain")  # has no threads, which a fork would lose
-    (tmp_path / "old").mkdir()
-    monkeypatch.chdir(tmp_path / "old")
+def test_old_or_new(write: Callable[[int], None], fault: Callable[[int], object], folder: Path) -> None:
     write(1)
     old = contents()
-    os.chdir(shutil.copytree(tmp_path / "old", tmp_path / "new"))
+    os.chdir(shutil.copytree(folder / "good", folder / "new"))
     write(2)
     new = contents()
     number, is_over = 0, False
     while not is_over and not (fault is limited_size and number == len(SIZES)):
         number += 1
-        os.chdir(shutil.copytree(tmp_path / "old", tmp_path / f"{number}"))
+        os.chdir(shutil.copytree(folder / "good", folder / f"{number}"))
         status, lines = in_child(functools.partial(written, write, fault, number))
         line = "".join(lines)
         is_over = not status and not line

@@ -198,7 +198,9 @@ def test_joints_of_another_format(frame, name, count):
 
 
 def test_centers(frame):
-    """U,V,D is used unchanged; for U,V the depth is read from the image; each image may have its own centre."""
+    """U,V,D is used unchanged; for U,V the depth is read from the image, without the lens's distortion; each image may
+    have its own centre.
+    """
     v, u = (int(np.median(where)) for where in np.nonzero((frame > 0) & (frame < 800)))
     (found,) = predicted("frame.png", *KINECT, "--refine", "0", "--center", f"{u},{v}")
     assert found["center_uvd"] == pytest.approx(predictor.depth_around(frame, u, v), abs=0.01)
@@ -209,8 +211,10 @@ def test_centers(frame):
         assert [found["center_uvd"] for found in both] == [given[0], given[-1]]
     assert [hand["picture"] for hand in both] == ["p/frame_hand.png", "p/frame_2_hand.png"]
     assert not np.array_equal(*(cv2.imread(hand["picture"]) for hand in both))
-    (bent,) = predicted("frame.png", *KINECT, "--refine", "0", options[0], "--distortion=-0.1,0.05,0,0")
-    assert bent["center_uvd"] == both[0]["center_uvd"] and bent["positions_mm"] != both[0]["positions_mm"]
+    cv2.imwrite("slope.png", np.tile(np.arange(800, 800 + 512, dtype=np.uint16), (424, 1)))
+    slope = ["slope.png", *KINECT, "--refine", "0", "--center", "450,300"]
+    (straight,), (bent,) = predicted(*slope), predicted(*slope, "--distortion=-0.1,0.05,0,0")
+    assert straight["center_uvd"] != bent["center_uvd"]  # the depth there is another
 
 
 def test_the_crop_is_moved_as_often_as_refine_says(frame, monkeypatch):

@@ -81,8 +81,6 @@ def test_other_centres(root):
     with h5py.File(root.parent / "out" / "test_000.h5") as file:
         np.testing.assert_allclose(file["center_uvd"][:], centers[file["index"][:]])
     assert "centres of centers_test.txt" in done.out
-    error = prepare(root, "--splits", "test", "--center", "none.txt", status=1).err
-    assert error == "none.txt: cannot read the centres: No such file or directory\n"
 
 
 # ------------------------------------------------------------------------------------------------ the run
