@@ -116,6 +116,7 @@ def _run_commands(example: Example) -> None:
 
 
 def _check_commands(example: Example) -> str:
+    """Check the arguments of commands that are not run."""
     return "\n".join(commands.mistakes(example.parsed))
 
 
@@ -154,6 +155,7 @@ def _read_prototxt(text: str) -> None:
 
 
 def _fields(kind: type) -> set[str]:
+    """The names of a message's fields in a prototxt."""
     blocks = set(options.option_blocks()) if kind is LayerParameter else set()
     return {schema.written_name(field.name) for field in dataclasses.fields(kind)} | blocks
 

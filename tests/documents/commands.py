@@ -65,6 +65,7 @@ def mistakes(script: str) -> Iterator[str]:
 
 
 def _mistake(words: list[str]) -> str:
+    """The reason why a command does not exist or does not accept its arguments, or an empty string."""
     name, *rest = words or [""]
     if name == "make":
         return "".join(f"no target {word}" for word in rest if "=" not in word and word not in targets())

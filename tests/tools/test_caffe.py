@@ -169,9 +169,6 @@ def test_device_query_and_gpu():
     assert mine[:2] == ["Use CPU.", "-gpu 0,1 is accepted, but this runs on the CPU"]
 
 
-# ---------------------------------------------------------------------------------------------- usage
-
-
 def test_without_a_command():
     out = run_tool("caffe").out
     assert "{train,test,time,device_query}" in out and "--sighup_effect {stop,snapshot,none}" in out

@@ -108,10 +108,12 @@ def test_frozen_layers(freeze: str, layers: set[str]) -> None:
     ("--mean-file", "mean.binaryproto", "--scale", "0.1", "--rgb"),
 ])
 def test_pictures_are_read_as_netlib_run_reads_them(options: tuple[str, ...]) -> None:
-    """The training net's input is that of the command ``run``, bit for bit."""
+    """The input of a test is that of the command ``run``, bit for bit; only in training it is mirrored."""
     mean = np.random.default_rng(0).uniform(80, 120, (1, 3, 10, 10)).astype(np.float32)
     write_blob(mean, "mean.binaryproto")
-    tuned("--iterations", "1", "--batch", "6", *options)
+    tuned("--iterations", "1", "--batch", "6", "--mirror", *options)
+    text = Path("finetuned/train.prototxt").read_text()
+    assert (text.count("mirror: true"), text.count("mirror: false")) == (1, 1)
     net = netlib.Net("finetuned/train.prototxt", netlib.TEST)
     net.forward()
     run_tool("run_net", "net.prototxt", "net.caffemodel", "finetuned/test.txt", *options, "--blob", "data", "--out",
@@ -129,12 +131,6 @@ def test_a_convolution_as_last_layer_and_a_second_run() -> None:
     done = run_tool("finetune", "finetuned/deploy.prototxt", str(weights()), "pictures", *NUMBERS, "--iterations", "1",
                     "--out", "again")
     assert "layer 'last_new' becomes 'last_new_new'" in done.err
-
-
-def test_mirror_images() -> None:
-    tuned("--iterations", "1", "--mirror")
-    text = Path("finetuned/train.prototxt").read_text()
-    assert (text.count("mirror: true"), text.count("mirror: false")) == (1, 1)
 
 
 def bad(name: str) -> tuple[object, ...]:

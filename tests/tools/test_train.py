@@ -101,23 +101,19 @@ def test_seed_and_threads(work):
     ("number", "status", "last"), [(signal.SIGINT, 130, 1), (signal.SIGTERM, 143, 1), (signal.SIGHUP, 0, 2)]
 )
 def test_signals(work, signal_at_start, number, status, last):
-    """Ctrl-C and SIGTERM finish the iteration, write a snapshot, and determine the exit status; SIGHUP goes on."""
+    """Ctrl-C and SIGTERM finish the iteration, write a snapshot, and determine the exit status; SIGHUP goes on.
+
+    The signal handlers are restored.
+    """
+    handlers = [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
     with open("solver.prototxt", "a") as file:
         file.write("test_initialization: false")
     signal_at_start(number)
     lines = train("--max-iter", "2", status=status).err.splitlines()
+    assert handlers == [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
     assert ("Optimization stopped early." in lines[-1]) == (last == 1)
     for i in {1, last}:
         assert (work / f"snapshots/net_iter_{i}.solverstate").exists()
-
-
-@pytest.fixture(autouse=True)
-def kept_signals():
-    """Check that training restores the signal handlers."""
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    before = [signal.getsignal(n) for n in numbers]
-    yield
-    assert [signal.getsignal(n) for n in numbers] == before
 
 
 def test_mistakes(work):
