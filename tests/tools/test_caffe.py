@@ -30,11 +30,6 @@ def written(folder: Path, log: str, **changes: str) -> str:
     return str(path)
 
 
-@pytest.fixture
-def short(tmp_path: Path) -> str:
-    return written(tmp_path, "sigint.log", max_iter="3", test_interval="9", test_initialization="false")
-
-
 def log_of(*argv: object, status: int = 0) -> list[str]:
     """The lines that the command logs, with their stamps."""
     _, out, err = run_tool("caffe", *argv, status=status)
@@ -92,11 +87,12 @@ def test_train_goes_on_from_a_snapshot(trained, tmp_path):
     ],
     ids=["SIGINT", "SIGHUP", "SIGINT snapshot", "SIGINT none", "SIGHUP stop", "SIGTERM"],
 )
-def test_signals(short, tmp_path, signal_at_start, number, flags, last):
+def test_signals(tmp_path, signal_at_start, number, flags, last):
     """After a signal in the first iteration the exit status is 0 and the last lines are those of Caffe's log.
 
     SIGTERM ends Caffe at once; here a snapshot is written first, and the exit status is that of the signal.
     """
+    short = written(tmp_path, "sigint.log", max_iter="3", test_interval="9", test_initialization="false")
     signal_at_start(number)
     is_term = number == signal.SIGTERM
     lines = texts(log_of("train", "-solver", short, *flags, status=143 if is_term else 0))

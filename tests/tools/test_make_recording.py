@@ -100,8 +100,6 @@ def test_a_full_disk_keeps_what_was_done(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_outputs_that_cannot_be() -> None:
-    done = run_tool("make_recording", "rest", "--out", "a.bag", status=1)
-    assert "expected a folder or FILE.npz" in done.err
     for place in (".", "/", ""):
         done = run_tool("make_recording", "rest", "--out", place, status=1)
         assert "expected the name of a new folder or FILE.npz" in done.err

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 
-from tests.netlib.distributed.small_net import SOLVER, whole_snapshot, write_files
+from tests.netlib.distributed.small_net import NET, SOLVER, whole_snapshot, write_files
 from tests.support import ranks_started
 from tests.support.ranks_started import CAFFE, TRAIN, needs_mpi, ours
 
@@ -100,14 +100,19 @@ def nan(folder):
         file["y"][:19] = np.nan
 
 
+def other_net(folder):
+    (folder / "small.prototxt").write_text(NET.replace("num_output: 20", "num_output: 21"))
+
+
 def no_file(folder):
     (folder / "d1.h5").unlink()
 
 
 def test_what_one_rank_finds_ends_all(small):
-    """NaN and a missing file give one line that names the rank; nothing is written."""
+    """NaN, another prototxt and a missing file give one line that names the rank; nothing is written."""
     for break_it, said in (
         (nan, r"rank 1: iteration \d+: the loss is nan; .* top blob 'y' of layer 'data'.*"),
+        (other_net, r"rank 1 has another net prototxt than rank 0: .*; expected the same on all"),
         (no_file, r"rank 1: list.txt: names 'd1.h5', which does not exist; .*"),
     ):
         shutil.rmtree("snapshots", ignore_errors=True)
