@@ -21,6 +21,13 @@ def furnish(folder: Path) -> None:
     (folder / "list.txt").write_text(f"{RECORDINGS}/train0.h5\n{RECORDINGS}/train1.h5\n")
 
 
+def everything(solver: netlib.Solver) -> str:
+    """All on which the rest of a training depends: iteration, losses, weights, histories, states of layers."""
+    arrays = [*(p.blob.data for p in solver.net.learnable), *(a for h in solver.history for a in h)]
+    states = [net.layer_states() for net in [solver.net, *solver.test_nets]]
+    return f"{solver.iter} {list(solver.smoothed)} {states} {[array.tobytes() for array in arrays]}"
+
+
 # Loss = (w x - t)² / 2 with x = 2, t = 1: dL/dw = 2 (2 w - 1). From w = 1 the gradient is 2.
 ONE_WEIGHT = """
     layer { name: "x" type: "DummyData" top: "x" dummy_data_param { shape { dim: 1 dim: 1 } data_filler { value: 2 } } }

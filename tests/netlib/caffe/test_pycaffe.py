@@ -166,7 +166,10 @@ def assert_classes_of(net: pycaffe.Net, cls: type = caffe.Net) -> None:
 
 
 def test_classes_are_pycaffes_by_identity(work: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Scripts compare them by ``type(x) is caffe._caffe.BlobVec``: in a net, a solver's nets and a Python layer."""
+    """Scripts compare them by ``type(x) is caffe._caffe.BlobVec``: in a net, a solver's nets and a Python layer.
+
+    get_solver uses the file's type; a solver class uses its own update rule regardless of it.
+    """
     monkeypatch.syspath_prepend(work)
     (work / "twice.py").write_text(LAYER)
     (work / "net.prototxt").write_text(CONVOLUTIONS)
@@ -181,6 +184,7 @@ def test_classes_are_pycaffes_by_identity(work: Path, monkeypatch: pytest.Monkey
         assert type(solver) is type(cls("solver.prototxt")) is cls is getattr(caffe, f"{name}Solver")
         assert cls.__name__ == f"{name}Solver" and issubclass(cls, caffe.SGDSolver) and issubclass(cls, _caffe.Solver)
         assert type(solver.param) is _caffe.SolverParameter and type(solver.test_nets) is _caffe.NetVec
+    assert [len(cls("solver.prototxt").history[0]) for cls in (caffe.AdamSolver, caffe.SGDSolver)] == [2, 1]
     solver.step(1)
     for net in (solver.net, *solver.test_nets):
         assert_classes_of(net)
@@ -295,16 +299,6 @@ def test_images_in_memory() -> None:
         pycaffe.Net("net.prototxt", netlib.TEST).set_input_arrays(X, X)
 
 
-def test_the_class_of_a_solver() -> None:
-    """A solver class uses its own update rule regardless of the file's type; get_solver uses the file's type."""
-    adam = Path("adam.prototxt")
-    adam.write_text(SOLVER + ' type: "Adam" momentum: 0.9')
-    assert type(pycaffe.get_solver(adam)) is pycaffe.AdamSolver
-    assert len(pycaffe.AdamSolver(adam).history[0]) == 2
-    assert len(pycaffe.SGDSolver(adam).history[0]) == 1
-    assert isinstance(pycaffe.SGDSolver("solver.prototxt").net, pycaffe.Net)
-
-
 def test_what_is_accepted_and_ignored_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
     """The note about the CPU appears once, although the file is read twice."""
     caplog.set_level(logging.INFO, "netlib")
@@ -363,20 +357,6 @@ def test_options_that_cannot_change_so(given: tuple[str, object], rejected) -> N
     with rejected:
         setattr(solver.param, *given)
     assert repr(solver.param) == before
-
-
-def test_callbacks() -> None:
-    solver = pycaffe.SGDSolver("solver.prototxt")
-    seen: list[tuple[str, int, bool]] = []
-    w = solver.net.params["a"][0]
-
-    def note(what: str) -> Callable[[], None]:
-        return lambda: seen.append((what, solver.iter, bool(w.diff.any())))
-
-    solver.net.blobs["x"].data[...] = 1
-    solver.add_callback(note("start"), note("ready"))
-    solver.step(2)
-    assert seen == [("start", 0, False), ("ready", 0, True), ("start", 1, False), ("ready", 1, True)]
 
 
 def test_a_solver_lends_its_weights() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -10,18 +11,26 @@ from tests.netlib.conftest import ONE_WEIGHT, MakeSolver
 
 
 def test_the_order_of_an_iteration(solver_of: MakeSolver) -> None:
-    """The functions are called in the order in which Caffe's solver calls its callbacks; tests come first."""
-    solver = solver_of(ONE_WEIGHT % "", "test_iter: 2 test_interval: 1")
-    seen: list[tuple[str, int]] = []
-    for name in ("on_step", "on_start", "on_gradients_ready", "on_update"):
-        getattr(solver, name).append(lambda name=name: seen.append((name, solver.iter)))
-    test = solver.test_nets[0].run_forward
-    solver.test_nets[0].run_forward = lambda: seen.append(("test", solver.iter)) or test()  # type: ignore[method-assign]
+    """The functions are called in the order in which Caffe's solver calls its callbacks; tests come first. The gradient
+    is cleared at the start, and complete when it is ready.
+    """
+    solver = solver_of(ONE_WEIGHT % "", "base_lr: 0 test_iter: 2 test_interval: 1")
+    seen: list[tuple[str, int, float]] = []
+    gradient = solver.net.params["ip"][0].diff
+
+    def note(what: str) -> Callable[[], None]:
+        return lambda: seen.append((what, solver.iter, gradient.item()))
+
+    solver.on_step.append(note("step"))
+    solver.add_callback(note("start"), note("ready"))
+    solver.on_update.append(note("update"))
+    test, note_test = solver.test_nets[0].run_forward, note("test")
+    solver.test_nets[0].run_forward = lambda: note_test() or test()  # type: ignore[func-returns-value, method-assign]
     solver.step(2)
     assert seen == [
-        ("on_step", 0),
-        *[("test", 0)] * 2, ("on_start", 0), ("on_gradients_ready", 0), ("on_update", 1),
-        *[("test", 1)] * 2, ("on_start", 1), ("on_gradients_ready", 1), ("on_update", 2),
+        ("step", 0, 0),
+        *[("test", 0, 0)] * 2, ("start", 0, 0), ("ready", 0, 2), ("update", 1, 2),
+        *[("test", 1, 2)] * 2, ("start", 1, 0), ("ready", 1, 2), ("update", 2, 2),
     ]
 
 
