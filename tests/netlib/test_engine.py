@@ -85,12 +85,3 @@ def test_for_each(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     assert sorted(done) == list(range(100))
     with pytest.raises(ZeroDivisionError):
         engine.for_each([1, 0], lambda divisor: done.append(1 // divisor))
-
-
-def test_a_process_of_the_plain_engine_imports_nothing_of_fast() -> None:
-    code = (
-        "import sys, netlib; net = netlib.Net('prototxt/nyu_deploy.prototxt', netlib.TEST); net.forward(); "
-        "print(net.engine.name, netlib.threads(), [m for m in sys.modules if m.split('.')[0] == 'fast'])"
-    )
-    out = run_python("-c", code, NETLIB_ENGINE="plain").out
-    assert out == "plain 1 []\n"

@@ -40,14 +40,10 @@ def test_bounds() -> None:
     assert 0.99 * bound < np.abs(filled(Filler("xavier"))).max() <= bound
 
 
-def test_fans_of_a_transposed_inner_product() -> None:
+@pytest.mark.parametrize(("shape", "fan_in"), [((100, 10), 10), ((10, 100), 100), ((5000,), 1)])
+def test_the_fan_in_is_count_by_outputs(shape: tuple[int, ...], fan_in: int) -> None:
     """The fan-in is count / shape[0], regardless of the meaning of the axes, as in Caffe."""
-    assert np.abs(filled(Filler("xavier"), (100, 10))).max() == pytest.approx(np.sqrt(3 / 10), rel=0.01)
-    assert np.abs(filled(Filler("xavier"), (10, 100))).max() == pytest.approx(np.sqrt(3 / 100), rel=0.01)
-
-
-def test_a_vector_has_a_fan_in_of_1() -> None:
-    assert np.abs(filled(Filler("xavier"), (5000,))).max() == pytest.approx(np.sqrt(3), rel=0.01)
+    assert np.abs(filled(Filler("xavier"), shape)).max() == pytest.approx(np.sqrt(3 / fan_in), rel=0.01)
 
 
 def test_sparse_gaussian() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -80,20 +79,13 @@ def layer(monkeypatch: pytest.MonkeyPatch) -> Callable[[type[Layer]], Layer]:
     return make
 
 
-def test_a_right_layer_passes(layer: Callable[[type[Layer]], Layer]) -> None:
+def test_a_right_layer_passes_and_is_as_before(layer: Callable[[type[Layer]], Layer]) -> None:
     """A layer with random noise passes, because its stream is rewound before each forward pass."""
-    gradcheck.check(layer(Right), [X])
-
-
-@pytest.mark.parametrize(("cls", "message"), [
-    (Forgets, r"Forgets: gradient of bottom 0 at \(1, 1\): backward computed nan"),
-    (Overwrites, r"Overwrites: gradient of parameter 0 at \(\d,\)"),
-    (Wrong, r"Wrong: gradient of bottom 0 at \(2, 0\): backward computed [-\d.]+, central differences give [-\d]+"),
-    (IgnoresTop, "IgnoresTop: gradient of"),
-])
-def test_a_wrong_layer_is_caught(layer: Callable[[type[Layer]], Layer], cls: Any, message: str) -> None:
-    with pytest.raises(GradientError, match=message):
-        gradcheck.check(layer(cls), [X])
+    made, x = layer(Right), X.copy()
+    gain = made.blobs[0].data.copy()
+    gradcheck.check(made, [x])
+    assert np.array_equal(x, X)
+    assert np.array_equal(made.blobs[0].data, gain)
 
 
 class Rounds(Right):
@@ -103,13 +95,16 @@ class Rounds(Right):
         top[0].data[...] = (self.blobs[0].data * bottom[0].data**2).astype(np.float32)
 
 
-@pytest.mark.parametrize(("cls", "doubt"), [
-    (Rounds, "; the tops are rounded to float32, which is too coarse for the differences: compute in the dtype of the "
-             "bottoms, float64 here"),
-    (Wrong, ""),
+@pytest.mark.parametrize(("cls", "message"), [
+    (Forgets, r"Forgets: gradient of bottom 0 at \(1, 1\): backward computed nan"),
+    (Overwrites, r"Overwrites: gradient of parameter 0 at \(\d,\)"),
+    (Wrong, r"Wrong: gradient of bottom 0 at \(2, 0\): backward computed [-\d.]+, central differences give [-\d.e]+$"),
+    (IgnoresTop, "IgnoresTop: gradient of"),
+    (Rounds, r"differences give [-\d.e]+; the tops are rounded to float32, which is too coarse for the differences: "
+             "compute in the dtype of the bottoms, float64 here$"),
 ])
-def test_a_doubt_about_the_differences(layer: Callable[[type[Layer]], Layer], cls: Any, doubt: str) -> None:
-    with pytest.raises(GradientError, match=rf"differences give [-\d.e]+{re.escape(doubt)}$"):
+def test_a_wrong_layer_is_caught(layer: Callable[[type[Layer]], Layer], cls: Any, message: str) -> None:
+    with pytest.raises(GradientError, match=message):
         gradcheck.check(layer(cls), [X])
 
 
@@ -143,11 +138,3 @@ def test_the_error_names_the_layer_and_its_class(tmp_path: Path, monkeypatch: py
 def test_bottoms_that_want_no_gradient_are_left_out(layer: Callable[[type[Layer]], Layer]) -> None:
     """A bottom without a gradient, such as labels, gets propagate_down false and is not compared."""
     gradcheck.check(layer(Right), [X], wanted=[False])
-
-
-def test_the_values_are_as_before(layer: Callable[[type[Layer]], Layer]) -> None:
-    made, x = layer(Right), X.copy()
-    gain = made.blobs[0].data.copy()
-    gradcheck.check(made, [x])
-    assert np.array_equal(x, X)
-    assert np.array_equal(made.blobs[0].data, gain)

@@ -128,39 +128,34 @@ def test_a_loss_may_go_without_a_top(net_of: MakeNet) -> None:
     assert [name for _, _, name in net.losses] == ["(automatic)"]
 
 
-@pytest.mark.parametrize(("below", "notes"), [("Sigmoid", 1), ("TanH", 1), ("ReLU", 0), ("BNLL", 0)])
+POWER = '"Power" power_param { scale: 3 }'
+VALUES = "layer 'p0' overwrites blob 's', which the gradient of layer 'r' needs: it will be wrong"
+SIGNS = "overwrites blob 'a', of which the gradient of layer 'r' needs the signs"
+
+
+@pytest.mark.parametrize(("below", "top", "behind", "warning"), [
+    ("Sigmoid", "s", [POWER], VALUES),
+    ("TanH", "s", [POWER], VALUES),
+    ("ReLU", "s", [POWER], ""),
+    ("BNLL", "s", [POWER], ""),
+    ("ReLU", "a", ['"Power" power_param { shift: -0.5 }'], SIGNS),
+    ("ReLU", "a", ['"Scale" scale_param { filler { value: -1 } }'], SIGNS),
+    ("ReLU", "a", ['"Dropout"'], ""),
+    ("ReLU", "a", ['"ReLU"', '"Dropout"'], ""),
+    ("ReLU", "a", ['"Dropout"', '"BatchNorm"'], SIGNS),
+], ids=str)
 def test_a_gradient_that_will_be_wrong_is_said(
-    net_of: MakeNet, caplog: pytest.LogCaptureFixture, below: str, notes: int
+    net_of: MakeNet, caplog: pytest.LogCaptureFixture, below: str, top: str, behind: list[str], warning: str
 ) -> None:
     """A warning reports a layer in place that overwrites a top needed by another gradient; Caffe gives none."""
-    text = X + ip("a", "x", "a") + f'layer {{ name: "s" type: "{below}" bottom: "a" top: "s" }} '
-    text += 'layer { name: "p" type: "Power" bottom: "s" top: "s" power_param { scale: 3 } } '
+    text = X + ip("a", "x", "a") + f'layer {{ name: "r" type: "{below}" bottom: "a" top: "{top}" }} '
+    for i, kind in enumerate(behind):
+        text += f'layer {{ name: "p{i}" bottom: "{top}" top: "{top}" type: {kind} }} '
     net_of(text)  # without a loss nothing runs backwards, so there is no warning
     assert caplog.messages == []
-    net_of(text + 'layer { name: "l" type: "EuclideanLoss" bottom: "s" bottom: "x" top: "l" }')
-    assert len(caplog.messages) == notes
-    if notes:
-        assert "layer 'p' overwrites blob 's', which the gradient of layer 's' needs: it will be wrong" in caplog.text
-
-
-@pytest.mark.parametrize(("behind", "notes"), [
-    (['"Power" power_param { shift: -0.5 }'], 1),
-    (['"Scale" scale_param { filler { value: -1 } }'], 1),
-    (['"Dropout"'], 0),
-    (['"ReLU"', '"Dropout"'], 0),
-    (['"Dropout"', '"BatchNorm"'], 1),
-], ids=str)
-def test_a_relu_in_place_needs_its_signs(
-    net_of: MakeNet, caplog: pytest.LogCaptureFixture, behind: list[str], notes: int
-) -> None:
-    text = X + ip("a", "x", "a") + 'layer { name: "r" type: "ReLU" bottom: "a" top: "a" } '
-    for i, kind in enumerate(behind):
-        text += f'layer {{ name: "p{i}" bottom: "a" top: "a" type: {kind} }} '
-    net_of(text)
-    assert caplog.messages == []
-    net_of(text + 'layer { name: "l" type: "EuclideanLoss" bottom: "a" bottom: "x" top: "l" }', phase=netlib.TRAIN)
-    assert len(caplog.messages) == notes
-    assert all("overwrites blob 'a', of which the gradient of layer 'r' needs the signs" in m for m in caplog.messages)
+    net_of(text + f'layer {{ name: "l" type: "EuclideanLoss" bottom: "{top}" bottom: "x" top: "l" }}')
+    assert len(caplog.messages) == bool(warning)
+    assert warning in caplog.text
 
 
 def test_two_layers_of_one_name(net_of: MakeNet, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -48,6 +48,7 @@ def test_ten_crops(make):
 
 def test_the_whole_image(make):
     classifier = make()
+    assert isinstance(classifier, caffe.Net) and classifier.phase == caffe.TEST and classifier.outputs == ["means"]
     assert tuple(classifier.image_dims) == tuple(classifier.crop_dims) == (2, 2)
     found = classifier.predict([image(4, 4)], oversample=False)
     np.testing.assert_allclose(found[0, :, 0, 0], [7.5, 100, 0], rtol=1e-6)
@@ -58,11 +59,6 @@ def test_preprocessing(make):
     found = classifier.predict([image(2, 2)], oversample=False)
     np.testing.assert_allclose(found[0, :, 0, 0], [(0 - 1) / 2, (1000 - 2) / 2, (15 - 3) / 2])
     assert list(classifier.transformer.transpose["data"]) == [2, 0, 1]
-
-
-def test_it_is_a_net(make):
-    classifier = make()
-    assert isinstance(classifier, caffe.Net) and classifier.phase == caffe.TEST and classifier.outputs == ["means"]
 
 
 OWN = """

@@ -49,10 +49,7 @@ def test_datum_and_back(dtype, back):
     found = io.datum_to_array(caffe_pb2.Datum.FromString(datum.SerializeToString()))
     assert found.dtype == back and (found == array).all()
     found[0] = 1  # the array is a writable copy
-
-
-def test_datum_without_label():
-    assert not io.array_to_datum(np.zeros((1, 1, 1))).HasField("label")
+    assert not io.array_to_datum(array).HasField("label")
 
 
 @pytest.fixture
@@ -189,46 +186,29 @@ def test_ten_crops():
 BGR = np.array([[[0, 51, 255], [255, 255, 255]]], np.uint8)  # one orange pixel, one white pixel
 RGB = [[[1, 0.2, 0], [1, 1, 1]]]
 LUMA = [[[0.2125 + 0.7154 * 0.2], [1]]]
+GRAY = [[[0], [0.2], [1]]]
 
 
-def written(path, pixels):
+@pytest.mark.parametrize(("pixels", "colour", "gray"), [
+    (BGR, RGB, LUMA),
+    (np.dstack([BGR, [[0, 128]]]).astype(np.uint8), RGB, LUMA),
+    (np.array([[0, 51, 255]], np.uint8), np.repeat(GRAY, 3, axis=2), GRAY),
+    (np.array([[0, 13107, 65535]], np.uint16), np.repeat(GRAY, 3, axis=2), GRAY),
+    (np.array([[0.25, 5]], np.float32), [[[0.25] * 3, [5] * 3]], [[[0.25], [5]]]),
+], ids=["8 bits", "alpha", "gray", "16 bits", "floats"])
+def test_images(tmp_path, pixels, colour, gray):
+    """Colour is red first in [0, 1], gray has scikit-image's weights, alpha is dropped, and floats are not scaled.
+
+    Scripts that receive images, as a web server does, pass open files and BytesIO.
+    """
+    path = tmp_path / "a.tiff"
     assert cv2.imwrite(str(path), pixels)
-    return path
-
-
-def test_colour(tmp_path):
-    """Colour is red first in [0, 1]; gray uses scikit-image's weights."""
-    path = written(tmp_path / "a.png", BGR)
-    found = io.load_image(path)
-    assert found.dtype == np.float32 and found.shape == (1, 2, 3)
-    np.testing.assert_allclose(found, RGB)
-    np.testing.assert_allclose(io.load_image(str(path), color=False), LUMA, rtol=1e-6)
-
-
-def test_alpha_is_dropped(tmp_path):
-    path = written(tmp_path / "a.png", np.dstack([BGR, [[0, 128]]]).astype(np.uint8))
-    np.testing.assert_allclose(io.load_image(path), RGB)
-    np.testing.assert_allclose(io.load_image(path, color=False), LUMA, rtol=1e-6)
-
-
-@pytest.mark.parametrize(("dtype", "most"), [(np.uint8, 255), (np.uint16, 65535)])
-def test_gray(tmp_path, dtype, most):
-    path = written(tmp_path / "a.png", np.array([[0, most // 5, most]], dtype))
-    np.testing.assert_allclose(io.load_image(path, color=False)[..., 0], [[0, 0.2, 1]], rtol=1e-6)
-    np.testing.assert_allclose(io.load_image(path), [[[0] * 3, [0.2] * 3, [1] * 3]], rtol=1e-6)
-
-
-def test_open_files(tmp_path):
-    """Scripts that receive images, as a web server does, pass open files and BytesIO."""
-    path = written(tmp_path / "a.png", BGR)
-    np.testing.assert_allclose(io.load_image(BytesIO(path.read_bytes())), RGB)
     with open(path, "rb") as file:
-        np.testing.assert_allclose(io.load_image(file), RGB)
-
-
-def test_floats_stay(tmp_path):
-    path = written(tmp_path / "a.tiff", np.array([[0.25, 0.5]], np.float32))
-    assert io.load_image(path, color=False)[..., 0].tolist() == [[0.25, 0.5]]
+        for source in (path, file, BytesIO(path.read_bytes())):
+            found = io.load_image(source)
+            assert found.dtype == np.float32
+            np.testing.assert_allclose(found, colour, rtol=1e-6)
+    np.testing.assert_allclose(io.load_image(str(path), color=False), gray, rtol=1e-6)
 
 
 def test_names_of_other_packages(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -48,18 +48,14 @@ def test_invalid(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_every_node_keeps_its_place() -> None:
-    tree = prototxt.parse('a: 1\n  b {\n\tc:   "x"  }', "f")
-    a, b = tree.fields
+    tree = prototxt.parse('a: 1\n  b {\n\tc:   "x"  }\nd: [1,\n 2]', "f")
+    a, b, *elements = tree.fields
     assert isinstance(b.value, Message)
     [c] = b.value.fields
     assert isinstance(c.value, Scalar)
     places = [a.position, b.position, b.value.position, c.position, c.value.position]
     assert [str(p) for p in places] == ["f:1:1", "f:2:3", "f:2:5", "f:3:2", "f:3:7"]
-
-
-def test_the_elements_of_a_list_have_places_of_their_own() -> None:
-    tree = prototxt.parse("dim: [1,\n 2]", "f")
-    assert [str(f.position) for f in tree.fields] == ["f:1:7", "f:2:2"]
+    assert [str(element.position) for element in elements] == ["f:4:5", "f:5:2"]
 
 
 @pytest.mark.parametrize(("content", "message"), [
