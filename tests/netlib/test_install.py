@@ -117,10 +117,11 @@ def test_a_script_as_it_is(tmp_path: Path) -> None:
     """``python -m netlib.caffe script.py argument`` runs the script with its own folder, arguments and ``__main__``."""
     (tmp_path / "scripts").mkdir()
     (tmp_path / "scripts" / "helper.py").write_text("x = 7")
-    code = "import sys, caffe, helper\nif __name__ == '__main__': print(caffe.TEST, helper.x, sys.argv)\nsys.exit(3)"
+    code = "import sys, caffe, helper\nif __name__ == '__main__': print(caffe.TEST, helper.x, sys.argv, sys.path[0])\n"
+    code += "sys.exit(3)"
     (tmp_path / "scripts" / "script.py").write_text(code)
     for arguments, status, out in (
-        (["scripts/script.py", "a", "-b"], 3, "1 7 ['scripts/script.py', 'a', '-b']"),
+        (["scripts/script.py", "a", "-b"], 3, f"1 7 ['scripts/script.py', 'a', '-b'] {tmp_path}/scripts"),
         (["none.py"], 1, ""),
         (["scripts"], 1, ""),
     ):

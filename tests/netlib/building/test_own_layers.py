@@ -70,6 +70,7 @@ class Stranger:
 class Gain(Square):
     def setup(self, bottom, top):
         super().setup(bottom, top)
+        assert self.param_str_ == self.param_str  # its name in early 2015, which layers such as Fast R-CNN's read
         self.blobs.add_blob(1)
         self.blobs[0].data[...] = 1
 
@@ -83,9 +84,12 @@ class Gain(Square):
 """
 
 
+def text_with(layer: str) -> prototxt.Message:
+    return prototxt.parse("force_backward: true " + inputs(x=(3,)) + layer, "f")
+
+
 def net_with(layer: str) -> netlib.Net:
-    text = "force_backward: true " + inputs(x=(3,))
-    return netlib.Net(prototxt.parse(text + layer, "f"), netlib.TRAIN)
+    return netlib.Net(text_with(layer), netlib.TRAIN)
 
 
 def python(name: str, module: str = "squares", more: str = "") -> str:
@@ -94,13 +98,22 @@ def python(name: str, module: str = "squares", more: str = "") -> str:
 
 
 @pytest.fixture
-def squares(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "squares.py").write_text(SQUARE)
-    (tmp_path / "nonsense.py").write_text("def")
-    (tmp_path / "lacking.py").write_text("import easydict.nowhere")
+def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str, str], None]:
+    """``module(name, code)``: a module in the working directory."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.delitem(sys.modules, "squares", raising=False)
+
+    def write(name: str, code: str) -> None:
+        Path(f"{name}.py").write_text(code)
+        monkeypatch.delitem(sys.modules, name, raising=False)
+        importlib.invalidate_caches()
+
+    return write
+
+
+@pytest.fixture
+def squares(module: Callable[[str, str], None]) -> None:
+    module("squares", SQUARE)
 
 
 def test_a_python_layer(squares: None) -> None:
@@ -113,15 +126,8 @@ def test_a_python_layer(squares: None) -> None:
     assert netlib.Net(text_with(python("Gain")), netlib.TEST).forward()["y"].tolist() == [1, 1, 1]
 
 
-def test_the_old_name_of_param_str(tmp_path: Path, squares: None) -> None:
-    """Layers written for the Caffe of early 2015, such as those of Fast R-CNN, read ``param_str_``."""
-    (tmp_path / "old.py").write_text(SQUARE.replace("self.param_str", "self.param_str_"))
-    net = net_with(python("Square", "old", more='param_str: "3"'))
-    assert net.forward(x=np.array([1, 2, 3]))["y"].tolist() == [3, 12, 27]
-
-
-def test_a_python_layer_may_derive_from_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "steeper.py").write_text("""
+def test_a_python_layer_may_derive_from_ours(module: Callable[[str, str], None]) -> None:
+    module("steeper", """
 from layers.activation.tanh import TanH
 
 class Steeper(TanH):
@@ -129,7 +135,6 @@ class Steeper(TanH):
         super().forward(bottom, top)
         top[0].data[...] *= 2
 """)
-    monkeypatch.syspath_prepend(tmp_path)
     net = net_with(python("Steeper", "steeper"))
     assert np.allclose(net.forward(x=np.array([0, 1, -2]))["y"], 2 * np.tanh([0, 1, -2]))
 
@@ -155,8 +160,8 @@ BESIDE = "it must lie in the working directory or on PYTHONPATH"
     "no layer": (python("Stranger"), "f:1:187: error: layer 'own': squares.Stranger is not a subclass of ..."),
     "module": (python("Square", module="missing"),
                f"f:1:169: error: layer 'own': cannot import 'missing' (ModuleNotFoundError: ...); {BESIDE}"),
-    "no Python": (python("Square", module="nonsense"), "f:1:169: error: layer 'own': cannot import 'nonsense' "
-                  "(SyntaxError: ... (nonsense.py, line 1))"),
+    "no Python": (("def", python("Square", module="old")), "f:1:169: error: layer 'own': cannot import 'old' "
+                  "(SyntaxError: ... (old.py, line 1))"),
     **{f"Python 2: {line}": (
         (line, python("Square", module="old")),
         f"f:1:169: error: layer 'own': cannot import 'old' (...); it was written for Python 2: {advice} (docs/...)"
@@ -166,8 +171,10 @@ BESIDE = "it must lie in the working directory or on PYTHONPATH"
                         "convert it to Python 3"),
         "import cPickle": "cPickle is now pickle", "from StringIO import StringIO": "StringIO is now io",
     }.items()},
-    "no package": (python("Square", module="lacking"), "f:1:169: error: layer 'own': cannot import 'lacking' "
-                   "(ModuleNotFoundError: ...); install the package that has 'easydict', or put it on PYTHONPATH"),
+    "no package": (
+        ("import easydict.nowhere", python("Square", module="old")), "f:1:169: error: layer 'own': cannot import 'old' "
+        "(ModuleNotFoundError: ...); install the package that has 'easydict', or put it on PYTHONPATH"
+    ),
     **{repr(name): (python("Square", name), f"f:1:169: error: layer 'own': cannot import '{name}' (...)...")
        for name in ("", ".", ".squares", "squares.", "a..b", "../squares", "sys.path")},
     "null": (python("Square", "\\000"), r"f:1:169: error: layer 'own': cannot import '\x00' (...)..."),
@@ -178,12 +185,10 @@ BESIDE = "it must lie in the working directory or on PYTHONPATH"
     "no class": (python("").replace('layer: ""', ""), "f:1:...: error: missing required field 'layer' in python_param"),
 })
 def test_a_python_layer_that_is_not_there(
-    squares: None, tmp_path: Path, given: str | tuple[str, str], rejected: Any
+    squares: None, module: Callable[[str, str], None], given: str | tuple[str, str], rejected: Any
 ) -> None:
     content, text = given if isinstance(given, tuple) else ("", given)
-    (tmp_path / "old.py").write_text(content)
-    sys.modules.pop("old", None)
-    importlib.invalidate_caches()
+    module("old", content)
     with rejected:
         net_with(text)
 
@@ -191,17 +196,17 @@ def test_a_python_layer_that_is_not_there(
 REFUSED = r"^f:1:\d+: error: layer 'own' is of type 'Python', which executes code of the net's author"
 
 
-def text_with(layer: str) -> prototxt.Message:
-    return prototxt.parse('layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 } } } ' + layer, "f")
+OTHER_PHASE = python("Square").replace('name: "own"', 'name: "own" include { phase: TEST }')
 
 
 @pytest.mark.parametrize("make", [netlib.Net, caffe.Net])
 def test_a_net_without_python_layers(squares: None, make: type[netlib.Net]) -> None:
     """``python_layers=False`` rejects a net with a Python layer before any layer is built; other nets load."""
-    with pytest.raises(netlib.PrototxtError, match=REFUSED):
-        make(text_with(python("Square")), netlib.TRAIN, python_layers=False)
+    for text, phase in ((python("Square"), netlib.TRAIN), (OTHER_PHASE, netlib.TEST)):
+        with pytest.raises(netlib.PrototxtError, match=REFUSED):
+            make(text_with(text), phase, python_layers=False)
     assert "squares" not in sys.modules
-    assert make(text_with(""), netlib.TRAIN, python_layers=False).inputs == ["x"]
+    assert make(text_with(OTHER_PHASE), netlib.TRAIN, python_layers=False).inputs == ["x"]
     assert make(text_with(python("Square")), netlib.TRAIN).outputs == ["y"]
 
 
@@ -213,13 +218,6 @@ def test_a_solver_without_python_layers(squares: None, make: Callable[..., objec
         make("solver.prototxt", python_layers=False)
     assert "squares" not in sys.modules
     make("solver.prototxt")
-
-
-def test_a_layer_that_the_net_does_not_have(squares: None) -> None:
-    other = python("Square").replace('name: "own"', 'name: "own" include { phase: TEST }')
-    netlib.Net(text_with(other), netlib.TRAIN, python_layers=False)
-    with pytest.raises(netlib.PrototxtError, match="'own' is of type 'Python'"):
-        netlib.Net(text_with(other), netlib.TEST, python_layers=False)
 
 
 def test_a_process_without_python_layers(squares: None) -> None:
@@ -270,8 +268,8 @@ IP = 'layer { name: "ip" type: "InnerProduct" bottom: "x" top: "x1" inner_produc
 LOSS = 'layer { name: "sum" type: "Reduction" bottom: "y" top: "loss" loss_weight: 1 }'
 
 
-def trained_net(name: str, phase: int, module: str, below: str = IP, more: str = "") -> netlib.Net:
-    own = python(name, module).replace("type:", f"{more} type:")
+def trained_net(name: str, phase: int, below: str = IP, more: str = "") -> netlib.Net:
+    own = python(name, "lacking").replace("type:", f"{more} type:")
     own = own.replace('bottom: "x"', 'bottom: "x1"') if below else own
     return netlib.Net(prototxt.parse(inputs(x=(2, 3)) + below + "\n" + own + LOSS, "f"), phase)
 
@@ -282,32 +280,29 @@ def trained_net(name: str, phase: int, module: str, below: str = IP, more: str =
     (ABSENT + TRAINED, "Gain", "", "define it, or set propagate_down: false for each bottom"),
 ], ids=["a typo", "no method", "a parameter of its own"])
 def test_a_layer_without_backward_cannot_be_trained(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str, name: str, below: str, advice: str
+    module: Callable[[str, str], None], code: str, name: str, below: str, advice: str
 ) -> None:
-    module = f"lacking_{name.lower()}_{'typo' if code is TYPO else 'none'}"
-    (tmp_path / f"{module}.py").write_text(code)
-    monkeypatch.syspath_prepend(tmp_path)
+    module("lacking", code)
     with pytest.raises(netlib.LayerError) as error:
-        trained_net(name, netlib.TRAIN, module, below)
+        trained_net(name, netlib.TRAIN, below)
     assert str(error.value) == (
-        f"f:2:7: error: layer 'own': class {module}.{name} defines no backward, so nothing before this layer would be "
+        f"f:2:7: error: layer 'own': class lacking.{name} defines no backward, so nothing before this layer would be "
         f"trained, and none of its own parameters; {advice}")
-    net = trained_net(name, netlib.TEST, module, below)
+    net = trained_net(name, netlib.TEST, below)
     net.forward(x=np.ones((2, 3)))
     with pytest.raises(netlib.LayerError, match="defines no backward"):
         net.backward()
 
 
-def test_a_layer_without_backward_where_no_gradient_passes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "metric.py").write_text(ABSENT)
-    monkeypatch.syspath_prepend(tmp_path)
+def test_a_layer_without_backward_where_no_gradient_passes(module: Callable[[str, str], None]) -> None:
+    module("lacking", ABSENT)
     for below, more in (("", ""), (IP, "propagate_down: false")):
-        net = trained_net("Square", netlib.TRAIN, "metric", below, more)
+        net = trained_net("Square", netlib.TRAIN, below, more)
         net.forward(x=np.ones((2, 3)))
         net.backward()
 
 
-UNWRITTEN = SQUARE[: SQUARE.index("    def backward(")] + """
+UNWRITTEN = ABSENT + """
     def backward(self, top, propagate_down, bottom):
         %s
 """
@@ -320,12 +315,9 @@ UNWRITTEN = SQUARE[: SQUARE.index("    def backward(")] + """
     ("bottom[0].diff[...] = 0 * top[0].diff", [0, 0, 0], ""),
 ], ids=["nothing", "a part", "adds", "zeros"])
 def test_a_diff_that_backward_does_not_write_is_zero_and_reported_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, body: str,
-    gradient: list[float], warning: str,
+    module: Callable[[str, str], None], caplog: pytest.LogCaptureFixture, body: str, gradient: list[float], warning: str
 ) -> None:
-    (tmp_path / "unwritten.py").write_text(UNWRITTEN % body)
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.delitem(sys.modules, "unwritten", raising=False)
+    module("unwritten", UNWRITTEN % body)
     net = net_with(python("Square", "unwritten"))
     for number in range(3):
         net.forward(x=np.ones(3))

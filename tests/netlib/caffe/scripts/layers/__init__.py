@@ -1,1 +1,0 @@
-from layers.conv import ConvLayer
