@@ -133,6 +133,7 @@ def test_calls_that_are_refused(given, rejected):
 def test_classes_of_errors():
     """The errors are of this project's class, and of the classes that scripts for pycaffe catch."""
     assert all(issubclass(cls, NetlibError) for cls in (AxisMismatchException, UnconnectedError, UndefinedMapException))
+    assert issubclass(NetlibError, RuntimeError)
     assert issubclass(ShapeError, ValueError) and issubclass(draw.RuleError, ValueError)
     assert issubclass(CropError, AssertionError) and issubclass(NotATopError, TypeError)
     assert issubclass(UnknownNameError, AttributeError) and issubclass(UnknownNameError, KeyError)

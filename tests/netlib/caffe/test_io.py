@@ -25,7 +25,6 @@ def test_blobproto_and_back():
 
 
 @pytest.mark.parametrize(("blob", "array"), [
-    (caffe_pb2.BlobProto(num=1, channels=2, height=1, width=2, data=[1, 2, 3, 4]), [[[[1, 2]], [[3, 4]]]]),  # old
     (caffe_pb2.BlobProto(double_data=[0.1, 0.2], shape={"dim": [2]}), [0.1, 0.2]),  # which pycaffe ignores
     (caffe_pb2.BlobProto(data=[7]), 7),
 ])

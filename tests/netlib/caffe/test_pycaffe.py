@@ -201,11 +201,6 @@ def test_constructors(net: pycaffe.Net, args: tuple[tuple[object, ...], dict[str
     assert np.array_equal(made.params["a"][0].data, net.params["a"][0].data)
 
 
-def test_a_file_that_is_not_there_is_a_runtime_error() -> None:
-    with pytest.raises(RuntimeError, match=r"nothing\.prototxt: cannot read the prototxt"):
-        pycaffe.Net("nothing.prototxt", netlib.TEST)
-
-
 def test_forward_and_backward_return_what_pycaffes_do(net: pycaffe.Net) -> None:
     """forward returns the outputs or the tops of ``end``; backward the diffs of inputs or of the bottoms of ``end``."""
     assert set(net.forward(x=X)) == {"l", "y"}

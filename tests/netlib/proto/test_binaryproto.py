@@ -37,14 +37,10 @@ def test_a_mean_image_is_written_as_caffe_writes_it(tmp_path: Path) -> None:
     assert (blob.num, blob.channels, blob.height, blob.width, blob.HasField("shape")) == (1, 3, 2, 4, False)
 
 
-def test_a_blob_older_than_shapes_has_four_axes() -> None:
-    array = binaryproto.array_of(proto("num: 1 channels: 2 height: 1 width: 3 data: [1, 2, 3, 4, 5, 6]"))
-    assert array.shape == (1, 2, 1, 3)
-
-
-def test_a_blob_with_four_axes_and_a_shape() -> None:
-    """If both are given, the four axes take precedence over the shape, as in Caffe and in pycaffe's io."""
-    text = "num: 1 channels: 1 height: 2 width: 3 shape { dim: 6 } data: [1, 2, 3, 4, 5, 6]"
+@pytest.mark.parametrize("shape", ["", "shape { dim: 6 }"])
+def test_four_axes_take_precedence_over_a_shape(shape: str) -> None:
+    """As in Caffe and in pycaffe's io; blobs of before 2015 have no shape."""
+    text = f"num: 1 channels: 1 height: 2 width: 3 {shape} data: [1, 2, 3, 4, 5, 6]"
     blob = text_format.Parse(text, caffe_pb2.BlobProto())
     assert binaryproto.array_of(proto(text)).shape == io.blobproto_to_array(blob).shape == (1, 1, 2, 3)
 

@@ -65,8 +65,9 @@ def test_every_number_is_that_of_caffe() -> None:
         assert own[message] == fields, message
 
 
-def test_every_options_block_is_the_message_that_its_name_says() -> None:
+def test_every_options_block_has_a_number_and_is_the_message_that_its_name_says() -> None:
     """The class of each options block is named after it: ``lrn_param`` is an LRNParameter."""
+    assert option_blocks().keys() == messages.BLOCKS.keys()
     called = {"transform_param": "transformation", "norm_param": "normalize"}
     for block, cls in option_blocks().items():
         name = called.get(block, block.removesuffix("_param").replace("_", ""))

@@ -121,9 +121,3 @@ def test_any_text_is_read_or_refused_in_one_line(text: str) -> None:
         assert len(str(error).splitlines()) == 1
     else:
         assert prototxt.parse(str(tree)) == tree
-
-
-def test_a_list_of_messages_needs_no_colon() -> None:
-    """A list of messages needs no colon, as in protobuf; a list of scalars does."""
-    tree = prototxt.parse("m [{ x: 1 }, { x: 2 }]")
-    assert [str(f.value) for f in tree.fields] == ["x: 1\n", "x: 2\n"]

@@ -14,7 +14,6 @@ from netlib.caffe.proto import caffe_pb2
 from netlib.errors import NetlibError, WireError
 from netlib.proto import messages, prototxt, schema, upgrade, wire
 from netlib.proto.messages import BlobProto, Datum, LayerParameter, SolverParameter, SolverState
-from netlib.proto.options import option_blocks
 from tests.support.bad_input import bad_inputs
 
 
@@ -76,10 +75,6 @@ def test_later_values_count_and_parts_of_messages_are_merged() -> None:
     data = b"\xda\x07\x05\x0d" + struct.pack("<f", 0.5) + b"\xda\x07\x02\x10\x01"
     layer = schema.read(wire.decode(data, LayerParameter), LayerParameter)
     assert str(layer.blocks["relu_param"]) == "negative_slope: 0.5\nengine: 1\n"
-
-
-def test_every_options_block_has_a_number() -> None:
-    assert set(option_blocks()) == set(messages.BLOCKS)
 
 
 @bad_inputs(WireError, {

@@ -200,10 +200,7 @@ def test_files_of_another_kind(
     {"iter": np.zeros(1, int), "history/0": np.zeros(3), "learned_net": np.zeros(2)},
 ], ids=str)
 def test_the_right_groups_with_nonsense_in_them(net: netlib.Net, tmp_path: Path, structure: dict[str, Any]) -> None:
-    path = tmp_path / "x.h5"
-    with h5py.File(path, "w") as file:
-        for name, value in structure.items():
-            file[name] = value
+    path = write_hdf5(tmp_path / "x.h5", **structure)
     try:
         snapshot.read_state(path) if "iter" in str(structure) else net.copy_from(path)
     except netlib.WeightsError as error:
