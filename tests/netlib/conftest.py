@@ -1,8 +1,10 @@
-"""Solvers from text."""
+"""Solvers from text, and modules of Python layers."""
 
 from __future__ import annotations
 
+import importlib
 import shutil
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +14,7 @@ import netlib
 
 MakeNet = Callable[..., netlib.Net]
 MakeSolver = Callable[..., netlib.Solver]
+MakeModule = Callable[[str, str], None]
 RECORDINGS = Path(__file__).resolve().parents[1] / "caffe" / "solvers"
 
 
@@ -52,3 +55,17 @@ def solver_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> MakeSolver:
         return netlib.get_solver("solver.prototxt", seed)
 
     return make
+
+
+@pytest.fixture
+def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> MakeModule:
+    """``module(name, code)`` writes a module to the working directory, from which it can be imported."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def write(name: str, code: str) -> None:
+        Path(f"{name}.py").write_text(code)
+        monkeypatch.delitem(sys.modules, name, raising=False)
+        importlib.invalidate_caches()
+
+    return write

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from netlib.blob import Blobs
 from netlib.fillers import Filler
 from netlib.gradcheck import GradientError
 from netlib.layer import Layer
+from tests.netlib.conftest import MakeModule
 
 pytestmark = pytest.mark.both_engines
 
@@ -120,11 +120,10 @@ def test_a_kink(value: float, text: str) -> None:
         gradcheck.check(gradcheck.make_layer(text, x), x, wanted=[True, False][: len(x)])
 
 
-def test_the_error_names_the_layer_and_its_class(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_error_names_the_layer_and_its_class(module: MakeModule) -> None:
     """A layer of a user has the type Python, so its name and class are given."""
-    monkeypatch.syspath_prepend(tmp_path)
-    (tmp_path / "own_wrong.py").write_text(
-        "import netlib\n\n\nclass Wrong(netlib.Layer):\n"
+    module(
+        "own_wrong", "import netlib\n\n\nclass Wrong(netlib.Layer):\n"
         "    def reshape(self, bottom, top):\n        top[0].reshape(*bottom[0].shape)\n\n"
         "    def forward(self, bottom, top):\n        top[0].data[...] = bottom[0].data\n\n"
         "    def backward(self, top, propagate_down, bottom):\n        bottom[0].diff[...] = 2 * top[0].diff\n"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +14,7 @@ import netlib
 from netlib import caffe
 from netlib.building import python_layer
 from netlib.proto import prototxt
+from tests.netlib.conftest import MakeModule
 from tests.support.bad_input import bad_inputs
 from tests.support.nets import inputs
 
@@ -98,21 +98,7 @@ def python(name: str, module: str = "squares", more: str = "") -> str:
 
 
 @pytest.fixture
-def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str, str], None]:
-    """``module(name, code)``: a module in the working directory."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(tmp_path)
-
-    def write(name: str, code: str) -> None:
-        Path(f"{name}.py").write_text(code)
-        monkeypatch.delitem(sys.modules, name, raising=False)
-        importlib.invalidate_caches()
-
-    return write
-
-
-@pytest.fixture
-def squares(module: Callable[[str, str], None]) -> None:
+def squares(module: MakeModule) -> None:
     module("squares", SQUARE)
 
 
@@ -126,7 +112,7 @@ def test_a_python_layer(squares: None) -> None:
     assert netlib.Net(text_with(python("Gain")), netlib.TEST).forward()["y"].tolist() == [1, 1, 1]
 
 
-def test_a_python_layer_may_derive_from_ours(module: Callable[[str, str], None]) -> None:
+def test_a_python_layer_may_derive_from_ours(module: MakeModule) -> None:
     module("steeper", """
 from layers.activation.tanh import TanH
 
@@ -185,7 +171,7 @@ BESIDE = "it must lie in the working directory or on PYTHONPATH"
     "no class": (python("").replace('layer: ""', ""), "f:1:...: error: missing required field 'layer' in python_param"),
 })
 def test_a_python_layer_that_is_not_there(
-    squares: None, module: Callable[[str, str], None], given: str | tuple[str, str], rejected: Any
+    squares: None, module: MakeModule, given: str | tuple[str, str], rejected: Any
 ) -> None:
     content, text = given if isinstance(given, tuple) else ("", given)
     module("old", content)
@@ -280,7 +266,7 @@ def trained_net(name: str, phase: int, below: str = IP, more: str = "") -> netli
     (ABSENT + TRAINED, "Gain", "", "define it, or set propagate_down: false for each bottom"),
 ], ids=["a typo", "no method", "a parameter of its own"])
 def test_a_layer_without_backward_cannot_be_trained(
-    module: Callable[[str, str], None], code: str, name: str, below: str, advice: str
+    module: MakeModule, code: str, name: str, below: str, advice: str
 ) -> None:
     module("lacking", code)
     with pytest.raises(netlib.LayerError) as error:
@@ -294,7 +280,7 @@ def test_a_layer_without_backward_cannot_be_trained(
         net.backward()
 
 
-def test_a_layer_without_backward_where_no_gradient_passes(module: Callable[[str, str], None]) -> None:
+def test_a_layer_without_backward_where_no_gradient_passes(module: MakeModule) -> None:
     module("lacking", ABSENT)
     for below, more in (("", ""), (IP, "propagate_down: false")):
         net = trained_net("Square", netlib.TRAIN, below, more)
@@ -315,7 +301,7 @@ UNWRITTEN = ABSENT + """
     ("bottom[0].diff[...] = 0 * top[0].diff", [0, 0, 0], ""),
 ], ids=["nothing", "a part", "adds", "zeros"])
 def test_a_diff_that_backward_does_not_write_is_zero_and_reported_once(
-    module: Callable[[str, str], None], caplog: pytest.LogCaptureFixture, body: str, gradient: list[float], warning: str
+    module: MakeModule, caplog: pytest.LogCaptureFixture, body: str, gradient: list[float], warning: str
 ) -> None:
     module("unwritten", UNWRITTEN % body)
     net = net_with(python("Square", "unwritten"))

@@ -77,7 +77,4 @@ def test_crop_makes_the_layer(data):
     assert made.fn.type_name == "Crop" and made.fn.inputs == (up, data)
     assert made.fn.params == {"crop_param": {"axis": 2, "offset": [19]}}
     assert list(made.to_proto().layer[-1].crop_param.offset) == [19]
-
-
-def test_crop_of_tops_that_lie_alike(data):
     assert crop(L.ReLU(data), data).fn.params == {"crop_param": {"axis": 2, "offset": [0]}}

@@ -18,6 +18,7 @@ from netlib.caffe import _caffe, pycaffe
 from netlib.distributed import ranks
 from netlib.distributed.ranks import Ranks
 from netlib.errors import NetlibError, PrototxtError, warn_once
+from tests.netlib.conftest import MakeModule
 from tests.support.bad_input import bad_inputs
 from tests.support.nets import inputs
 
@@ -165,13 +166,12 @@ def assert_classes_of(net: pycaffe.Net, cls: type = caffe.Net) -> None:
     assert all(isinstance(layer, caffe.Layer) for layer in [*net.layers, *net.layer_dict.values()])
 
 
-def test_classes_are_pycaffes_by_identity(work: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_classes_are_pycaffes_by_identity(work: Path, module: MakeModule) -> None:
     """Scripts compare them by ``type(x) is caffe._caffe.BlobVec``: in a net, a solver's nets and a Python layer.
 
     get_solver uses the file's type; a solver class uses its own update rule regardless of it.
     """
-    monkeypatch.syspath_prepend(work)
-    (work / "twice.py").write_text(LAYER)
+    module("twice", LAYER)
     (work / "net.prototxt").write_text(CONVOLUTIONS)
     assert_classes_of(caffe.Net("net.prototxt", caffe.TEST))
     assert_classes_of(caffe.Classifier("net.prototxt", None), caffe.Classifier)

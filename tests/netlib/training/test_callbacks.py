@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
-from tests.netlib.conftest import ONE_WEIGHT, MakeSolver
+from tests.netlib.conftest import ONE_WEIGHT, MakeModule, MakeSolver
 
 
 def test_the_order_of_an_iteration(solver_of: MakeSolver) -> None:
@@ -73,10 +72,9 @@ SILENCED = 'layer { name: "end" type: "Silence" bottom: "y" bottom: "t" }'
     (SILENCED, "its outputs: none"),
 ], ids=["a Python layer", "a layer named loss", "a single number", "no output"])
 def test_a_net_without_a_loss_is_reported_once(
-    solver_of: MakeSolver, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, end: str, advice: str
+    solver_of: MakeSolver, module: MakeModule, caplog: pytest.LogCaptureFixture, end: str, advice: str
 ) -> None:
-    Path("half_square.py").write_text(HALF_SQUARE)
-    monkeypatch.syspath_prepend(Path.cwd())
+    module("half_square", HALF_SQUARE)
     solver = solver_of(NO_LOSS % "" + end)
     for _ in range(5):
         solver.step(1)
@@ -89,11 +87,9 @@ def test_a_net_without_a_loss_is_reported_once(
     ("", ["top 'penalty' of layer 'penalty_loss' looks like a loss, but has no loss_weight; it is ignored"]),
 ])
 def test_a_python_loss_beside_another_needs_a_weight(
-    solver_of: MakeSolver, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, given: str,
-    messages: list[str],
+    solver_of: MakeSolver, module: MakeModule, caplog: pytest.LogCaptureFixture, given: str, messages: list[str]
 ) -> None:
-    Path("half_square.py").write_text(HALF_SQUARE)
-    monkeypatch.syspath_prepend(Path.cwd())
+    module("half_square", HALF_SQUARE)
     second = (PYTHON_LOSS % given).replace('"half"', '"penalty_loss"').replace('"distance"', '"penalty"')
     solver_of(ONE_WEIGHT % "" + second).step(5)
     assert caplog.messages == messages

@@ -173,21 +173,25 @@ WITH_TESTS: dict[str, Any] = {
 }
 
 
+def interrupt(solver: netlib.Solver, net: netlib.Net, happens: Callable[[], object]) -> None:
+    """Call ``happens`` before the second batch of a net in iteration 8."""
+    run, batches = net.run_forward, list[int]()
+
+    def interrupted() -> float:
+        batches.append(solver.iter)
+        if batches.count(8) == 2:
+            happens()
+        return run()
+
+    net.run_forward = interrupted  # type: ignore[method-assign]
+
+
 def test_a_stop_within_a_test_resumes_exactly(older: Path) -> None:
     """A test that was stopped is repeated from the same row, so the results equal those of an uninterrupted run."""
     whole = netlib.get_solver("solver.prototxt", **WITH_TESTS)
     assert whole.solve()
     broken = netlib.get_solver("solver.prototxt", **WITH_TESTS)
-    [net] = broken.test_nets
-    run, batches = net.run_forward, list[int]()
-
-    def stopping() -> float:
-        batches.append(broken.iter)
-        if batches.count(8) == 2:  # in the second batch of the test at iteration 8
-            broken.requested = "stop"
-        return run()
-
-    net.run_forward = stopping  # type: ignore[method-assign]
+    interrupt(broken, broken.test_nets[0], lambda: setattr(broken, "requested", "stop"))
     assert not broken.solve()
     resumed = netlib.get_solver("solver.prototxt", seed=99, **WITH_TESTS)
     assert resumed.solve("run_iter_8.solverstate.h5")
@@ -214,16 +218,7 @@ def test_data_that_are_cut_on_the_way(older: Path, within: str) -> None:
     assert whole.solve()
     broken = netlib.get_solver("solver.prototxt", iter_size=2, snapshot_after_train=within == "a test", **WITH_TESTS)
     net = broken.net if within == "training" else broken.test_nets[0]
-    run, batches = net.run_forward, list[int]()
-
-    def cutting() -> float:
-        batches.append(broken.iter)
-        if batches.count(8) == 2:
-            for name in ROWS:
-                os.truncate(name, 100)
-        return run()
-
-    net.run_forward = cutting  # type: ignore[method-assign]
+    interrupt(broken, net, lambda: [os.truncate(name, 100) for name in ROWS])
     with pytest.raises(netlib.DataError, match=r"train[01]\.h5: was cut to 100 of \d+ bytes while in use"):
         broken.solve()
     copy_rows()
