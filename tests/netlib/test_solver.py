@@ -302,7 +302,7 @@ def test_n_updates_resume_n_more_equal_2n(
     a new solver, and in the same one, which goes back.
     """
     options = RULES[rule] + (
-        ' base_lr: 0.01 lr_policy: "step" stepsize: 5 gamma: 0.5 weight_decay: 0.01 average_loss: 3 iter_size: 2'
+        ' base_lr: 0.01 lr_policy: "step" stepsize: 5 gamma: 0.5 weight_decay: 0.01 average_loss: 9 iter_size: 2'
         " test_iter: 1 test_interval: 3"
     )
     whole = solver_of(RANDOM, options)
@@ -313,7 +313,7 @@ def test_n_updates_resume_n_more_equal_2n(
     caplog.set_level("INFO", "netlib")
     for resumed in (solver_of(RANDOM, options), whole):
         resumed.restore(state)
-        assert resumed.iter == 7
+        assert resumed.iter == len(resumed.smoothed) == 7
         resumed.step(7)
         assert resumed.iter == 14
         assert (everything(resumed), resumed.test(0)["loss"][0]) == wanted
@@ -413,13 +413,6 @@ def test_a_nan_behind_finite_weights_names_the_top(solver_of: MakeSolver) -> Non
         pytest.raises(netlib.DivergenceError, match=r"the loss is nan; .* in top blob 'logy' of layer 'log'"),
         np.errstate(all="ignore"),
     ):
-        solver.step(1)
-
-
-def test_a_nan_weight_is_named(solver_of: MakeSolver) -> None:
-    solver = solver_of((ONE_WEIGHT % "").replace("bias_term: false", ""))
-    solver.net.params["ip"][1].data[...] = np.nan
-    with pytest.raises(netlib.DivergenceError, match=r"the loss is nan; .* in parameter 1 of layer 'ip'"):
         solver.step(1)
 
 

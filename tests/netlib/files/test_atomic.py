@@ -55,10 +55,9 @@ def test_text_of(tmp_path: Path) -> None:
 def test_a_folder_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     monkeypatch.chdir(tmp_path)
     Path("folder").mkdir()
-    with pytest.raises(OSError, match=r"Is a directory.*'"):
-        atomic.replace_bytes(Path(name), b"1")
-    with pytest.raises(OSError, match=r"Is a directory.*'"):
-        atomic.replace_text(Path(name), "1")
+    for write, content in ((atomic.replace_bytes, b"1"), (atomic.replace_text, "1")):
+        with pytest.raises(OSError, match=f"Is a directory: '{re.escape(str(Path(name)))}'$"):
+            write(Path(name), content)
     assert [path.name for path in tmp_path.iterdir()] == ["folder"]
 
 

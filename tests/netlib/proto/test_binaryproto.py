@@ -37,12 +37,12 @@ def test_a_mean_image_is_written_as_caffe_writes_it(tmp_path: Path) -> None:
     assert (blob.num, blob.channels, blob.height, blob.width, blob.HasField("shape")) == (1, 3, 2, 4, False)
 
 
-@pytest.mark.parametrize("shape", ["", "shape { dim: 6 }"])
+@pytest.mark.parametrize("shape", ["", "shape { dim: 24 }"])
 def test_four_axes_take_precedence_over_a_shape(shape: str) -> None:
     """As in Caffe and in pycaffe's io; blobs of before 2015 have no shape."""
-    text = f"num: 1 channels: 1 height: 2 width: 3 {shape} data: [1, 2, 3, 4, 5, 6]"
+    text = f"num: 1 channels: 2 height: 3 width: 4 {shape} data: {list(range(24))}"
     blob = text_format.Parse(text, caffe_pb2.BlobProto())
-    assert binaryproto.array_of(proto(text)).shape == io.blobproto_to_array(blob).shape == (1, 1, 2, 3)
+    assert binaryproto.array_of(proto(text)).shape == io.blobproto_to_array(blob).shape == (1, 2, 3, 4)
 
 
 @pytest.mark.parametrize(("kind", "written", "read"), [
