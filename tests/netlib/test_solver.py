@@ -78,18 +78,6 @@ def test_one_update_by_hand(solver_of: MakeSolver, param: str, options: str, exp
     assert solver.iter == 1
 
 
-def test_the_loss_is_the_mean_over_iter_size_and_average_loss(solver_of: MakeSolver) -> None:
-    """The loss averages over iter_size batches; the displayed loss averages over the last iterations."""
-    solver = solver_of(ONE_WEIGHT % "", "base_lr: 0 iter_size: 4 average_loss: 3")
-    solver.step(2)
-    assert list(solver.smoothed) == [0.5, 0.5]
-    solver = solver_of(ONE_WEIGHT % "", "average_loss: 2")
-    losses = []
-    solver.on_update.append(lambda: losses.append(solver.net.loss()))
-    solver.step(5)
-    assert solver.loss == pytest.approx(np.mean(losses[-2:]))
-
-
 def messages(caplog: pytest.LogCaptureFixture, part: str) -> list[str]:
     return [line.strip() for line in caplog.messages if part in line]
 
