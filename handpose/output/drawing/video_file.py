@@ -10,7 +10,6 @@ import contextlib
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import cv2
@@ -79,25 +78,23 @@ class VideoFile:
             self._mux(frame)
         self._last = time
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
-    ) -> None:
-        if self._failed:  # reported before; a video without some of its images must not replace an old one
-            with contextlib.suppress(self._av.FFmpegError):
-                self._file.close()
-            failure = error or RuntimeError("incomplete")
-            self._stack.__exit__(type(failure), failure, where)
-            return
-        with self._stack, self._refusals():
-            if self._stream is not None:
-                self._mux(None)
-                self._file.close()
+    def __exit__(self, *error: object) -> None:
+        with self._stack, atomic.error_names(self.path):
+            if self._failed:  # reported before; a video without some of its images must not replace an old one
+                with contextlib.suppress(self._av.FFmpegError):
+                    self._file.close()
+            elif self._stream is not None:
+                with self._refusals():
+                    self._mux(None)
+                    self._file.close()
+                atomic.commit(self._fresh, self.path)
 
     def _begin(self, image: Image, time: float) -> None:
         """Open the file and its stream; the first image determines the size."""
-        with contextlib.ExitStack() as stack, self._refusals():
-            fresh = stack.enter_context(atomic.replacing(self.path))
-            self._file = self._av.open(str(fresh), "w", format="mp4", options={"movflags": "+faststart"})
+        with contextlib.ExitStack() as stack, atomic.error_names(self.path), self._refusals():
+            atomic.require_regular_file(self.path)
+            self._fresh = stack.enter_context(atomic.temporary(self.path))
+            self._file = self._av.open(str(self._fresh), "w", format="mp4", options={"movflags": "+faststart"})
             rate = Fraction(self.rate).limit_denominator(1000)
             stream = self._file.add_stream(self._encoder, rate=rate, options=ENCODERS[self._encoder])
             self._stack = stack.pop_all()

@@ -37,7 +37,6 @@ import socket
 import threading
 from concurrent.futures import Future
 from http import HTTPStatus
-from types import TracebackType
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
@@ -123,9 +122,7 @@ class LiveServer:
         """Send the message of a frame to all clients of this path."""
         self._loop.call_soon_threadsafe(self._put, path, message)
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
         self._close_with = ENDED if kind is None else STOPPED
         self._loop.call_soon_threadsafe(self._end.set)
         self._thread.join()

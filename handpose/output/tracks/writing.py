@@ -14,7 +14,6 @@ import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 
 from handpose.body.joint_formats.formats import FormatName
 from handpose.output.tracks.csv_file import FrameRows
@@ -76,9 +75,7 @@ class TrackWriter:
                     atomic.commit(self._fresh, self.path, sync=False)
         self._frames += 1
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
         if self.path is None:
             return
         with self._stack, atomic.error_names(self.path):
