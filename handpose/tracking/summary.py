@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.tracking.track import TrackedFrame
+from handpose.tracking.track import TrackedFrame, side_name
 from layers.hand.skeleton import Skeleton
 
 LENGTH_MM = 217.0  # from the wrist to the tip of the middle finger, of a hand of size 1
@@ -85,13 +85,13 @@ class Summary:
             self._first = frame.time
         self.frames, self._last = self.frames + 1, frame.time
         for hand in frame.hands:
-            own = self.hands.setdefault(hand.id, HandSummary(hand.side_name))
-            own.hand, own.frames, own.is_lost = hand.side_name, own.frames + 1, False
+            own = self.hands.setdefault(hand.id, HandSummary(side_name(hand.known_side)))
+            own.hand, own.frames, own.is_lost = side_name(hand.known_side), own.frames + 1, False
             own.size = float(np.median(hand.bones[self._has_bone] / self._bones))
             if np.isfinite(hand.confidence):
                 own.confidences[round(100 * hand.confidence)] += 1
         for lost in frame.lost:
-            own = self.hands.setdefault(lost.id, HandSummary(lost.side_name))
+            own = self.hands.setdefault(lost.id, HandSummary(side_name(lost.hand)))
             own.losses += not own.is_lost
             own.is_lost = True
             own.longest = max(own.longest, frame.time - lost.since)

@@ -25,7 +25,6 @@ from netlib.blob import Array
 # Beginnings of the reasons why a hand is missing from a frame, for trackers and for synthetic truth.
 LEFT = "left the image"
 HIDDEN = "hidden"
-UNKNOWN_SIDE = "unknown"
 PARTLY = "partly in sight"  # in synthetic recordings: such frames are not scored
 
 
@@ -115,11 +114,6 @@ class TrackedHand:
         """The side; None while it is undecided."""
         return self.hand if self.side_confidence >= 1 else None
 
-    @property
-    def side_name(self) -> str:
-        """The side, or "unknown"."""
-        return self.known_side or UNKNOWN_SIDE
-
 
 class LostHand(NamedTuple):
     """A hand that was reported before, and is not found in this frame, or not with enough confidence.
@@ -133,11 +127,6 @@ class LostHand(NamedTuple):
     hand: Side | None
     since: float
     reason: str
-
-    @property
-    def side_name(self) -> str:
-        """The side, or "unknown"."""
-        return self.hand or UNKNOWN_SIDE
 
 
 class PresentHand(NamedTuple):
@@ -159,11 +148,6 @@ class PresentHand(NamedTuple):
     reason: str
     mask: NDArray[np.bool_] | None = None
 
-    @property
-    def side_name(self) -> str:
-        """The side, or "unknown"."""
-        return self.hand or UNKNOWN_SIDE
-
 
 class TrackedFrame(NamedTuple):
     """The hands of one frame.
@@ -180,6 +164,11 @@ class TrackedFrame(NamedTuple):
     hands: tuple[TrackedHand, ...]
     lost: tuple[LostHand, ...] = ()
     present: tuple[PresentHand, ...] = ()
+
+
+def side_name(side: Side | None) -> str:
+    """The side of a hand, or "unknown"."""
+    return side or "unknown"
 
 
 def joints_of(

@@ -30,7 +30,7 @@ from handpose.body.model import FINGERS, has_fingers
 from handpose.frames.cameras import Camera
 from handpose.output.tracks import joint_values
 from handpose.output.tracks.json_values import free_dofs
-from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
+from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader, side_name
 from layers.hand.skeleton import Skeleton
 
 
@@ -52,9 +52,10 @@ class FrameRows:
     def encoded(self, frame: TrackedFrame) -> bytes:
         """The lines of a frame."""
         about = [frame.number, f"{frame.time:.6f}"]
-        rows = [[*about, hand.id, hand.side_name, "", *self._values(hand, frame.time)] for hand in frame.hands]
-        rows += [[*about, lost.id, lost.side_name, lost.reason, *self._empty] for lost in frame.lost]
-        rows += [[*about, one.id, one.side_name, one.reason, known("%.3f", one.presence),
+        rows = [[*about, hand.id, side_name(hand.known_side), "", *self._values(hand, frame.time)]
+                for hand in frame.hands]
+        rows += [[*about, lost.id, side_name(lost.hand), lost.reason, *self._empty] for lost in frame.lost]
+        rows += [[*about, one.id, side_name(one.hand), one.reason, known("%.3f", one.presence),
                   known("%.4f", one.confidence), *self._empty[2:]] for one in frame.present]
         return rows_of(rows)
 

@@ -84,7 +84,7 @@ def test_frames_wait_for_a_decision(model: CapsuleModel) -> None:
     given = frames_of((tracked("right"),), *[(undecided(0.5),)] * 9, step=MAX_UNDECIDED_S / 2)
     ready = [[found.number for _, found in one.add(0, frame)] for frame in given]
     assert ready == [[], [], [], [], [0], [1], [2], [3], [4], [5]]
-    assert [hand.side_name for _, frame in one.finish() for hand in frame.hands] == ["unknown"] * 4
+    assert [hand.known_side for _, frame in one.finish() for hand in frame.hands] == [None] * 4
 
 
 @pytest.mark.parametrize(("right", "side"), [(0.95, "right"), (0.55, None)])
