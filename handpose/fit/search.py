@@ -68,13 +68,13 @@ def damped_step(A: Array, b: Array, mu: Array, x: Array, lower: Array, upper: Ar
 
 def minimise(
     evaluate: Evaluate, x: Array, lower: Array, upper: Array, iterations: int, *, ridge: float, min_mu: float = 0.0,
-    min_gain: float | None = None,
+    min_gain: float = 0.0,
 ) -> tuple[Array, Array]:
     """Minimise from x (N, F) between lower and upper (F,); returns x and its cost (N,).
 
     evaluate  of x (n, F) and the numbers (n,) of their frames: cost (n,), normal matrix (n, F, F), half gradient (n, F)
     min_mu    lower bound of the damping
-    min_gain  a frame whose cost decreases by less, relative to it, is finished; None: all frames run to the end
+    min_gain  a frame whose cost decreases by less, relative to it, is finished
     """
     x, mu, rows = x.copy(), np.full(len(x), FIRST_MU), np.arange(len(x))
     cost, A, b = evaluate(x, rows)
@@ -83,13 +83,11 @@ def minimise(
         trial = np.clip(x[rows] + step, lower, upper)
         trial_cost, trial_A, trial_b = evaluate(trial, rows)
         better, gain = trial_cost < cost[rows], cost[rows] - trial_cost
-        finished = better & (gain <= (min_gain or 0.0) * cost[rows])
+        finished = better & (gain <= min_gain * cost[rows])
         accepted = rows[better]
         x[accepted], cost[accepted] = trial[better], trial_cost[better]
         A[better], b[better] = trial_A[better], trial_b[better]
         mu[rows] = np.maximum(mu[rows] * np.where(better, TRUST, DISTRUST), min_mu)
-        if min_gain is None:
-            continue
         active = ~finished & (mu[rows] < MAX_MU) & (cost[rows] > EXACT_COST)
         rows, A, b = rows[active], A[active], b[active]
         if not len(rows):
