@@ -17,9 +17,10 @@ from handpose.body.sides import Side
 from handpose.estimate.hand import MIN_PRESENCE
 from handpose.fit.rounding import PLACE_STEP_MM, rounded
 from handpose.frames.cameras import Camera
+from handpose.frames.crops import check_size
 from handpose.frames.images import depth_image
 from netlib.blob import Array
-from netlib.errors import DataError, NetlibError
+from netlib.errors import NetlibError
 from netlib.net import Net
 
 Floats = NDArray[np.float32]
@@ -83,9 +84,7 @@ class Finder:
         Raises DataError for a frame of another size than the camera's, NetlibError for outputs that are not finite.
         """
         image = depth_image(depth)
-        if image.shape != (camera.height, camera.width):
-            raise DataError(f"depth image of {image.shape[1]} x {image.shape[0]} px, expected {camera.width} x "
-                            f"{camera.height} px of the camera {camera.name}")
+        check_size(image, camera)
         image = np.asarray(camera.in_range(image), np.float32)
         scale = _scale(camera)
         small = _scaled(image, scale)

@@ -58,6 +58,14 @@ def hand_layer(net: Net) -> HandModel | None:
     return next((layer for layer in net.layers if isinstance(layer, HandModel)), None)
 
 
+def the_hand_layer(net: Net) -> HandModel:
+    """The HandModel layer of a net. Raises NetlibError without one."""
+    hand = hand_layer(net)
+    if hand is None:
+        raise NetlibError(f"{net.source}: no HandModel layer, so the skeleton is unknown")
+    return hand
+
+
 def is_hand(skeleton: Skeleton) -> bool:
     """True for hands: only hands are searched for, have a side, and have crops that move to the palm."""
     return PALM in skeleton.joint_names
@@ -82,31 +90,28 @@ def best_fit(net: Net) -> Fit:
     "accurate" for hands; "fast" for other bodies, which cannot be turned by quarters; "no" for bodies without a
     surface and for nets that predict bone lengths.
     """
-    hand = hand_layer(net)
-    if hand is None or hand.skeleton.param.flesh is None:
-        return "no"
     try:
-        _refuse_bones(net, hand)
+        skeleton = skeleton_to_fit(net)
     except NetlibError:
         return "no"
-    return "accurate" if is_hand(hand.skeleton) else "fast"
+    if skeleton.param.flesh is None:
+        return "no"
+    return "accurate" if is_hand(skeleton) else "fast"
 
 
 def skeleton_to_fit(net: Net) -> Skeleton:
     """The skeleton of the net's hand model. Raises NetlibError for a net without one, or that predicts bones."""
-    hand = hand_layer(net)
-    if hand is None:
-        raise NetlibError(f"{net.source}: no HandModel layer, so there is nothing to fit")
-    _refuse_bones(net, hand)
-    return hand.skeleton
+    return _layer_to_fit(net).skeleton
 
 
-def _refuse_bones(net: Net, hand: HandModel) -> None:
-    """Raise NetlibError for a net that predicts bone lengths: a fit knows one size per hand only."""
+def _layer_to_fit(net: Net) -> HandModel:
+    """The hand model of a net that predicts no bone lengths: a fit knows one size per hand only."""
+    hand = the_hand_layer(net)
     if len(hand.spec.bottom) > 1 and net.blobs[hand.spec.bottom[1]].count != net.blobs[hand.spec.bottom[1]].num:
         raise NetlibError(f"{net.source}: layer {hand.name!r} takes the bones of each hand from blob "
                           f"{hand.spec.bottom[1]!r}, which a fit does not know; do without a fit, or give the "
                           "layer one bottom, or two with a size")
+    return hand
 
 
 class HandPoses(NamedTuple):
@@ -124,19 +129,8 @@ class HandPoses(NamedTuple):
 
 def hand_poses(net: Net, crops: NDArray[np.floating]) -> HandPoses:
     """Predict the poses in crops (N, size, size). Raises NetlibError."""
-    hand = hand_layer(net)
-    if hand is None:
-        raise NetlibError(f"{net.source}: no HandModel layer, so there are no angles")
-    _refuse_bones(net, hand)
-    names = [*hand.spec.bottom, *([JOINTS] if JOINTS in net.blobs else [])]
-    depth = np.ascontiguousarray(crops[:, None], dtype=np.float32)
-    if net.blobs["depth"].shape != depth.shape:
-        net.blobs["depth"].reshape(*depth.shape)
-    # The hand model is not needed, but running a part of the net takes longer: it would not be run in slices.
-    outputs = net.forward(blobs=names, depth=depth)
-    found = {name: outputs[name].reshape(len(crops), -1).astype(np.float64) for name in names}
-    if not all(np.isfinite(values).all() for values in found.values()):
-        raise NetlibError(f"{net.source}: predicts joints that are not finite; check its weights")
+    hand = _layer_to_fit(net)
+    found = _predicted(net, crops, [*hand.spec.bottom, *([JOINTS] if JOINTS in net.blobs else [])])
     inputs, size = found[hand.spec.bottom[0]], np.ones(len(crops))
     if isinstance(hand, SizedHandModel):
         size = np.clip(found[hand.spec.bottom[1]][:, 0], *SIZES)
@@ -148,8 +142,16 @@ def hand_poses(net: Net, crops: NDArray[np.floating]) -> HandPoses:
 def network_joints(net: Net, crop: NDArray[np.floating]) -> Array:
     """Predict the joints (K, 3) in half-cubes in a crop (128, 128) of a right hand. Raises NetlibError."""
     name = JOINTS if JOINTS in net.blobs else "pred"
-    shown = np.ascontiguousarray(crop)[None, None]
-    joints = net.forward(blobs=[name], depth=shown)[name].reshape(-1, 3).astype(np.float64)
-    if not np.isfinite(joints).all():
+    return _predicted(net, crop[None], [name])[name].reshape(-1, 3)
+
+
+def _predicted(net: Net, crops: NDArray[np.floating], names: Sequence[str]) -> dict[str, Array]:
+    """The values (N, ...) of blobs for crops (N, size, size). Raises NetlibError for values that are not finite.
+
+    The hand model is not always needed, but running a part of the net takes longer: it would not be run in slices.
+    """
+    outputs = net.forward(blobs=names, depth=np.ascontiguousarray(crops[:, None], dtype=np.float32))
+    found = {name: outputs[name].reshape(len(crops), -1).astype(np.float64) for name in names}
+    if not all(np.isfinite(values).all() for values in found.values()):
         raise NetlibError(f"{net.source}: predicts joints that are not finite; check its weights")
-    return np.asarray(joints)
+    return found

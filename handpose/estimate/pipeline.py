@@ -22,7 +22,7 @@ from handpose.body.nyu import CENTER_IN_PALM
 from handpose.body.sides import Side, mirror_of
 from handpose.estimate.estimator import Candidate, HandEstimator
 from handpose.estimate.hand import Hand
-from handpose.estimate.nets import hand_layer, network_joints
+from handpose.estimate.nets import network_joints, the_hand_layer
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.observation import HandCrops
 from handpose.fit.rounding import PLACE_STEP_MM, rounded
@@ -31,7 +31,7 @@ from handpose.frames.cameras import Camera
 from handpose.frames.crops import clear_crop
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
-from netlib.errors import DataError, NetlibError
+from netlib.errors import DataError
 from netlib.net import Net
 
 # A crop moves no farther than this from its start, which is in the hand: a prediction farther away is wrong.
@@ -53,10 +53,7 @@ class HandPipeline:
         self, net: Net, cube_mm: float, sides: tuple[Side, ...], refine: int, fitter: DepthFitter | None,
         plan: Plan | None,
     ) -> None:
-        layer = hand_layer(net)
-        if layer is None:
-            raise NetlibError(f"{net.source}: no HandModel layer, so the skeleton is unknown")
-        self.net, self.skeleton, self.cube_mm, self.sides = net, layer.skeleton, cube_mm, sides
+        self.net, self.skeleton, self.cube_mm, self.sides = net, the_hand_layer(net).skeleton, cube_mm, sides
         self.refine, self.plan = refine, plan
         self.estimator = HandEstimator(net, cube_mm, fitter)
 

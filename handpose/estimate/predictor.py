@@ -20,7 +20,7 @@ from handpose.body.nyu import CUBE_MM
 from handpose.body.sides import SIDES, SOUGHT_SIDES, Side, SoughtSide
 from handpose.estimate.finder import Finder, FoundHand
 from handpose.estimate.hand import MIN_CONFIDENCE, Hand, as_one_side
-from handpose.estimate.nets import cube_of, hand_layer, is_hand
+from handpose.estimate.nets import cube_of, is_hand, the_hand_layer
 from handpose.estimate.pipeline import HandPipeline
 from handpose.fit.body import CapsuleModel
 from handpose.fit.depth_fit import DepthFitter
@@ -28,6 +28,7 @@ from handpose.fit.search import PLANS, Fit
 from handpose.frames.cameras import NYU, Camera
 from handpose.frames.crops import CUBES_MM, SIZE, numbers
 from handpose.frames.images import check_unit, depth_image, without_dropouts
+from handpose.frames.recording import sized
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError, did_you_mean
 from netlib.net import Net
@@ -71,9 +72,7 @@ class Predictor:
                 raise NetlibError(
                     f"{net.source}: no blob {name!r}; expected a net with the input depth and the output pred"
                 )
-        layer = hand_layer(net)
-        if layer is None:
-            raise NetlibError(f"{net.source}: no HandModel layer, so the skeleton is unknown")
+        layer = the_hand_layer(net)
         if hand == "either" and fit == "no":
             raise NetlibError("only a fit can tell which hand it is; expected fit fast or accurate, or left or right")
         self.net, self.skeleton, self.camera = net, layer.skeleton, camera
@@ -127,7 +126,7 @@ class Predictor:
         Raises UnitError for depths that cannot be mm, DataError, also if no hand is found, NetlibError.
         """
         depth = self._readings(depth)
-        camera = self._camera_of(depth)
+        camera = sized(self.camera, depth.shape, "depth image")
         if center is None and not self.is_hand:
             raise DataError(f"skeleton {self.skeleton.name!r} is not a hand, and only hands are searched for")
         if center is not None:
@@ -162,12 +161,6 @@ class Predictor:
         image = depth_image(depth)
         check_unit(image)
         return without_dropouts(self.camera.in_range(image))
-
-    def _camera_of(self, depth: NDArray[np.generic]) -> Camera:
-        """The camera; if it has no size, with the frame's."""
-        if self.camera.width:
-            return self.camera
-        return dataclasses.replace(self.camera, width=depth.shape[1], height=depth.shape[0])
 
 
 def check_options(

@@ -122,7 +122,7 @@ def test_channels_of_a_slope() -> None:
 
 
 def test_frames_and_answers_that_do_not_fit() -> None:
-    with pytest.raises(DataError, match="160 x 100 px, expected 160 x 128 px"):
+    with pytest.raises(DataError, match=r"\(100, 160\), expected \(128, 160\)"):
         found_in(frame()[:100])
     with pytest.raises(NetlibError, match="not finite"):
         found_in(frame(), presence=np.full((1, 32, 40), np.nan))

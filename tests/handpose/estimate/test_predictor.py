@@ -117,9 +117,6 @@ def test_a_confidence_that_was_not_measured_is_not_below(seeing: netlib.Net) -> 
     assert np.isnan(found.confidence) and found.has_joints
 
 
-SHAPE = "depth image of shape {}, expected {}"
-
-
 @bad_inputs(DataError, {
     **{f"center {center}": ((lambda frame: frame, KINECT2, center), f"center {center}, expected two or three finite "
                             "numbers: u, v in px or u, v, d in px, px, mm")
@@ -128,8 +125,9 @@ SHAPE = "depth image of shape {}, expected {}"
        for center in (None, (260, 210, 700))},
     "nothing": ((np.zeros_like, KINECT2, (260, 210)), "no depth around pixel 260, 210"),
     "another camera": ((lambda frame: frame, NYU, (260, 210)),
-                       SHAPE.format("(424, 512)", "(480, 640) of camera 'nyu'")),
-    "channels": ((lambda frame: frame[:, :, None], KINECT2, None), SHAPE.format("(424, 512, 1)", "(height, width)")),
+                       "depth image: 512 x 424 pixels; camera nyu has 640 x 480"),
+    "channels": ((lambda frame: frame[:, :, None], KINECT2, None),
+                 "depth image of shape (424, 512, 1), expected (height, width)"),
 })
 def test_frames_that_are_refused(seeing: netlib.Net, frame: np.ndarray, given: Any, rejected: Any) -> None:
     """A frame in another unit, of another size or without readings, and an invalid centre, raise an error."""
