@@ -9,7 +9,6 @@ depth_image   an array, in mm if ``check_unit`` accepts it; ``without_dropouts``
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.frames.cameras import UNIT_MM
+from handpose.frames.cameras import NYU, Camera, View
 from handpose.frames.crops import SIZE, numbers
 from handpose.frames.recording import CameraInfo, DepthDecoder
 from netlib import files
@@ -60,17 +59,23 @@ def read_picture(path: str | Path) -> Array:
 def read_frame(path: str | Path, given: CameraInfo) -> NDArray[np.float32]:
     """A whole depth frame (height, width) in mm without distortion; 0 where there is no reading. Raises DataError.
 
-    path   a 16-bit grey image; for the camera "nyu" also NYU's colour packing
-    given  its camera, which is necessary; the default unit is the camera's own
+    given  its camera, which is necessary
     """
-    image = read_picture(path)
-    if image.ndim == 3 and image.dtype == np.uint8 and given.camera is not None and given.camera.name == "nyu":
-        image = unpack_depth(image).astype(np.uint16)
-    if image.ndim != 2 or image.dtype != np.uint16:
-        raise DataError(f"{path}: found {image.dtype} {image.shape}; expected a 16-bit grey PNG of depth")
-    if given.unit_mm is None and given.camera is not None:
-        given = replace(given, unit_mm=UNIT_MM.get(given.camera.name, 1.0))
+    image = stored_depth(read_picture(path), given.camera, path)
     return DepthDecoder(image.shape, image.dtype, str(path), given)(image)
+
+
+def stored_depth(image: NDArray[Any], camera: Camera | View | None, path: str | Path) -> NDArray[Any]:
+    """The stored depths of a grey image of 16 bits or more; of NYU's camera also those of its colour packing.
+
+    Raises DataError for other images.
+    """
+    if camera == NYU and image.ndim == 3 and image.dtype == np.uint8 and image.shape[2] == 3:
+        return unpack_depth(image).astype(np.uint16)
+    if image.ndim != 2 or image.dtype == np.uint8:
+        kind, nyu = ("colours", " (of the NYU data set, with --camera nyu)") if image.ndim == 3 else ("grey values", "")
+        raise DataError(f"{path}: a picture of {image.dtype} {kind}; expected depth, a 16-bit grey picture{nyu}")
+    return image
 
 
 def read_crop(path: str | Path) -> NDArray[np.float32]:

@@ -251,7 +251,7 @@ GIVE = "; give the position of the hand with --center U,V,D"
         ("empty.png --camera kinect2 --center 9,9", f"empty.png: no depth around pixel 9, 9{GIVE}"),
         ("wall.png --camera kinect2 --center 9,9,-1", "wall.png: crop 0: centre u 9 px, v 9 px, depth -1 mm"),
         ("wall.png --camera kinect2 --unit 1000", "wall.png: depths from 700000 to 700000, expected mm, nearer"),
-        ("grey.png --camera kinect2", "grey.png: found uint8 (424, 512); expected a 16-bit grey PNG of depth"),
+        ("grey.png --camera kinect2", "grey.png: a picture of uint8 grey values; expected depth, a 16-bit grey"),
         ("net.caffemodel.h5 --camera kinect2", "net.caffemodel.h5: not an image that OpenCV can decode"),
         ("wall.png --camera unit.json", "unit.json: has no camera; expected fx, fy, u0 and v0"),
         ("wall.png --camera no.json", "no.json: cannot read the camera: No such file or directory"),

@@ -26,14 +26,12 @@ from statistics import median
 from typing import Any, NamedTuple
 
 import cv2
-import numpy as np
 from numpy.typing import NDArray
 
 from handpose.frames import camera_file
 from handpose.frames.camera_file import FRAMES, TICKS, since_1970
-from handpose.frames.cameras import NYU
 from handpose.frames.formats import PICTURES, conversion
-from handpose.frames.images import read_picture, unpack_depth
+from handpose.frames.images import read_picture, stored_depth
 from handpose.frames.recording import UNKNOWN, CameraInfo, DepthDecoder, DepthFrame, Recording
 from netlib.errors import DataError, did_you_mean, system_error_of
 from netlib.files.paths import exists, list_folder, names_in
@@ -51,11 +49,11 @@ class FolderRecording(Recording):
         self.folder, names = _frames_in(source)
         camera_json = camera_file.next_to(self.folder)
         known = given.or_else(camera_json)
-        self._packed = known.camera == NYU
+        self._given = known.camera
         self._names, self._reading = in_order(names, str(self.folder), known.time_unit)
         self._remarks: tuple[str, ...] = ()
         _, path, image = next(self._pictures())
-        raw = _grey(image, self._packed, path)
+        raw = stored_depth(image, self._given, path)
         if path.suffix.lower() in (".tif", ".tiff") and (pictures := cv2.imcount(str(path))) > 1:
             raise DataError(f"{path}: a TIFF of {pictures} pictures; expected one for each frame, or all in an .npy")
         self._decode = decode = DepthDecoder(raw.shape, raw.dtype, str(path), given, camera_json=camera_json)
@@ -71,7 +69,7 @@ class FolderRecording(Recording):
         """The frames that can be read. Raises DataError for one of another size or kind, and for a system error."""
         ticks = self._reading.ticks or self.rate or 1.0
         for number, path, image in self._pictures():
-            values = _grey(image, self._packed, path)
+            values = stored_depth(image, self._given, path)
             yield DepthFrame(number, self._reading.times[number] / ticks, self._decode(values, str(path)))
 
     def _pictures(self) -> Iterator[tuple[int, Path, NDArray[Any]]]:
@@ -121,16 +119,6 @@ def _no_frames(folder: Path) -> str:
     kind = next((kind for name in names if (kind := PurePath(name).suffix.lower()) in (".npy", ".raw")), None)
     advice = f": {conversion(kind)}" if kind else f"; name the folder of the frames, as '{inner}'" if inner else ""
     return f"{folder}: holds no depth frames (16-bit grey PNG or TIFF); found {shown}{advice}"
-
-
-def _grey(image: NDArray[Any], packed: bool, path: Path) -> NDArray[Any]:
-    """The stored depths of an image; ``packed`` means NYU's packing. Raises DataError for other images."""
-    if packed and image.ndim == 3 and image.dtype == np.uint8 and image.shape[2] == 3:
-        return unpack_depth(image).astype(np.uint16)
-    if image.ndim != 2 or image.dtype == np.uint8:
-        kind, nyu = ("colours", " (of the NYU data set, with --camera nyu)") if image.ndim == 3 else ("grey values", "")
-        raise DataError(f"{path}: a picture of {image.dtype} {kind}; expected depth, a 16-bit grey picture{nyu}")
-    return image
 
 
 # ---------------------------------------------------------------------------------------------- names
