@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.constants import array_in
-from handpose.body.sides import SIDES, Side, side_of
+from handpose.body.sides import SIDES, Side
 from handpose.estimate.finder import Finder, FoundHand
 from handpose.estimate.nets import trained
 from handpose.estimate.packaged import HAND_FINDER
@@ -175,10 +175,11 @@ def labels_of(words: Sequence[str]) -> dict[Side, Path]:
     """The files of labels on the command line, SIDE=FILE. Raises DataError."""
     found: dict[Side, Path] = {}
     for word in words:
-        side, _, name = word.partition("=")
-        if side not in SIDES or not name:
+        before, _, name = word.partition("=")
+        side = next((side for side in SIDES if side == before), None)
+        if side is None or not name:
             raise DataError(f"--recording: {word!r}, expected left=LABELS.npy or right=LABELS.npy after the frames")
-        found[side_of(side)] = Path(name)
+        found[side] = Path(name)
     return found
 
 

@@ -22,14 +22,6 @@ MIRROR = np.array([-1.0, 1.0, 1.0])  # along x
 T = TypeVar("T", bound=np.generic)
 
 
-def side_of(word: str) -> Side:
-    """The side with this name. Raises ValueError."""
-    for side in SIDES:
-        if word == side:
-            return side
-    raise ValueError(f"{word!r}, expected 'right' or 'left'")
-
-
 def mirror_of(side: Side) -> Array:
     """The factors (3,) between the axes of a right hand's space and the camera's, in both directions."""
     return MIRROR if side == "left" else np.ones(3)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import reprlib
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from netlib.blob import Array
 from netlib.errors import DataError
 
 MAX_NUMBER = 1e12  # maximum of a number; sums and products of larger ones may overflow
+
+
+T = TypeVar("T", bound=str)
 
 
 class Fields:
@@ -43,6 +46,13 @@ class Fields:
     def text(self, name: str) -> str:
         """The field is a text."""
         return str(self._checked(name, str, "a text"))
+
+    def one_of(self, name: str, words: Sequence[T]) -> T:
+        """The field is one of these words."""
+        for word in words:
+            if self._value(name) == word:
+                return word
+        raise self._wrong(name, " or ".join(map(repr, words)))
 
     def truth(self, name: str) -> bool:
         """The field is true or false."""

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from handpose.body.gestures import GestureReader
 from handpose.body.joint_formats.formats import FormatName
 from handpose.body.model import FINGERS
-from handpose.body.sides import Side, side_of
+from handpose.body.sides import SIDES
 from handpose.fit.pose_confidence import unknown_finger_errors
 from handpose.frames.cameras import Camera
 from handpose.output.tracks import joint_values
@@ -172,8 +172,8 @@ class FrameValues:
         hands = tuple(self._hand(hand) for hand in every if hand.has("positions_mm"))
         present = tuple(_present(hand) for hand in every if not hand.has("positions_mm"))
         lost = tuple(
-            LostHand(of.whole("id"), _side(of) if of.has("hand") else None, of.number("since_s"), of.text("reason"))
-            for of in fields.parts("lost")
+            LostHand(of.whole("id"), of.one_of("hand", SIDES) if of.has("hand") else None, of.number("since_s"),
+                     of.text("reason")) for of in fields.parts("lost")
         )
         return TrackedFrame(fields.whole("number"), fields.known("time_s"), hands, lost, present)
 
@@ -184,7 +184,7 @@ class FrameValues:
         theta[self._turning] = _by_name(of, "angles_rad", self._angles)
         theta[self._sliding] = _by_name(of, "translations_mm", self._slides) / self._unit_mm
         return TrackedHand(
-            of.whole("id"), _side(of, "assumed_hand" if assumed else "hand"), of.known("confidence"),
+            of.whole("id"), of.one_of("assumed_hand" if assumed else "hand", SIDES), of.known("confidence"),
             of.known("error_mm"), theta - self._skeleton.initial, self._bones_of(of), of.numbers("origin_mm", 3),
             of.numbers("positions_mm", joints, 3), crop.numbers("center_uvd", 3), crop.positive("cube_mm"),
             side_confidence=of.number("assumed_confidence", 0, 1 - 1e-6) if assumed else 1.0,
@@ -224,16 +224,9 @@ def _finger_errors(of: Fields) -> Array:
     return np.array([part.known(finger) for finger in FINGERS])
 
 
-def _side(fields: Fields, name: str = "hand") -> Side:
-    try:
-        return side_of(fields.text(name))
-    except ValueError as error:
-        raise DataError(f"{fields.where}: {name!r} is {error}") from None
-
-
 def _present(of: Fields) -> PresentHand:
     x, y, z = of.numbers("palm_mm", 3).tolist()
-    side = _side(of) if of.has("hand") else None
+    side = of.one_of("hand", SIDES) if of.has("hand") else None
     return PresentHand(of.whole("id"), side, of.known("presence"), of.known("confidence"), (x, y, z), of.text("reason"))
 
 
