@@ -76,13 +76,8 @@ def crop_pixels(
     uvd: ArrayLike, center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera = NYU, size: int = SIZE
 ) -> Array:
     """Column and row (N, K, 2) of image points (N, K, 3) in the crops at the centres (N, 3)."""
-    across, down = _spans(center_uvd, cube_mm, camera, size)
-    points = np.asarray(uvd, dtype=np.float64)
-    at = [
-        (points[..., axis] - span.start[:, None] + 0.5) * (span.length / span.extent)[:, None] + span.pad[:, None]
-        for axis, span in enumerate((across, down))
-    ]
-    return np.stack(at, axis=-1)
+    first, factor = (each[:, None] for each in crop_scale(center_uvd, cube_mm, camera, size))
+    return np.asarray(first + factor * np.asarray(uvd, dtype=np.float64)[..., :2] + 0.5)
 
 
 def crop_scale(
