@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from handpose.body.sides import SIDES
 from handpose.estimate.estimator import Candidate, HandEstimator, fit_starts
 from handpose.estimate.nets import refuse_other_bodies, skeleton_to_fit, trained
-from handpose.estimate.packaged import SYNTHETIC_HAND, checked_weights, read_card
+from handpose.estimate.packaged import SYNTHETIC_HAND, checked_content, read_card
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.pose_confidence import GOOD_MM
 from handpose.fit.search import PLANS, Plan
@@ -153,7 +153,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure the network and the fits. Raises NetlibError."""
-    weights, model = args.network or (checked_weights(read_card(SYNTHETIC_HAND)), SYNTHETIC_HAND / "deploy.prototxt")
+    weights, model = args.network or (checked_content(read_card(SYNTHETIC_HAND)), SYNTHETIC_HAND / "deploy.prototxt")
     net = trained(model, weights, args.engine)
     skeleton = skeleton_to_fit(net)
     refuse_other_bodies(skeleton, "the recipes are of hands")

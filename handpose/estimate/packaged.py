@@ -16,7 +16,7 @@ from pathlib import Path
 from handpose.body.sides import SoughtSide
 from handpose.estimate.finder import Finder
 from handpose.estimate.hand import MIN_CONFIDENCE
-from handpose.estimate.nets import Unfilled, best_fit, cube_of, hand_layer, trained
+from handpose.estimate.nets import best_fit, cube_of, hand_layer, trained
 from handpose.estimate.predictor import Predictor, check_options
 from handpose.fit.depth_fit import DepthFitter
 from handpose.fit.search import Fit
@@ -25,8 +25,6 @@ from netlib import files
 from netlib.errors import NetlibError, WeightsError
 from netlib.files import Content
 from netlib.files.paths import ROOT, find
-from netlib.layer import TEST
-from netlib.net import Net
 from netlib.snapshots import snapshot
 
 SYNTHETIC_HAND = ROOT / "models" / "synthetic_hand"
@@ -60,11 +58,6 @@ def read_card(folder: Path) -> Card:
         raise NetlibError(f"{path}: no {missing[0]!r} in the front matter; expected {', '.join(KEYS)}")
     return Card(values["name"], folder / values["caffemodel"], values["license"], values["sha256"],
                 folder / "deploy.prototxt", values["net_sha256"])
-
-
-def checked_weights(card: Card) -> Path:
-    """The path of the weights, after verifying their checksum. Raises WeightsError."""
-    return checked_content(card).path
 
 
 def checked_content(card: Card) -> Content:
@@ -122,9 +115,8 @@ def predictor_of(
     """
     check_options(cube_mm=cube_mm, hand=hand or "right", refine=refine, fit=fit or "no",
                   min_confidence=min_confidence)  # before reading the weights
-    net = Net(model, TEST, engine=engine, layer_hook=Unfilled())
     content = weights if isinstance(weights, Content) else snapshot.read_content(find(str(weights), None))
-    net.copy_from(content, strict=True)
+    net = trained(model, content, engine)
     fit = fit or best_fit(net)
     hand = hand or ("right" if fit == "no" else "either")
     layer, fitter = hand_layer(net), None

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from numbers import Integral, Real
 from typing import get_args
 
@@ -88,16 +89,10 @@ class Predictor:
         self.min_confidence = min_confidence
         self._finder = finder
 
-    @property
+    @cached_property
     def finder(self) -> Finder | None:
         """The finder, loaded at the first access. Raises NetlibError."""
-        if callable(self._finder):
-            self._finder = self._finder()
-        return self._finder
-
-    @finder.setter
-    def finder(self, finder: Finder | None) -> None:
-        self._finder = finder
+        return self._finder() if callable(self._finder) else self._finder
 
     def in_crop(self, depth: NDArray[np.floating]) -> Hand:
         """The hand in a crop (128, 128) in [-1, 1]; masked pixels are background. Raises DataError, NetlibError."""

@@ -8,7 +8,7 @@ import numpy as np
 
 import netlib
 from docs.making.figures.drawing import DEPTH, FIRST, PALE_DATA, SECOND, SIGNS, new_figure
-from handpose.estimate.packaged import PAPER_HAND, checked_weights, read_card
+from handpose.estimate.packaged import PAPER_HAND, checked_content, read_card
 from handpose.synthetic.generator import Generator
 from netlib.engine import Connection
 from netlib.files.paths import ROOT
@@ -87,7 +87,7 @@ def _draw_costs(axes: Any, connections: list[Connection]) -> None:
 
 def kernels() -> Any:
     """One hand, the eight kernels of the packaged network's first convolution, and its map for each."""
-    weights = checked_weights(read_card(PAPER_HAND))
+    weights = checked_content(read_card(PAPER_HAND)).path
     net = netlib.Net(PAPER_HAND / "deploy.prototxt", weights, netlib.TEST, engine="plain")
     hand = Generator(seed=0, split="test").block(0).depth[0].reshape(128, 128)
     net.forward(end="ReLUconvL1", depth=hand[None, None])

@@ -17,7 +17,7 @@ import netlib
 from handpose.estimate.packaged import (
     HAND_FINDER,
     SYNTHETIC_HAND,
-    checked_weights,
+    checked_content,
     load_finder,
     load_predictor,
     read_card,
@@ -34,14 +34,14 @@ from tests.support.bad_input import bad_inputs
 def test_the_packaged_models(folder: Path, megabytes: int) -> None:
     """They are small, and their nets use all weights."""
     card = read_card(folder)
-    weights = checked_weights(card)
+    weights = checked_content(card).path
     assert card.license == "MIT" and weights.stat().st_size < megabytes * 1e6
     ignored, missing = netlib.Net(card.net, netlib.TEST).copy_from(weights)
     assert not ignored and not missing
 
 
 def test_the_errors_of_the_packaged_network_are_known(model: CapsuleModel) -> None:
-    errors = read_errors(checked_weights(read_card(SYNTHETIC_HAND)), model)
+    errors = read_errors(checked_content(read_card(SYNTHETIC_HAND)), model)
     assert errors.is_measured and errors.poses is not None
     assert 0.02 < np.sqrt(np.diag(errors.limbs)).mean() < 0.5
     assert load_predictor().plan is PLANS["accurate"] and load_predictor(fit="no", hand="left").fitter is None
