@@ -175,11 +175,10 @@ def labels_of(words: Sequence[str]) -> dict[Side, Path]:
     """The files of labels on the command line, SIDE=FILE. Raises DataError."""
     found: dict[Side, Path] = {}
     for word in words:
-        before, _, name = word.partition("=")
-        side = next((side for side in SIDES if side == before), None)
-        if side is None or not name:
+        side, _, name = word.partition("=")
+        if side not in SIDES or not name:
             raise DataError(f"--recording: {word!r}, expected left=LABELS.npy or right=LABELS.npy after the frames")
-        found[side] = Path(name)
+        found |= {own: Path(name) for own in SIDES if own == side}
     return found
 
 

@@ -132,11 +132,6 @@ class HandCrops:
         """(N, 3) factors between the camera's axes and the mirrored ones, in both directions."""
         return np.where(self.mirrored[:, None], MIRROR, 1.0)
 
-    @property
-    def center_mm(self) -> Array:
-        """(N, 3) centres in mm, in mirrored camera axes."""
-        return np.asarray(self.camera.unproject(self.center_uvd) * self.mirror)
-
     def observe(self, points: int) -> Observation:
         """The crops as observations of right hands, sampled at this number of points. Raises DataError."""
         seen = observe(self.crops, self.center_uvd, self.camera, self.cube_mm, points)

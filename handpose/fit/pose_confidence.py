@@ -152,10 +152,12 @@ class Judged(NamedTuple):
 
 def judged(evidence: Evidence) -> Judged:
     """Errors and confidence of N poses of which this is seen."""
+    from scipy.special import ndtr as normal  # the distribution function Φ, imported here: few programs need it
+
     signs, lag_mm, unseen, *fingers = evidence
     mean = mean_log_error(signs, lag_mm)
     whole = np.exp(mean + SPREAD**2 / 2) * np.interp(unseen, UNSEEN, UNSEEN_ERROR)
-    confidence = _normal((np.log(GOOD_MM) - mean) / SPREAD) * np.interp(unseen, UNSEEN, UNSEEN_CONFIDENCE)
+    confidence = normal((np.log(GOOD_MM) - mean) / SPREAD) * np.interp(unseen, UNSEEN, UNSEEN_CONFIDENCE)
     least = least_error(confidence)
     whole = np.clip(whole, least, LOST_MM)
     if not evidence.seen.size:
@@ -207,10 +209,3 @@ def side_evidence(cost: float, other_cost: float) -> float:
 def side_chance(evidence: float) -> float:
     """The probability of a side with this mean ``side_evidence``."""
     return float(1 / (1 + np.exp(-SIDE_SLOPE * evidence)))
-
-
-def _normal(x: Array) -> Array:
-    """The standard normal distribution function Φ."""
-    from scipy.special import ndtr  # imported here, because few programs need it
-
-    return np.asarray(ndtr(x))

@@ -14,6 +14,7 @@ most of it for the sensor's errors.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -165,7 +166,7 @@ class SyntheticRecording(Recording):
             self.movements.append(actor.act(acts, length))
         farthest = max(volume.far for volume, _ in volumes)
         self._behind, self._middle = draw_surroundings(self._numbers(SURROUNDINGS), camera, farthest, self.script.body)
-        self._reasons: dict[tuple[int, int], str] = {}
+        self._unseen = functools.cache(self._unseen_at)
 
     # ------------------------------------------------------------------------------------------ the scene
 
@@ -237,14 +238,12 @@ class SyntheticRecording(Recording):
                 lost.append(LostHand(id, movement.side, time if last is None else last, unseen))
         return TrackedFrame(number, time, tuple(hands), tuple(lost))
 
-    def _unseen(self, id: int, number: int) -> str:
+    def _unseen_at(self, id: int, number: int) -> str:
         """The reason why a hand is not visible in frame ``number``, or empty."""
-        if (id, number) not in self._reasons:
-            u, v, _ = self.camera.project(self.movements[id].pose_at(number / self.rate).xyz).T
-            width, height = self.camera.width, self.camera.height
-            inside = ((u > 0) & (u < width - 1) & (v > 0) & (v < height - 1)).mean()
-            self._reasons[id, number] = LEFT if inside <= HARDLY else "" if inside >= MOSTLY else PARTLY
-        return self._reasons[id, number]
+        u, v, _ = self.camera.project(self.movements[id].pose_at(number / self.rate).xyz).T
+        width, height = self.camera.width, self.camera.height
+        inside = ((u > 0) & (u < width - 1) & (v > 0) & (v < height - 1)).mean()
+        return LEFT if inside <= HARDLY else "" if inside >= MOSTLY else PARTLY
 
     def _numbers(self, *what: int) -> np.random.Generator:
         """The random generator of one purpose."""

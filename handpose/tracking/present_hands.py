@@ -64,9 +64,8 @@ class PresentHands:
         for hand in hands:
             if _is_taken(hand, taken):
                 continue
-            same = [one for one in before if np.linalg.norm(one.hand.middle - hand.middle) < SAME_MM]
-            if same:
-                [place] = same[:1]
+            place = next((one for one in before if np.linalg.norm(one.hand.middle - hand.middle) < SAME_MM), None)
+            if place is not None:
                 before.remove(place)
                 place.hand, place.time = hand, time
                 place.presence += LOOK * (hand.presence - place.presence)
