@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.body.sides import Side, mirror_of
+from handpose.body.sides import Side, as_right, mirror_of
 from handpose.estimate.hand import Hand, judge
 from handpose.estimate.nets import hand_poses, network_joints
 from handpose.fit.body import SIZE, CapsuleModel, WorldPose, crop_variables
@@ -93,9 +93,9 @@ class HandEstimator:
 
     def _predicted(self, candidate: Candidate, camera: Camera) -> Hand:
         """The hand by the network alone."""
-        shown = self._crops([candidate], camera)
-        joints = network_joints(self.net, shown.as_right[0]) * (self.cube_mm / 2) * shown.mirror[0]
-        return Hand(candidate.side, candidate.crop, candidate.center_uvd, self.cube_mm, camera, joints)
+        side = candidate.side
+        joints = network_joints(self.net, as_right(candidate.crop, side)) * (self.cube_mm / 2) * mirror_of(side)
+        return Hand(side, candidate.crop, candidate.center_uvd, self.cube_mm, camera, joints)
 
     def _fitted(self, candidates: Sequence[Candidate], camera: Camera, fitter: DepthFitter, plan: Plan) -> list[Hand]:
         """The hands in crops of which all or none have a size, and all or none run the network."""

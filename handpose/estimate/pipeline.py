@@ -19,12 +19,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from handpose.body.joint_formats.frames import palm_frame
 from handpose.body.nyu import CENTER_IN_PALM
-from handpose.body.sides import Side, mirror_of
+from handpose.body.sides import Side, as_right, mirror_of
 from handpose.estimate.estimator import Candidate, HandEstimator
 from handpose.estimate.hand import Hand
 from handpose.estimate.nets import network_joints, the_hand_layer
 from handpose.fit.depth_fit import DepthFitter
-from handpose.fit.observation import HandCrops
 from handpose.fit.rounding import PLACE_STEP_MM, rounded
 from handpose.fit.search import FAST, Plan
 from handpose.frames.cameras import Camera
@@ -99,8 +98,7 @@ class HandPipeline:
         """The crop moved to the palm that is predicted in it; the unchanged candidate if it is already there."""
         start, side = candidate.center_uvd, candidate.side
         for _ in range(self.refine):
-            shown = HandCrops.of_sides(candidate.crop[None], candidate.center_uvd, camera, self.cube_mm, side).as_right
-            joints = network_joints(self.net, shown[0])
+            joints = network_joints(self.net, as_right(candidate.crop, side))
             palm = recenter(joints, self.skeleton, candidate.center_uvd, self.cube_mm, camera, side)
             if np.array_equal(palm, candidate.center_uvd):
                 break

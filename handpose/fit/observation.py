@@ -82,7 +82,7 @@ class Observation:
 class HandCrops:
     """Crops of N hands. Networks and body models know right hands, so left hands are mirrored here, once, along x.
 
-    Results for the mirrored crops are in mirrored camera axes; multiplied by ``mirror`` they are in the camera's axes.
+    Results for the mirrored crops are in mirrored camera axes (``sides.mirror_of``).
 
     crops       (N, S, S) in [-1, 1], not mirrored
     center_uvd  (N, 3) px, px, mm: the crops' centres, not mirrored
@@ -126,11 +126,6 @@ class HandCrops:
         crops = shown.copy()
         crops[self.mirrored] = shown[self.mirrored][:, :, ::-1]
         return crops
-
-    @property
-    def mirror(self) -> Array:
-        """(N, 3) factors between the camera's axes and the mirrored ones, in both directions."""
-        return np.where(self.mirrored[:, None], MIRROR, 1.0)
 
     def observe(self, points: int) -> Observation:
         """The crops as observations of right hands, sampled at this number of points. Raises DataError."""

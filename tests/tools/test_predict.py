@@ -126,7 +126,8 @@ def test_crops(snapshot):
 def test_engine(snapshot, monkeypatch):
     """--engine selects the engine, and the joints agree to rounding."""
     nets, names = [], ["plain", *(["fast"] if engine.has_fast() else [])]
-    monkeypatch.setattr(packaged, "Net", lambda *args, **options: nets.append(netlib.Net(*args, **options)) or nets[-1])
+    monkeypatch.setattr("handpose.estimate.nets.Net",
+                        lambda *args, **options: nets.append(netlib.Net(*args, **options)) or nets[-1])
     found = [predicted("crop.png", "--engine", name)[0]["positions_mm"] for name in names]
     assert [net.engine.name for net in nets] == names  # crops need no finder
     assert np.allclose(found[0], found[-1], atol=0.02)  # mm
