@@ -20,9 +20,9 @@ from handpose.body.nyu import (
 )
 from handpose.datasets.published_frames import Flaw, PublishedFrames, check_frames, read_centers
 from handpose.frames.cameras import NYU
-from handpose.frames.images import WRONG_SIZE, BadFrameError, read_png, unpack_depth
+from handpose.frames.images import WRONG_SIZE, BadFrameError, errors_of, read_png, unpack_depth
 from netlib.blob import Array
-from netlib.errors import DataError, NetlibError
+from netlib.errors import DataError
 
 ANNOTATION = "joint_data.mat"  # in the folder of the depth frames of each split
 
@@ -53,13 +53,8 @@ def read_annotation(path: Path) -> NyuAnnotation:
     """The joints in a ``joint_data.mat``, of MATLAB's version 5. Raises DataError."""
     if not path.is_file():
         raise DataError(f"{path}: no such file; it holds the joints, and comes in the same archive as the depth frames")
-    try:
+    with errors_of(str(path), "the labels", "not a readable MATLAB file, perhaps truncated"):
         found = _read_matlab(path)
-    except NetlibError:
-        raise
-    except Exception as error:  # for a damaged file a reader may raise any exception
-        reason = " ".join(str(error).split())[:120]
-        raise DataError(f"{path}: not a readable MATLAB file, perhaps truncated: {reason}") from None
     for name in ("joint_uvd", "joint_xyz"):
         array = found[name]
         if array.ndim != 4 or array.shape[2:] != (ANNOTATED_JOINTS, 3) or array.dtype.kind not in "fiu":

@@ -112,14 +112,9 @@ class Hand:
         return self._of_fit("uncertainty")
 
     @property
-    def signs(self) -> Array:
-        """(5,) the signs of failure, as in ``DepthFit``."""
-        return np.asarray(self.the_fit.signs[0])
-
-    @property
     def moved_mm(self) -> float:
         """The mean distance of the fit from the joints that the network predicted last."""
-        return float(self.signs[-1])
+        return float(self.the_fit.signs[0, -1])
 
     @property
     def selection_cost(self) -> float:

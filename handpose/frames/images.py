@@ -9,6 +9,8 @@ depth_image   an array, in mm if ``check_unit`` accepts it; ``without_dropouts``
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +23,7 @@ from handpose.frames.crops import SIZE, numbers
 from handpose.frames.recording import CameraInfo, DepthDecoder
 from netlib import files
 from netlib.blob import Array
-from netlib.errors import DataError, system_error_of
+from netlib.errors import DataError, NetlibError, reason_of, system_error_of
 from netlib.files import pictures
 from netlib.files.paths import exists
 
@@ -54,6 +56,23 @@ def read_png(path: str | Path) -> Array:
 def read_picture(path: str | Path) -> Array:
     """The pixels of an image file unchanged, colours in OpenCV's order (blue first). Raises DataError."""
     return pictures.decode(files.read_bytes(path, "the picture"), cv2.IMREAD_UNCHANGED, str(path))
+
+
+@contextlib.contextmanager
+def errors_of(where: str, what: str, damaged: str) -> Iterator[None]:
+    """Turn any exception into a DataError: for a damaged file a library may raise any.
+
+    what     is read; named if the system cannot read it
+    damaged  what is wrong with the file otherwise
+    """
+    try:
+        yield
+    except NetlibError:
+        raise
+    except Exception as error:
+        system = system_error_of(error)
+        raise DataError(f"{where}: {f'cannot read {what}' if system else damaged}: "
+                        f"{reason_of(system or error)[:200]}") from error
 
 
 def read_frame(path: str | Path, given: CameraInfo) -> NDArray[np.float32]:

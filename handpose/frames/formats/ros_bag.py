@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from handpose.frames import camera_file
 from handpose.frames.cameras import Camera
+from handpose.frames.images import errors_of
 from handpose.frames.lens import Lens, lens_of
 from handpose.frames.recording import CameraInfo, DepthDecoder, DepthFrame, Recording
 from netlib.errors import DataError, NetlibError, did_you_mean, reason_of, system_error_of
@@ -77,12 +78,9 @@ class Bag(NamedTuple):
 
     def first(self, topic: str, *kinds: str) -> Any:
         """The first message of a topic, of one of some types. Raises DataError."""
-        try:
-            return next(self.messages(topic, *kinds))[1]
-        except NetlibError:
-            raise
-        except Exception as error:  # for a damaged bag the library may raise any exception
-            raise DataError(f"{self.where}: {topic}: no message can be read: {reason_of(error)}") from error
+        with errors_of(f"{self.where}: {topic}", "the messages", "no message can be read"):
+            _, message = next(self.messages(topic, *kinds))
+        return message
 
 
 @functools.cache

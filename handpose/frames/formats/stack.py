@@ -27,9 +27,10 @@ from numpy.typing import NDArray
 
 from handpose.frames import camera_file
 from handpose.frames.camera_file import FRAMES, TICKS, since_1970
+from handpose.frames.images import errors_of
 from handpose.frames.recording import RATE, UNKNOWN, CameraInfo, DepthDecoder, DepthFrame, Recording, check_values
 from netlib import files
-from netlib.errors import DataError, NetlibError, reason_of, system_error_of
+from netlib.errors import DataError
 from netlib.files.pictures import MAX_PIXELS
 
 WHAT = "the depth frames"
@@ -81,7 +82,7 @@ class _Npy:
     names: Sequence[str] = ()
 
     def __init__(self, path: Path) -> None:
-        with _errors_of(path, "cut, or not an array as NumPy writes it"), files.opened(path, WHAT):
+        with errors_of(str(path), WHAT, "cut, or not an array as NumPy writes it"), files.opened(path, WHAT):
             self._array = npy.open_memmap(path, mode="r")
         self.shape, self.dtype = self._array.shape, self._array.dtype
         _check_stack(self.shape, self.dtype, str(path))
@@ -144,22 +145,9 @@ class _Npz:
 
     @contextlib.contextmanager
     def _opened(self) -> Iterator[zipfile.ZipFile]:
-        damaged = _errors_of(self._path, "a damaged .npz file")
+        damaged = errors_of(str(self._path), WHAT, "a damaged .npz file")
         with BufferedReader(files.opened(self._path, WHAT)) as stream, damaged, zipfile.ZipFile(stream) as archive:
             yield archive
-
-
-@contextlib.contextmanager
-def _errors_of(path: Path, what: str) -> Iterator[None]:
-    """Turn any exception into a DataError: for a damaged file, NumPy and the decoders may raise any."""
-    try:
-        yield
-    except NetlibError:
-        raise
-    except Exception as error:
-        system = system_error_of(error)
-        raise DataError(f"{path}: {f'cannot read {WHAT}' if system else what}: "
-                        f"{reason_of(system or error)[:200]}") from error
 
 
 def _header(stream: IO[bytes]) -> _Header:

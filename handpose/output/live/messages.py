@@ -14,7 +14,6 @@ The message of a frame for the page is binary; numbers are little-endian:
 
 from __future__ import annotations
 
-import json
 import math
 import struct
 from collections.abc import Sequence
@@ -26,13 +25,12 @@ from numpy.typing import NDArray
 from handpose.body.joint_formats.formats import FormatName
 from handpose.frames.cameras import Camera
 from handpose.output.drawing.view import Contrast, View, Window, box_of
-from handpose.output.tracks.json_values import FrameValues, header_values
+from handpose.output.tracks.json_values import FrameValues, header_values, to_text
 from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
 
 LINES, VIEWS = "/frames", "/view"  # paths of the server: frames as JSON lines, and those of the page
 MAX_SAMPLES = 320  # maximum side of the depth image sent to the page
 _MAX_DEPTH = np.iinfo(np.uint16).max
-_text = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
 
 
 class Grid(NamedTuple):
@@ -71,7 +69,7 @@ class Messages:
     """
 
     def __init__(self, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False) -> None:
-        self.header = _text(header_values(header, joints))
+        self.header = to_text(header_values(header, joints))
         self._values = FrameValues(header, joints, gestures, live=True)
         self._camera = header.camera
         self._contrast, self._window = Contrast(), Window(header.camera)
@@ -82,7 +80,7 @@ class Messages:
 
     def line(self, record: dict[str, Any]) -> str:
         """The record as a line of JSON, without its end."""
-        return _text(record)
+        return to_text(record)
 
     def view(self, record: dict[str, Any], depth: NDArray[np.floating], frame: TrackedFrame) -> bytes:
         """The message for the page."""
@@ -100,7 +98,7 @@ class Messages:
             "grid": list(grid),
             "capsules": counts,
         }
-        text = _text(values).encode()
+        text = to_text(values).encode()
         samples = np.clip(grid.of(depth), 0, _MAX_DEPTH).astype("<u2")
         parts = [struct.pack("<I", _padded(len(text))), text.ljust(_padded(len(text))),
                  samples.tobytes(), bytes(2 * (samples.size % 2))]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from typing import Any
 
@@ -27,6 +28,9 @@ FORMAT, VERSION = "handpose", 2
 READ = (1, 2)  # versions; without presence before 2
 UNITS = {"length": "mm", "angle": "rad", "time": "s", "pixel": "px"}
 AXES = {"x": "right", "y": "up", "z": "away from the camera"}
+
+
+to_text = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode  # ASCII only
 
 
 def rounded(numbers: ArrayLike, decimals: int) -> Any:

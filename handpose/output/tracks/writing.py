@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import json
 import os
 import sys
 from collections.abc import Callable
@@ -17,12 +16,10 @@ from pathlib import Path
 
 from handpose.body.joint_formats.formats import FormatName
 from handpose.output.tracks.csv_file import FrameRows
-from handpose.output.tracks.json_values import FrameValues, header_values
+from handpose.output.tracks.json_values import FrameValues, header_values, to_text
 from handpose.tracking.track import TrackedFrame, TrackHeader
 from netlib.errors import DataError
 from netlib.files import atomic
-
-_text = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode  # ASCII only
 
 
 class TrackWriter:
@@ -127,10 +124,10 @@ def open_writer(
     if ending == ".csv":
         rows = FrameRows(header, joints, gestures)
         return TrackWriter(place, rows.encoded, rows.head)
-    frames, head = FrameValues(header, joints, gestures), _text(header_values(header, joints))
+    frames, head = FrameValues(header, joints, gestures), to_text(header_values(header, joints))
 
     def encode(frame: TrackedFrame) -> bytes:
-        return _text(frames.values(frame)).encode()
+        return to_text(frames.values(frame)).encode()
 
     if ending == ".jsonl":
         return TrackWriter(place, lambda frame: encode(frame) + b"\n", f"{head}\n".encode(), shown=True)
