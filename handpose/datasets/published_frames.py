@@ -143,21 +143,15 @@ def check_frames(
         found = f"; found {_shown(names[missing[0].parent])}" if len(missing) == count else ""
         flaws.append(Flaw(text + found, fatal=len(missing) == count))
     else:
-        flaws += _first_frame_flaws(frames)
+        try:
+            frames.depth(0)
+        except BadFrameError as error:  # another size than the camera's is that of all frames
+            flaws.append(Flaw(str(error), fatal=error.kind == WRONG_SIZE))
     return [f"{folder}: {count} labelled frames, {count - len(missing)} of their depth frames"], flaws
 
 
 def _shown(names: Collection[str]) -> str:
     return f"{', '.join(sorted(names)[:MAX_SHOWN])}{' ...' * (len(names) > MAX_SHOWN)}" or "nothing"
-
-
-def _first_frame_flaws(frames: PublishedFrames) -> list[Flaw]:
-    """Damage of the first depth frame, which is not fatal, or another size than the camera's."""
-    try:
-        frames.depth(0)
-    except BadFrameError as error:
-        return [Flaw(str(error), fatal=error.kind == WRONG_SIZE)]
-    return []
 
 
 def statistics(frames: PublishedFrames, index: Sequence[int]) -> str:

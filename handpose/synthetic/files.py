@@ -106,7 +106,7 @@ class DataSet:
         self.lists: dict[Path, str] = {}
         every: dict[Part, Generator] = {}
         for generator, count in sources:
-            own = _parts_of(out, generator, count)
+            own = parts.parts_of(out, generator.split, count, MADE_FROM, generator.made_from)
             every |= dict.fromkeys(own, generator)
             self.lists[out / f"{generator.split}.txt"] = parts.list_text(part.path for part in own)
         self.missing = {part: every[part] for part in parts.missing_of(list(every), list(self.lists), force)}
@@ -135,12 +135,6 @@ class DataSet:
                     _write(part, generator, pool, advance)
         for path, text in self.lists.items():
             atomic.replace_text(path, text)
-
-
-def _parts_of(out: Path, generator: Generator, count: int) -> list[Part]:
-    """The parts of the first frames of a generator."""
-    made_from = generator.made_from()
-    return parts.parts_of(out, generator.split, count, MADE_FROM, lambda start, rows: made_from)
 
 
 def _write(part: Part, generator: Generator, pool: ProcessPoolExecutor | None, advance: Callable[[int], None]) -> None:

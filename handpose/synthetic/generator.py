@@ -140,8 +140,8 @@ class Generator:
         return Frames.of(np.zeros((0, SIZE, SIZE)), np.zeros((0, K, 3)), np.zeros((0, 3)), NYU, none,
                          np.zeros(0, np.int64), np.zeros((0, D)), np.zeros((0, K))).arrays()
 
-    def made_from(self) -> dict[str, object]:
-        """Everything that the frames depend on, as JSON values."""
+    def made_from(self, *rows: int) -> dict[str, object]:
+        """Everything that the frames depend on, as JSON values; the same for all ``rows``."""
         recipe = asdict(self.recipe) | {
             "views": [[asdict(part) if part else None for part in v] for v in self.recipe.views]
         }

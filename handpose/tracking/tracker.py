@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -181,7 +181,7 @@ class Tracker:
                 break
             place.wait(time, at_once=not self.tracks)
             seen = self._seen_at(place.hand, found.depth, readings, self.size)
-            confidence = _confidence(seen)
+            confidence = max((one.chance for one in seen), default=0.0)
             if place.presence * confidence >= ENOUGH_BOTH and (confidence >= BESIDE or not self.tracks):
                 self._begin(HandTrack(self.estimator, seen, time, self.size, self._side_prior(), place.presence), place)
 
@@ -259,8 +259,3 @@ class Tracker:
         """The hand's position (3,) in mm, camera axes."""
         estimate = track.best.estimate
         return self.camera.unproject(self.estimator.center_of(estimate.body, estimate.hand))
-
-
-def _confidence(hands: Sequence[Hand]) -> float:
-    """The highest confidence of hands."""
-    return max((hand.chance for hand in hands), default=0.0)
