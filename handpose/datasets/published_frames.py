@@ -11,7 +11,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -185,15 +185,6 @@ def read_centers(path: Path, frames: int) -> Array:
 _CHUNK = 16  # frames that a thread crops at a time
 
 
-@dataclass
-class Outcome:
-    """The result of preparing a split."""
-
-    index: list[int] = field(default_factory=list)  # numbers of the good frames
-    bad: dict[int, str] = field(default_factory=dict)  # kind by index
-    made: int = 0  # number of new good frames
-
-
 class PreparedSplit:
     """One split in a folder.
 
@@ -201,6 +192,8 @@ class PreparedSplit:
     parts    the HDF5 files; ``missing`` are those to be written, all if ``force``
     list     the text file that names them: SPLIT.txt
     bad      the text file that names the bad frames, if there are any: bad_SPLIT.txt
+    index    after ``write``: the numbers of the good frames; ``made`` of them are new
+    kinds    likewise: the kind of each bad frame
 
     Raises DataError where data of another source would be replaced.
     """
@@ -210,10 +203,11 @@ class PreparedSplit:
         self.parts = parts.parts_of(out, frames.split, len(frames), frames.made_from, frames.recipe)
         self.list, self.bad = out / f"{frames.split}.txt", out / f"bad_{frames.split}.txt"
         self.missing = parts.missing_of(self.parts, [self.list], force)
+        self.index, self.made, self.kinds = list[int](), 0, list[str]()
 
     def write(
         self, workers: int, advance: Callable[[int], None], on_bad: Callable[[int, BadFrameError], None]
-    ) -> Outcome:
+    ) -> None:
         """Write the missing parts, and name the bad frames.
 
         workers  number of threads
@@ -222,11 +216,11 @@ class PreparedSplit:
 
         An exception of ``advance`` or ``on_bad`` ends the run and keeps whole parts only.
         """
-        outcome, named = Outcome(), list[str]()
+        named = list[str]()
 
         def report(i: int, error: BadFrameError) -> None:
             on_bad(i, error)
-            outcome.bad[i] = error.kind
+            self.kinds.append(error.kind)
             named.append(f"frame {i}: {error}\n")
 
         if self.missing:
@@ -236,20 +230,19 @@ class PreparedSplit:
             for part in self.parts:
                 if part in self.missing:
                     index = self._write_part(part, pool, advance, report)
-                    outcome.made += len(index)
+                    self.made += len(index)
                 else:
                     with hdf5.opened(part.path, "the data") as file:
                         index, left_out = file["index"][...].tolist(), json.loads(file.attrs["bad"])
                     for i, kind in [(i, kind) for kind, indices in left_out.items() for i in indices]:
                         report(i, BadFrameError(self.frames.files[i], kind))
-                outcome.index += index
+                self.index += index
         finally:
             pool.shutdown(cancel_futures=True)
         if named:
             atomic.replace_text(self.bad, "".join(named))
         else:
             self.bad.unlink(missing_ok=True)
-        return outcome
 
     def _write_part(
         self, part: Part, pool: ThreadPoolExecutor, advance: Callable[[int], None],
@@ -275,19 +268,19 @@ class PreparedSplit:
         write_part(part, len(index), pieces, {"description": description, "bad": json.dumps(bad)})
         return index
 
-    def write_list(self, outcome: Outcome) -> None:
+    def write_list(self) -> None:
         """Write the list of the parts that have frames. Raises DataError if none has."""
-        if not outcome.index:
+        if not self.index:
             folder, split = self.frames.files[0].parent, self.frames.split
             raise DataError(f"{folder}: none of the {len(self.frames)} {split} frames can be used")
-        used = {i // parts.FRAMES_PER_FILE for i in outcome.index}
+        used = {i // parts.FRAMES_PER_FILE for i in self.index}
         some = [part.path for n, part in enumerate(self.parts) if n in used]  # HDF5Data rejects files without rows
         atomic.replace_text(self.list, parts.list_text(some))
 
-    def report(self, outcome: Outcome) -> str:
+    def report(self) -> str:
         """The result of the preparation, in two lines."""
-        counts = ", ".join(f"{count} {kind}" for kind, count in sorted(Counter(outcome.bad.values()).items()))
-        bad = f", {len(outcome.bad)} bad frames left out: {counts}" if counts else ", none bad"
+        counts = ", ".join(f"{count} {kind}" for kind, count in sorted(Counter(self.kinds).items()))
+        bad = f", {len(self.kinds)} bad frames left out: {counts}" if counts else ", none bad"
         split = self.frames.split
-        head = f"{split}: {len(outcome.index)} frames ({self.frames.made_from}){bad}"
-        return f"{head}\n{split}: {statistics(self.frames, outcome.index)}"
+        head = f"{split}: {len(self.index)} frames ({self.frames.made_from}){bad}"
+        return f"{head}\n{split}: {statistics(self.frames, self.index)}"

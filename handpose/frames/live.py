@@ -101,15 +101,11 @@ class CaptureThread:
             self._thread.start()
         with self._changed:
             self._changed.wait_for(lambda: self._newest is not None or self._failure is not None, WAIT_S)
-            if self._newest is not None:
-                frame, self._newest = self._newest, None
-                return frame
-            failure = self._failure
-            if isinstance(failure, TimeoutError):
-                self._failure = None
-            if failure is not None:
+            frame, self._newest, failure = self._newest, None, self._failure
+            if frame is None and failure is not None:
+                self._failure = None if isinstance(failure, TimeoutError) else failure
                 raise failure
-            return None
+            return frame
 
     def close(self) -> None:
         """End the thread, then close the device."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from handpose.datasets import parts
-from handpose.datasets.published_frames import Flaw, Outcome, PreparedSplit, PublishedFrames
+from handpose.datasets.published_frames import Flaw, PreparedSplit, PublishedFrames
 from handpose.frames.images import BadFrameError
 from netlib import engine
 from tools.common.arguments import parser_of, workers
@@ -78,23 +78,23 @@ def _prepare(splits: Sequence[PreparedSplit], args: argparse.Namespace) -> int:
     """Write what is missing of the splits and print a summary. Raises NetlibError."""
     missing = [part for split in splits for part in split.missing]
     begun = time.perf_counter()
-    outcomes: list[Outcome] = []
 
     def fill(advance: Callable[[int], None]) -> None:
-        outcomes.extend(_write(split, args, advance) for split in splits)
+        for split in splits:
+            _write(split, args, advance)
 
     parts.check_space(args.out, [(len(split.frames), split.frames.crops(0, 0)[0].arrays()) for split in splits])
     status = fill_folder(args.out, sum(part.rows for part in missing), fill)
     if status != DONE:
         return status
-    for split, outcome in zip(splits, outcomes):
-        print(split.report(outcome))
-    made, took = sum(outcome.made for outcome in outcomes), duration(time.perf_counter() - begun)
+    for split in splits:
+        print(split.report())
+    made, took = sum(split.made for split in splits), duration(time.perf_counter() - begun)
     say(f"{args.out}: made {made} frames in {took}" if missing else f"{args.out}: all files kept")
     return DONE
 
 
-def _write(split: PreparedSplit, args: argparse.Namespace, advance: Callable[[int], None]) -> Outcome:
+def _write(split: PreparedSplit, args: argparse.Namespace, advance: Callable[[int], None]) -> None:
     """Write one split; print its first bad frames, or stop at the first."""
     count = 0
 
@@ -106,8 +106,7 @@ def _write(split: PreparedSplit, args: argparse.Namespace, advance: Callable[[in
         if count <= MAX_SHOWN:
             say(f"{split.frames.split} frame {i}: {error}", file=sys.stderr)
 
-    outcome = split.write(args.workers, advance, on_bad)
+    split.write(args.workers, advance, on_bad)
     if count > MAX_SHOWN:
         say(f"{split.frames.split}: {count - MAX_SHOWN} more bad frames, see {split.bad}", file=sys.stderr)
-    split.write_list(outcome)
-    return outcome
+    split.write_list()

@@ -131,12 +131,12 @@ def test_bad_frames_are_named_and_left_out(tmp_path: Path) -> None:
     for missing in (3, 0):
         split = PreparedSplit(split_of(tmp_path, range(2, 6)), tmp_path)
         assert [len(split.parts), len(split.missing)] == [3, missing]
-        outcome = split.write(2, lambda count: None, lambda i, error: None)
-        split.write_list(outcome)
-        assert (outcome.index, outcome.made) == ([0, 1, 6], missing)
+        split.write(2, lambda count: None, lambda i, error: None)
+        split.write_list()
+        assert (split.index, split.made) == ([0, 1, 6], missing)
         assert split.list.read_text() == f"{tmp_path}/test_000.h5\n{tmp_path}/test_002.h5\n"
         assert [line[:8] for line in split.bad.read_text().splitlines()] == [f"frame {i}:" for i in range(2, 6)]
-        reports.append(split.report(outcome))
+        reports.append(split.report())
     assert reports[0] == reports[1]
     assert reports[0].startswith(
         "test: 3 frames (plates), 4 bad frames left out: 4 no such file\ntest: crops about the "
