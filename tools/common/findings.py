@@ -38,8 +38,8 @@ def table(found: Hand, predictor: Predictor, joints: FormatName | None) -> tuple
     if not found.has_joints:
         return words, []
     if joints:
-        camera, cube = (found.camera, None) if found.in_frame else (None, found.cube_mm)
-        values = joint_values.hand_values(joints, predictor.skeleton, found.hand, _positions(found), camera, cube)
+        made, camera = tracked(found, predictor.skeleton), found.camera if found.in_frame else None
+        values = joint_values.hand_values(joints, predictor.skeleton, made, camera)
         return words, _format_lines(found, joints, values)
     own = zip(predictor.skeleton.joint_names, _positions(found))
     return words, [f"  {name:<14}{x:9.1f}{y:9.1f}{z:9.1f}" for name, (x, y, z) in own]

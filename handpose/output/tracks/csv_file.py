@@ -92,8 +92,7 @@ class HandColumns:
     def pose_values(self, hand: TrackedHand, camera: Camera | None) -> list[str]:
         """The fields of ``pose``; empty if unknown. Without a camera, positions are from the middle of the crop."""
         if self._joints:
-            cube_mm = hand.cube_mm if camera is None else None
-            return joint_values.numbers(self._joints, self._skeleton, hand.hand, hand.xyz, camera, cube_mm)
+            return joint_values.numbers(self._joints, self._skeleton, hand, camera)
         angles = self._skeleton.theta(hand.inputs)[self._angles]
         return [known("%.2f", x) for x in hand.xyz.ravel().tolist()] + [known("%.5f", a) for a in angles.tolist()]
 

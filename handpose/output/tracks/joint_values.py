@@ -22,8 +22,8 @@ import numpy as np
 
 from handpose.body.joint_formats.angles import ANGLES, anatomical_angles
 from handpose.body.joint_formats.formats import FORMATS, FormatName, formatted
-from handpose.body.sides import Side
 from handpose.frames.cameras import Camera
+from handpose.tracking.track import TrackedHand
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 
@@ -38,12 +38,11 @@ def format_values(name: FormatName) -> dict[str, Any]:
             "length": chosen.unit, "axes": chosen.in_words, "angles": list(ANGLES)}
 
 
-def hand_values(
-    name: FormatName, skeleton: Skeleton, hand: Side, xyz: Array, camera: Camera | None, cube_mm: float | None = None,
-) -> dict[str, Any]:
+def hand_values(name: FormatName, skeleton: Skeleton, hand: TrackedHand, camera: Camera | None) -> dict[str, Any]:
     """The JSON values of a hand in a format. Raises DataError for another body than a hand."""
-    angles, parts = anatomical_angles(skeleton, hand, xyz), _parts(name, skeleton, hand, xyz, camera, cube_mm)
-    joints = {key: None if values is None else _rounded(values, digits) for key, (digits, values) in parts.items()}
+    angles, digits = anatomical_angles(skeleton, hand.hand, hand.xyz), DECIMALS[FORMATS[name].unit]
+    parts = _parts(name, skeleton, hand, camera)
+    joints = {key: None if values is None else _rounded(values, digits) for key, values in parts.items()}
     return {name: joints, ANGLES_KEY: {angle: _rounded(value, 2) for angle, value in angles.items()}}
 
 
@@ -59,12 +58,11 @@ def columns(name: FormatName) -> list[str]:
     return found + [f"{angle}_deg" for angle in ANGLES]
 
 
-def numbers(
-    name: FormatName, skeleton: Skeleton, hand: Side, xyz: Array, camera: Camera | None, cube_mm: float | None = None,
-) -> list[str]:
+def numbers(name: FormatName, skeleton: Skeleton, hand: TrackedHand, camera: Camera | None) -> list[str]:
     """The values of a row, one for each column. Raises DataError for another body than a hand."""
-    texts, angles = [], [f"{angle:.2f}" for angle in anatomical_angles(skeleton, hand, xyz).values()]
-    for digits, values in _parts(name, skeleton, hand, xyz, camera, cube_mm).values():
+    texts, angles = [], [f"{angle:.2f}" for angle in anatomical_angles(skeleton, hand.hand, hand.xyz).values()]
+    digits = DECIMALS[FORMATS[name].unit]
+    for values in _parts(name, skeleton, hand, camera).values():
         if values is not None:
             texts += [f"{number:.{digits}f}" for number in values.ravel().tolist()]
         else:  # landmarks, where the size of the image is unknown
@@ -72,16 +70,14 @@ def numbers(
     return texts + angles
 
 
-def _parts(
-    name: FormatName, skeleton: Skeleton, hand: Side, xyz: Array, camera: Camera | None, cube_mm: float | None
-) -> dict[str, tuple[int, Array | None]]:
-    """The arrays of a hand in a format by their keys in JSON, with their decimals."""
-    found, unit = formatted(name, skeleton, hand, xyz, camera, cube_mm), FORMATS[name].unit
-    parts: dict[str, Array | None] = {f"positions_{unit}": found.positions}
-    if name == "mediapipe":
-        center = np.asarray(found.positions.mean(axis=0))
-        parts = {"landmarks": found.landmarks, "world_landmarks": found.positions - center, "center_m": center}
-    return {key: (DECIMALS[unit], values) for key, values in parts.items()}
+def _parts(name: FormatName, skeleton: Skeleton, hand: TrackedHand, camera: Camera | None) -> dict[str, Array | None]:
+    """The arrays of a hand in a format by their keys in JSON; without a camera, those of its crop."""
+    cube_mm = hand.cube_mm if camera is None else None
+    found = formatted(name, skeleton, hand.hand, hand.xyz, camera, cube_mm)
+    if name != "mediapipe":
+        return {f"positions_{FORMATS[name].unit}": found.positions}
+    center = np.asarray(found.positions.mean(axis=0))
+    return {"landmarks": found.landmarks, "world_landmarks": found.positions - center, "center_m": center}
 
 
 def _rounded(values: Any, digits: int) -> Any:

@@ -160,15 +160,12 @@ class FrameValues:
         """The joint format and the gesture, if requested."""
         found: dict[str, Any] = {}
         if self._joints is not None:
-            cube_mm = hand.cube_mm if self._camera is None else None
-            found = joint_values.hand_values(
-                self._joints, self._skeleton, hand.hand, hand.xyz, self._camera, cube_mm
-            )
-        if self._gestures is None:
-            return found
-        seen = self._gestures.read(hand.id, hand.hand, hand.xyz, time)
-        gesture = {"name": seen.name or None, "number": seen.number, "confidence": rounded(seen.confidence, 3)}
-        return {**found, "gesture": gesture}
+            found = joint_values.hand_values(self._joints, self._skeleton, hand, self._camera)
+        if self._gestures is not None:
+            seen = self._gestures.read(hand.id, hand.hand, hand.xyz, time)
+            sure = rounded(seen.confidence, 3)
+            found["gesture"] = {"name": seen.name or None, "number": seen.number, "confidence": sure}
+        return found
 
     def frame(self, fields: Fields) -> TrackedFrame:
         """The next frame from its object. Raises DataError."""
