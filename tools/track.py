@@ -40,10 +40,10 @@ import tools
 tools.begin(__name__)
 
 from handpose import Tracker, load_predictor
-from handpose.body.render import Floats
 from handpose.body.sides import SOUGHT_SIDES
 from handpose.estimate.hand import MIN_PRESENCE
 from handpose.fit.body import MAX_SIZE, MIN_SIZE
+from handpose.frames.cameras import Floats
 from handpose.frames.inspection import Inspection, inspect
 from handpose.tracking.later_frames import LaterFrames
 from handpose.tracking.summary import Summary

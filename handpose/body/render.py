@@ -32,11 +32,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.frames.cameras import NYU, Camera
+from handpose.frames.cameras import NYU, Array, Camera, Floats
 from handpose.frames.crops import SIZE, window
 from netlib.errors import DataError
-
-Floats = NDArray[np.float32]
 
 CLEAR_MM = 40.0  # minimum distance from the camera's plane
 _FAR, _SPECK = 1e6, 1e-3  # mm: distance and radius of an invisible sphere
@@ -55,10 +53,10 @@ class Capsules(NamedTuple):
             m, 2 m + 1 for its end b
     """
 
-    a: NDArray[np.float64]  # (N, M, 3)
-    b: NDArray[np.float64]  # (N, M, 3)
-    radius_a: NDArray[np.float64]  # (N, M)
-    radius_b: NDArray[np.float64]  # (N, M)
+    a: Array  # (N, M, 3)
+    b: Array  # (N, M, 3)
+    radius_a: Array  # (N, M)
+    radius_b: Array  # (N, M)
     facets: NDArray[np.int_] = NO_FACETS
 
     def moved(self, by: ArrayLike) -> Capsules:
@@ -66,7 +64,7 @@ class Capsules(NamedTuple):
         by = np.asarray(by, dtype=np.float64).reshape(-1, 1, 3)
         return self._replace(a=self.a + by, b=self.b + by)
 
-    def mirrored(self, axes: NDArray[np.float64]) -> Capsules:
+    def mirrored(self, axes: Array) -> Capsules:
         """All ends multiplied by (3,), or by (N, 3)."""
         axes = axes.reshape(-1, 1, 3)
         return self._replace(a=self.a * axes, b=self.b * axes)
@@ -155,9 +153,8 @@ def render(capsules: Capsules, x: ArrayLike, y: ArrayLike, background: ArrayLike
 
 
 def _paint(
-    image: Floats, x: Floats, y: Floats, frame: NDArray[np.int64],
-    bounds: list[tuple[NDArray[np.float64], NDArray[np.float64]]], coefficients: Floats,
-    depths: Callable[[Floats, Floats, Floats], Floats],
+    image: Floats, x: Floats, y: Floats, frame: NDArray[np.int64], bounds: list[tuple[Array, Array]],
+    coefficients: Floats, depths: Callable[[Floats, Floats, Floats], Floats],
 ) -> None:
     """Draw L shapes into images (N, H, W), where they are nearer than the existing depth.
 
@@ -204,9 +201,7 @@ def _slopes(pixels: NDArray[np.int64], middle: float, focal: float) -> Floats:
     return slopes
 
 
-def _visible_ends(
-    capsules: Capsules,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _visible_ends(capsules: Capsules) -> tuple[Array, Array, Array, Array]:
     """The capsules flattened to (N M, ...), y down; those with one visible sphere are replaced by that sphere."""
     a = capsules.a.reshape(-1, 3) * (1, -1, 1)
     b = capsules.b.reshape(-1, 3) * (1, -1, 1)
@@ -230,9 +225,7 @@ def _visible_ends(
     return a, b, ra, rb
 
 
-def _extent(
-    a: NDArray[np.float64], b: NDArray[np.float64], ra: NDArray[np.float64], rb: NDArray[np.float64], axis: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _extent(a: Array, b: Array, ra: Array, rb: Array, axis: int) -> tuple[Array, Array]:
     """Smallest and largest slope along x or y of the rays that touch each capsule."""
     bounds = []
     for c, r in ((a, ra), (b, rb)):
@@ -243,16 +236,14 @@ def _extent(
 
 
 def _pixels(
-    slopes: Floats, frame: NDArray[np.int64], low: NDArray[np.float64], high: NDArray[np.float64]
+    slopes: Floats, frame: NDArray[np.int64], low: Array, high: Array
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Ranges of the indices of ``slopes`` (N, size) between ``low`` and ``high`` (L,), in the row ``frame`` (L,)."""
     own = slopes[frame]
     return np.count_nonzero(own < low[:, None], axis=1), np.count_nonzero(own <= high[:, None], axis=1)
 
 
-def _coefficients(
-    a: NDArray[np.float64], b: NDArray[np.float64], ra: NDArray[np.float64], rb: NDArray[np.float64]
-) -> Floats:
+def _coefficients(a: Array, b: Array, ra: Array, rb: Array) -> Floats:
     """The coefficients of each capsule for the pixels, (13, L): a, B, k1's vector, e, g, k0, a.a - ra^2."""
     B, w = b - a, ra - rb
     e = (B * B).sum(1) - w * w
@@ -298,7 +289,7 @@ def _depths(coefficients: Floats, x: Floats, y: Floats) -> Floats:
     return np.asarray(cd)
 
 
-def _triangles(capsules: Capsules) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def _triangles(capsules: Capsules) -> tuple[NDArray[np.int64], Array]:
     """The visible triangles of all facets: the frame of each (L,), and its corners (L, 3, 3), y down."""
     N, M = capsules.radius_a.shape
     ends = np.stack([capsules.a, capsules.b], axis=2).reshape(N, 2 * M, 3) * (1, -1, 1)
@@ -324,7 +315,7 @@ def _triangles(capsules: Capsules) -> tuple[NDArray[np.int64], NDArray[np.float6
     return np.concatenate([one for one, _ in found]), np.concatenate([one for _, one in found])
 
 
-def _plane_coefficients(corners: NDArray[np.float64]) -> Floats:
+def _plane_coefficients(corners: Array) -> Floats:
     """The coefficients of each triangle (L, 3, 3) for the pixels, (9, L): vectors of f0, f1 and the sum of all."""
     v0, v1, v2 = corners.swapaxes(0, 1)
     f = np.stack([np.cross(v1, v2), np.cross(v2, v0), np.cross(v0, v1)])

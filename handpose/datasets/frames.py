@@ -19,14 +19,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.frames.cameras import Camera
+from handpose.frames.cameras import Camera, Floats
 from handpose.frames.crops import SIZE
 from handpose.frames.images import read_crop
 from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.files.hdf5 import File, read_list
-
-Floats = NDArray[np.float32]
 
 
 @dataclass(frozen=True)

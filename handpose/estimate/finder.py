@@ -16,14 +16,12 @@ from numpy.typing import NDArray
 from handpose.body.sides import Side
 from handpose.estimate.hand import MIN_PRESENCE
 from handpose.fit.rounding import PLACE_STEP_MM, rounded
-from handpose.frames.cameras import Camera
+from handpose.frames.cameras import Camera, Floats
 from handpose.frames.crops import check_size
 from handpose.frames.images import depth_image
 from netlib.blob import Array
 from netlib.errors import NetlibError
 from netlib.net import Net
-
-Floats = NDArray[np.float32]
 
 FOCAL_PX = 160.0
 VOTE_MM = 100.0  # unit of the votes

@@ -20,17 +20,16 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from handpose.body.model import Fingers, Surface, has_fingers
 from handpose.body.render import Capsules
+from handpose.frames.cameras import Floats
 from layers.hand.bodies import kinematics_of
 from layers.hand.kinematics import Pose, rotation
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import NetlibError
-
-Floats = NDArray[np.float32]
 
 SIZE, THICKNESS = -2, -1  # indices into x
 MIN_SIZE, MAX_SIZE = 0.66, 1.35  # relative to the skeleton's; the recipe `people` has 0.69 to 1.15

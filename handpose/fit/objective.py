@@ -21,8 +21,9 @@ import numpy as np
 from handpose.body.nyu import CUBE_MM
 from handpose.fit.body import CapsuleModel, Posed
 from handpose.fit.network_errors import Poses
-from handpose.fit.observation import Floats, Observation
+from handpose.fit.observation import Observation
 from handpose.fit.residuals import Residuals, normal_equations, residuals_of
+from handpose.frames.cameras import Floats
 from netlib.blob import Array
 
 MIN_SIZE_STD = 1e-4  # deviation of the logarithm of a size that is known

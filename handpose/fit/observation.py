@@ -13,12 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from handpose.body.sides import MIRROR, Side
-from handpose.frames.cameras import Camera
+from handpose.frames.cameras import Camera, Floats
 from handpose.frames.crops import crop_scale, window
 from netlib.blob import Array
 from netlib.errors import DataError
-
-Floats = NDArray[np.float32]
 
 BACKGROUND = 0.999  # a crop's depth above it is background; below its negative it is the near face
 THIN_PX = 3.0  # sampling is denser near the outline, 1 / (THIN_PX + distance in px), because limbs are thin

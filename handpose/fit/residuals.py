@@ -41,7 +41,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose.fit.body import SIZE, THICKNESS, CapsuleModel, Posed
-from handpose.fit.observation import BACKGROUND, Floats, Observation
+from handpose.fit.observation import BACKGROUND, Observation
+from handpose.frames.cameras import Floats
 from netlib.blob import Array
 
 _TINY = np.float32(1e-6)

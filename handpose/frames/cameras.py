@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+Floats = NDArray[np.float32]  # depths, and crops of them
 
 MIN_FOCAL_PX = 1e-6  # with less, points have no finite pixels
 MIN_RANGE_MM = 200.0  # default; the cameras named below, and most others, measure from 200 mm or farther

@@ -27,7 +27,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.frames.cameras import NYU, Camera
+from handpose.frames.cameras import NYU, Camera, Floats
 from netlib.blob import Array
 from netlib.errors import DataError
 
@@ -136,7 +136,7 @@ def check_size(depth: NDArray[np.generic], camera: Camera) -> None:
 
 def crop(
     depth: NDArray[np.generic], center_uvd: ArrayLike, cube_mm: float, camera: Camera = NYU, size: int = SIZE
-) -> NDArray[np.float32]:
+) -> Floats:
     """The crop (size, size) float32 in [-1, 1] of a depth image in mm. Raises DataError.
 
     depth       (camera.height, camera.width), 0 where there is no reading
@@ -171,9 +171,7 @@ def restore_joints(joints: ArrayLike, center_xyz: ArrayLike, half_cube: ArrayLik
     return np.asarray(np.asarray(joints, dtype=np.float64) * half + center)
 
 
-def clear_crop(
-    depth: NDArray[np.generic], center_uvd: ArrayLike, cube_mm: float, camera: Camera
-) -> NDArray[np.float32]:
+def clear_crop(depth: NDArray[np.generic], center_uvd: ArrayLike, cube_mm: float, camera: Camera) -> Floats:
     """``crop`` of a depth image, in which flying pixels and isolated near ones are background. Raises DataError."""
     d, half = float(np.asarray(center_uvd, dtype=np.float64)[2]), cube_mm / 2
     clean = without_flying_pixels(crop(depth, center_uvd, cube_mm, camera), half, d / camera.fx)
@@ -181,9 +179,9 @@ def clear_crop(
 
 
 def with_hidden(
-    crop_of_hand: NDArray[np.float32], readings: NDArray[np.generic], center_uvd: ArrayLike, cube_mm: float,
+    crop_of_hand: Floats, readings: NDArray[np.generic], center_uvd: ArrayLike, cube_mm: float,
     camera: Camera,
-) -> NDArray[np.float32]:
+) -> Floats:
     """A crop (S, S) whose pixels with a reading in front of the cube are at the near face, even isolated ones.
 
     What is behind them is unknown: the hand may continue there.
@@ -202,7 +200,7 @@ def unread(readings: NDArray[np.generic], center_uvd: ArrayLike, cube_mm: float,
     return np.asarray((columns >= 0) & (rows >= 0)[:, None] & ~(picked > 0))
 
 
-def without_flying_pixels(crop: NDArray[np.float32], half_mm: float, pixel_mm: float) -> NDArray[np.float32]:
+def without_flying_pixels(crop: Floats, half_mm: float, pixel_mm: float) -> Floats:
     """A crop (S, S) in [-1, 1] in which flying pixels are background.
 
     half_mm   half the edge of the cube
@@ -222,7 +220,7 @@ def without_flying_pixels(crop: NDArray[np.float32], half_mm: float, pixel_mm: f
     return out
 
 
-def without_isolated_near(crop: NDArray[np.float32], half_mm: float) -> NDArray[np.float32]:
+def without_isolated_near(crop: Floats, half_mm: float) -> Floats:
     """A crop (S, S) in [-1, 1] in which readings in front of the cube that continue no surface are background.
 
     half_mm  half the edge of the cube

@@ -25,9 +25,9 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from handpose.body.render import Floats, normalise_depth, render_crop
+from handpose.body.render import normalise_depth, render_crop
 from handpose.datasets.frames import Frames
-from handpose.frames.cameras import NYU, Camera
+from handpose.frames.cameras import NYU, Camera, Floats
 from handpose.frames.crops import SIZE, window
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import Bodies, BodySampler, cut_normal

@@ -21,8 +21,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from handpose.body.render import Floats
-from handpose.frames.cameras import Camera
+from handpose.frames.cameras import Camera, Floats
 
 _CHUNK = 4  # frames per batch, so that their arrays stay in the cache
 _BYTE_STD = 256 / 12**0.5  # deviation of a uniformly random byte

@@ -15,8 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.body.render import Capsules, Floats, in_front, render
+from handpose.body.render import Capsules, in_front, render
 from handpose.estimate.finder import FOCAL_PX
+from handpose.frames.cameras import Floats
 from handpose.synthetic import prior_file
 from handpose.synthetic.generator import Split, numbers_of
 from handpose.synthetic.pose_prior import BodySampler

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from handpose.body.render import Capsules, in_front, normalise_depth, render_crop
 from handpose.body.sides import Side, mirror_of
@@ -22,7 +21,7 @@ from handpose.estimate.predictor import Predictor
 from handpose.fit.body import WorldPose, crop_variables, world_pose
 from handpose.fit.search import Plan
 from handpose.fit.support import APART_MM, support
-from handpose.frames.cameras import Camera
+from handpose.frames.cameras import Camera, Floats
 from handpose.frames.crops import BACKGROUND, SIZE, clear_crop, unread, with_hidden
 from handpose.tracking.reasons import LEAVING, reason
 from netlib.blob import Array
@@ -51,8 +50,8 @@ class PoseEstimator:
         self._around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
 
     def estimate(
-        self, depth: NDArray[np.float32], regions: Sequence[SearchRegion], plan: Plan | None = None,
-        readings: NDArray[np.float32] | None = None,
+        self, depth: Floats, regions: Sequence[SearchRegion], plan: Plan | None = None,
+        readings: Floats | None = None,
     ) -> list[Hand | None]:
         """The hand in each region; None if it is outside the image. Raises NetlibError.
 
@@ -69,9 +68,7 @@ class PoseEstimator:
         found = dict(zip(candidates, hands))
         return [found.get(i) for i in range(len(regions))]
 
-    def _candidate(
-        self, depth: NDArray[np.float32], region: SearchRegion, readings: NDArray[np.float32] | None
-    ) -> Candidate:
+    def _candidate(self, depth: Floats, region: SearchRegion, readings: Floats | None) -> Candidate:
         """A region with its crop. Raises DataError outside the image."""
         shown = clear_crop(depth, region.center_uvd, self.cube_mm, self.camera)
         if readings is None or region.before is None:
@@ -79,9 +76,7 @@ class PoseEstimator:
         crop = self._with_unknown(shown, readings, region, self._capsules(region.before, region.side))
         return Candidate(**vars(region), crop=crop, shown=None if crop is shown else shown)
 
-    def _with_unknown(
-        self, shown: NDArray[np.float32], readings: NDArray[np.float32], region: SearchRegion, body: Capsules
-    ) -> NDArray[np.float32]:
+    def _with_unknown(self, shown: Floats, readings: Floats, region: SearchRegion, body: Capsules) -> Floats:
         """A region's crop with the pixels at the near face that do not show what an expected body has there.
 
         These have readings of something in front of it, or none although the body was read.
@@ -97,13 +92,13 @@ class PoseEstimator:
             crop = np.where(around & unread(readings, uvd, self.cube_mm, self.camera), np.float32(-1), crop)
         return crop
 
-    def _explained(self, crop: NDArray[np.float32], body: Capsules, center_uvd: Array) -> float:
+    def _explained(self, crop: Floats, body: Capsules, center_uvd: Array) -> float:
         """The share of a crop's readings that are on the surface of an expected body; 0 without any."""
         seen = crop < BACKGROUND
         on = seen & (np.abs(crop - self._rendered(body, center_uvd)) <= APART_MM / (self.cube_mm / 2))
         return float(on.sum() / max(seen.sum(), 1))
 
-    def _rendered(self, capsules: Capsules, center_uvd: Array) -> NDArray[np.float32]:
+    def _rendered(self, capsules: Capsules, center_uvd: Array) -> Floats:
         """What a crop (S, S) about a centre (3,) would show of capsules; 1 without a surface."""
         d, cube = center_uvd[2:], self.cube_mm
         image = render_crop(in_front(capsules, d - cube / 2), center_uvd[None], cube, self.camera)
@@ -114,7 +109,7 @@ class PoseEstimator:
         center = body.place + body.rotation @ self._middle
         return self.camera.project(center * mirror_of(side))
 
-    def reason(self, depth: NDArray[np.float32], body: WorldPose, side: Side, confidence: float) -> str:
+    def reason(self, depth: Floats, body: WorldPose, side: Side, confidence: float) -> str:
         """The reason why a hand that was expected as this body is not in an image, with all readings, mm.
 
         confidence  of the best pose found there
@@ -129,7 +124,7 @@ class PoseEstimator:
         x = crop_variables(self.model, body, body.place)[None]
         return self.model.capsules(x, body.place[None]).mirrored(mirror_of(side))
 
-    def palm_at(self, depth: NDArray[np.float32], start: Array, side: Side) -> Array:
+    def palm_at(self, depth: Floats, start: Array, side: Side) -> Array:
         """The crop centre (3,) that the network gives from a start, px, px, mm; the start outside the image."""
         try:
             return self._pipeline.palm_at(depth, self.camera, start, side)

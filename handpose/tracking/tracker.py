@@ -17,7 +17,6 @@ import itertools
 from collections.abc import Iterable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from handpose.body.sides import Side
 from handpose.estimate.estimator import SearchRegion
@@ -27,7 +26,7 @@ from handpose.estimate.nets import refuse_other_bodies
 from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor, check_probability, check_whole
 from handpose.fit.search import ACCURATE, Fit, Plan
-from handpose.frames.cameras import Camera
+from handpose.frames.cameras import Camera, Floats
 from handpose.frames.crops import check_size
 from handpose.frames.images import check_unit, depth_image, without_dropouts
 from handpose.frames.recording import DepthFrame
@@ -122,7 +121,7 @@ class Tracker:
             self._search(found, readings, time)
         return self._sure(self._report(frame.number, time))
 
-    def _accept(self, frame: DepthFrame) -> tuple[NDArray[np.float32], NDArray[np.float32], float]:
+    def _accept(self, frame: DepthFrame) -> tuple[Floats, Floats, float]:
         """Check a frame; returns its readings (H, W) in mm, those that the camera can measure, and its time."""
         readings, time = np.asarray(depth_image(frame.depth), dtype=np.float32), frame.time
         check_size(readings, self.camera)
@@ -135,7 +134,7 @@ class Tracker:
         readings = without_dropouts(readings)
         return readings, without_dropouts(self.camera.in_range(readings)), time
 
-    def _follow(self, found: FrameHands, readings: NDArray[np.float32], time: float) -> None:
+    def _follow(self, found: FrameHands, readings: Floats, time: float) -> None:
         """Find every hand where it is expected.
 
         readings  the image with those readings that are nearer than the camera measures
@@ -154,7 +153,7 @@ class Tracker:
                     track.end(track.reason)
 
     def _estimates(
-        self, depth: NDArray[np.float32], readings: NDArray[np.float32], regions: dict[int, list[SearchRegion]],
+        self, depth: Floats, readings: Floats, regions: dict[int, list[SearchRegion]],
         plan: Plan | None = None,
     ) -> dict[int, list[Hand]]:
         """The poses in those regions of several hands, by their ids, that are in the image."""
@@ -169,7 +168,7 @@ class Tracker:
                 if other is not track and np.linalg.norm(self._middle(track) - self._middle(other)) < APART_MM:
                     other.end("another hand is tracked at its position")
 
-    def _search(self, found: FrameHands, readings: NDArray[np.float32], time: float) -> None:
+    def _search(self, found: FrameHands, readings: Floats, time: float) -> None:
         """Begin to follow the hands that the finder sees and that have a sure pose."""
         for track in self.tracks:
             track.look(found)
@@ -208,9 +207,7 @@ class Tracker:
             if least.evidence < place.presence:
                 least.end("another hand is more present")
 
-    def _seen_at(
-        self, hand: FoundHand, depth: NDArray[np.float32], readings: NDArray[np.float32], size: float | None
-    ) -> list[Hand]:
+    def _seen_at(self, hand: FoundHand, depth: Floats, readings: Floats, size: float | None) -> list[Hand]:
         """The poses of a found hand as one of each side; none if a fast fit has little confidence."""
         try:
             start = self.camera.project(hand.middle)
