@@ -207,10 +207,8 @@ def judge(hands: Sequence[Hand], readings: NDArray[np.generic] | None) -> list[H
 
 def _judge(hands: Sequence[Hand], readings: NDArray[np.float32], camera: Camera) -> list[Hand]:
     fits, center = DepthFit.concatenate([hand.the_fit for hand in hands]), [hand.mirrored_center_mm for hand in hands]
-    evidence = evidence_of(
-        hands[0].the_model, fits.x, np.stack(center), np.stack([mirror_of(hand.hand) for hand in hands]), fits.signs,
-        fits.joints, readings, camera,
-    )
+    mirror = np.stack([mirror_of(hand.hand) for hand in hands])
+    evidence = evidence_of(hands[0].the_model, fits, np.stack(center), mirror, readings, camera)
     found = judged(evidence)
     return [
         replace(hand, error_mm=float(found.error_mm[n]), confidence=float(found.confidence[n]),

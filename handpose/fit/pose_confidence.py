@@ -50,6 +50,7 @@ from numpy.typing import NDArray
 
 from handpose.body.model import FINGERS
 from handpose.fit.body import CapsuleModel
+from handpose.fit.depth_fit import DepthFit
 from handpose.fit.support import JointDepths, Support, joint_depths, support_of_parts
 from handpose.frames.cameras import Camera
 from netlib.blob import Array
@@ -172,32 +173,27 @@ def unseen_share(support: Support) -> Array:
 
 
 def evidence_of(
-    model: CapsuleModel, x: Array, center_mm: Array, mirror: Array, fit_signs: Array, fit_joints: Array,
-    readings: NDArray[np.floating], camera: Camera,
+    model: CapsuleModel, fits: DepthFit, center_mm: Array, mirror: Array, readings: NDArray[np.floating], camera: Camera
 ) -> Evidence:
-    """What one image (height, width) in mm, 0 without a reading, shows of N poses.
+    """What one image (height, width) in mm, 0 without a reading, shows of N fits.
 
-    x           (N, V) variables of the poses
     center_mm   (N, 3) their origins, in the axes of the fits
     mirror      (N, 3) factors of these axes: those of the camera if all are 1
-    fit_signs   (N, 5) of their fits
-    fit_joints  (N, K, 3) of their fits, in mm from the origins, in the axes of the fits
     """
-    joints, fingers = model.joints(x), model.fingers
-    capsules = model.capsules(x, center_mm).mirrored(mirror)
+    fingers, none = model.fingers, np.zeros(len(fits))
+    capsules = model.capsules(fits.x, center_mm).mirrored(mirror)
     parts = () if fingers is None else tuple(fingers.capsules)
     whole, *of_fingers = support_of_parts(capsules, model.surface.limbs, parts, readings, camera)
-    seen = np.array([part.seen for part in of_fingers]).reshape(len(parts), len(x)).T
-    guessed = 1 - seen.mean(axis=1) if parts else np.zeros(len(x))
-    in_camera = (joints + center_mm[:, None]) * mirror[:, None]
+    seen = np.array([part.seen for part in of_fingers]).reshape(len(parts), len(fits)).T
+    guessed = 1 - seen.mean(axis=1) if parts else none
+    in_camera = (fits.joints + center_mm[:, None]) * mirror[:, None]
     depths = joint_depths(in_camera, readings, camera)
-    signs = pose_signs(fit_signs, depths, model.surface.mean_penetration(capsules), guessed)
+    signs = pose_signs(fits.signs, depths, model.surface.mean_penetration(capsules), guessed)
     behind = before = np.zeros(seen.shape)
     if fingers is not None:
         of_joints = joint_depths(fingers.joints(in_camera).reshape(-1, 3, 3), readings, camera)
         behind, before = (depth.reshape(seen.shape) for depth in of_joints)
-    evidence = Evidence(signs, np.zeros(len(x)), unseen_share(whole), behind, before, np.zeros(seen.shape), seen)
-    return evidence.lagging(model, joints, fit_joints)
+    return Evidence(signs, none, unseen_share(whole), behind, before, np.zeros(seen.shape), seen)
 
 
 def side_evidence(cost: float, other_cost: float) -> float:
