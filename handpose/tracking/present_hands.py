@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -56,9 +57,10 @@ class PresentHands:
     def __init__(self, min_presence: float) -> None:
         self.min_presence = min_presence
         self.places: list[PresentPlace] = []
+        self._ids = itertools.count()
 
-    def see(self, hands: Sequence[FoundHand], taken: Sequence[Taken], time: float, first: int) -> None:
-        """Take the finder's hands of a frame, but those that are ``taken``; ``first`` is the number of the next one."""
+    def see(self, hands: Sequence[FoundHand], taken: Sequence[Taken], time: float) -> None:
+        """Take the finder's hands of a frame, but those that are ``taken``."""
         before = [one for one in self.places if time < one.try_at + MAX_PAUSE and not _is_taken(one.hand, taken)]
         self.places = []
         for hand in hands:
@@ -71,8 +73,7 @@ class PresentHands:
                 place.presence += LOOK * (hand.presence - place.presence)
                 self.places.append(place)
             elif hand.presence >= self.min_presence:
-                self.places.append(PresentPlace(first, hand, time, time, hand.presence))
-                first += 1
+                self.places.append(PresentPlace(next(self._ids), hand, time, time, hand.presence))
         for place in before:
             place.presence *= 1 - LOOK
         self.places = sorted([*self.places, *before], key=lambda one: -one.presence)

@@ -83,7 +83,7 @@ class Tracker:
         self.size = None if size is None else checked(size)
         self.estimator = PoseEstimator(predictor, self.camera)
         self.finder, self.min_presence = predictor.finder, min_presence
-        self.present, self._next_id = PresentHands(min_presence), 0
+        self.present = PresentHands(min_presence)
         self._searched = -np.inf  # s, when further hands were searched for
         self.known: dict[int, HandTrack] = {}  # all hands of the recording by their ids
         self._sure = SureHands(min_confidence)
@@ -172,8 +172,7 @@ class Tracker:
         """Begin to follow the hands that the finder sees and that have a sure pose."""
         for track in self.tracks:
             track.look(found)
-        self.present.see(found.hands, self._taken(), time, self._next_id)
-        self._next_id = max([self._next_id, *(1 + place.id for place in self.present.places)])
+        self.present.see(found.hands, self._taken(), time)
         self._drop_less_present()
         for place in self.present.due(time):
             if len(self.tracks) == self.limit:

@@ -24,25 +24,25 @@ def places_of(hands: PresentHands) -> list[tuple[int, float]]:
 
 def test_a_hand_begins_where_it_is_present_enough_and_goes_on_with_less() -> None:
     hands = PresentHands(0.3)
-    hands.see(seen((0, 0.4), (400, 0.2)), [], 0.0, 5)
-    assert places_of(hands) == [(5, 0)]
-    hands.see(seen((60, 0.2), (400, 0.5)), [], STEP, 6)
-    assert places_of(hands) == [(6, 400), (5, 60)], "the most present first"
+    hands.see(seen((0, 0.4), (400, 0.2)), [], 0.0)
+    assert places_of(hands) == [(0, 0)]
+    hands.see(seen((60, 0.2), (400, 0.5)), [], STEP)
+    assert places_of(hands) == [(1, 400), (0, 60)], "the most present first"
     assert [one.presence for one in hands.there] == pytest.approx([0.5, 0.3]), "the mean of its looks"
-    hands.see([], [], 2 * STEP, 7)
-    assert places_of(hands) == [(6, 400), (5, 60)]
-    hands.see([], [], 3 * STEP, 7)
+    hands.see([], [], 2 * STEP)
+    assert places_of(hands) == [(1, 400), (0, 60)]
+    hands.see([], [], 3 * STEP)
     assert places_of(hands) == []
 
 
 def test_a_place_that_is_taken_is_no_further_hand() -> None:
     hands = PresentHands(0.3)
-    hands.see(seen((0, 0.9), (400, 0.9)), [Taken(np.array([50.0, 0, 600]), np.inf)], 0.0, 0)
+    hands.see(seen((0, 0.9), (400, 0.9)), [Taken(np.array([50.0, 0, 600]), np.inf)], 0.0)
     assert places_of(hands) == [(0, 400)]
     arm = np.array([400.0, 50, 600])
-    hands.see(seen((400, 0.9)), [Taken(arm, 0.8)], STEP, 1)
+    hands.see(seen((400, 0.9)), [Taken(arm, 0.8)], STEP)
     assert places_of(hands) == [(0, 400)], "the other hand is less evident"
-    hands.see(seen((400, 0.9)), [Taken(arm, 0.9)], STEP, 1)
+    hands.see(seen((400, 0.9)), [Taken(arm, 0.9)], STEP)
     assert places_of(hands) == []
 
 
@@ -50,7 +50,7 @@ def tries(hands: PresentHands, frames: int, at_once: bool, there: int = 1) -> li
     """The frames in which a pose is tried; the finder sees the hand in every ``there``-th."""
     tried = []
     for n in range(frames):
-        hands.see(seen((0, 0.9)) if n % there == 0 else [], [], n * STEP, 0)
+        hands.see(seen((0, 0.9)) if n % there == 0 else [], [], n * STEP)
         for place in hands.due(n * STEP):
             place.wait(n * STEP, at_once)
             tried.append(n)
