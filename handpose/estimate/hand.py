@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from handpose.body.render import Capsules
 from handpose.body.sides import Side, mirror_of
-from handpose.fit.body import THICKNESS, CapsuleModel, WorldPose, world_pose
+from handpose.fit.body import SIZE, THICKNESS, CapsuleModel, WorldPose, world_pose
 from handpose.fit.depth_fit import DepthFit
 from handpose.fit.pose_confidence import (
     Evidence,
@@ -104,12 +104,12 @@ class Hand:
     @property
     def cost(self) -> float:
         """The cost of the fit: the sum of all terms; infinite if the crop shows nothing."""
-        return self._of_fit("cost")
+        return float("nan") if self.fit is None else float(self.fit.cost[0])
 
     @property
     def uncertainty(self) -> float:
         """The uncertainty of the fit, by which crops and sides are compared."""
-        return self._of_fit("uncertainty")
+        return float("nan") if self.fit is None else float(self.fit.uncertainty[0])
 
     @property
     def moved_mm(self) -> float:
@@ -140,7 +140,7 @@ class Hand:
     @property
     def size(self) -> float:
         """The scale relative to the skeleton: of bones, offsets and radii."""
-        return self._of_fit("size")
+        return float("nan") if self.fit is None else float(np.exp(self.x[SIZE]))
 
     @property
     def thickness(self) -> float:
@@ -155,7 +155,7 @@ class Hand:
     @property
     def inputs(self) -> Array:
         """(D,) of the skeleton; for a left hand, those of its mirror image."""
-        return np.asarray(self.the_fit.inputs[0])
+        return np.asarray(self.the_model.inputs_of(self.the_fit.x)[0])
 
     @property
     def whole_inputs(self) -> Array:
@@ -188,9 +188,6 @@ class Hand:
         """The model of the fit; an error without one."""
         assert self.model is not None, "a hand without a fit"
         return self.model
-
-    def _of_fit(self, name: str) -> float:
-        return float("nan") if self.fit is None else float(getattr(self.fit, name)[0])
 
 
 def judge(hands: Sequence[Hand], readings: NDArray[np.generic] | None) -> list[Hand]:

@@ -43,8 +43,6 @@ STARTS_TOGETHER = 80  # fits per batch, so that their arrays stay in the cache
 class DepthFit:
     """The fits of N frames.
 
-    inputs      (N, D) of the skeleton: radians and units of the bones
-    size        (N,) relative to the skeleton
     joints      (N, K, 3) mm from the crops' centres
     network     (N, K, 3) mm, the joints of the first start: the network's, or in ``follow`` the expected ones
     cost        (N,) sum of all terms; infinite where nothing is visible
@@ -55,8 +53,6 @@ class DepthFit:
     start       (N,) index of its start: first the quarter turns, then the expected pose, then those drawn
     """
 
-    inputs: Array
-    size: Array
     joints: Array
     network: Array
     cost: Array
@@ -184,13 +180,12 @@ class DepthFitter:
 
     def _results(self, found: Found, seen: Observation, network: Array, moved_mm: Array | float = 0.0) -> DepthFit:
         """The results of fits that moved away from joints (N, K, 3), by ``moved_mm`` at least."""
-        model, joints = self.model, self.model.joints(found.x)
+        joints = self.model.joints(found.x)
         moved = np.maximum(np.linalg.norm(joints - network, axis=2).mean(axis=1), moved_mm)
         signs = np.column_stack([found.parts, moved])
         shown = (seen.outside < 0).mean(axis=(1, 2))[seen.frame]
         signs[shown < MIN_VISIBLE] = np.inf  # an empty crop contradicts no hand
         return DepthFit(
-            inputs=model.inputs_of(found.x), size=np.exp(found.x[:, SIZE]), joints=joints, network=network,
-            cost=signs[:, :4].sum(axis=1), uncertainty=np.exp(np.log1p(signs) @ SIGN_WEIGHTS), x=found.x,
-            start=found.start, signs=signs,
+            joints=joints, network=network, cost=signs[:, :4].sum(axis=1),
+            uncertainty=np.exp(np.log1p(signs) @ SIGN_WEIGHTS), x=found.x, start=found.start, signs=signs,
         )

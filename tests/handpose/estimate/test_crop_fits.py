@@ -55,7 +55,7 @@ def test_blocks_change_nothing(predictor: Predictor, scene: Scene, monkeypatch: 
     parts = fits(predictor, scene, 10)
     apart = np.linalg.norm(parts.joints - whole.joints, axis=2).max(axis=1)  # mm
     assert np.median(apart) < 0.1 and (apart < 1).mean() >= 0.7
-    assert whole.inputs.shape == (10, 47)
+    assert whole.x.shape == (10, predictor.fitter.model.variables)
 
 
 def test_left_hands_in_the_mirror(predictor: Predictor, scene: Scene) -> None:
@@ -68,7 +68,7 @@ def test_left_hands_in_the_mirror(predictor: Predictor, scene: Scene) -> None:
 
 
 def test_a_known_size(predictor: Predictor, scene: Scene) -> None:
-    assert fits(predictor, scene, 2, size=0.95).size == pytest.approx(0.95, abs=3e-3)
+    assert np.exp(fits(predictor, scene, 2, size=0.95).x[:, SIZE]) == pytest.approx(0.95, abs=3e-3)
 
 
 def crops(count: int) -> np.ndarray:

@@ -24,8 +24,8 @@ def fitted(model: CapsuleModel, side: Side, cost: float = 2.5) -> Hand:
     x = np.random.default_rng(0).uniform(0, 0.4, (1, model.variables))
     x[0, SIZE], x[0, THICKNESS] = np.log([0.95, 1.1])
     fit = DepthFit(
-        inputs=model.inputs_of(x), size=np.exp(x[:, SIZE]), joints=model.joints(x), network=model.joints(x) + 4, x=x,
-        cost=np.array([cost]), uncertainty=np.array([3.5]), signs=np.array([[1.0, 2, 3, 4, 5]]), start=np.zeros(1, int),
+        joints=model.joints(x), network=model.joints(x) + 4, cost=np.array([cost]), uncertainty=np.array([3.5]), x=x,
+        signs=np.array([[1.0, 2, 3, 4, 5]]), start=np.zeros(1, int),
     )
     return Hand(side, CROP, CENTER, 300.0, NYU, fit.network[0] * mirror_of(side), fit, model)
 

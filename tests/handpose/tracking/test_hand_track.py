@@ -55,7 +55,7 @@ def estimate(
 ) -> Hand:
     """An estimate of a hand of which only the place is known, at x mm."""
     one, none, place = np.ones(1), np.zeros((1, 3)), np.array([x, 0, 600])
-    fit = DepthFit(none, one, none[None], none, cost * one, cost * one, none, np.full((1, 5), 3.0), one)
+    fit = DepthFit(none[None], none, cost * one, cost * one, none, np.full((1, 5), 3.0), one)
     hand = Hand(side, np.zeros((128, 128), np.float32), place, 300.0, NYU, none, fit, is_tracked=is_tracked,
                 error_mm=error, confidence=confidence)
     vars(hand).update(body=WorldPose(place, np.eye(3), np.zeros(4)), center_mm=place)

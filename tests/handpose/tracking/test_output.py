@@ -42,7 +42,7 @@ def state(
     """A track's state for one side: this pose, smoothed to one ``apart`` mm farther along x."""
     x, one = variables(model)[None], np.ones(1)
     signs = np.array([[30.0, 2, 0.2, 5, 10]])
-    fit = DepthFit(model.inputs_of(x), one, model.joints(x), model.joints(x), one, one, x, signs, one)
+    fit = DepthFit(model.joints(x), model.joints(x), one, one, x, signs, one)
     hand = Hand(side, np.zeros((128, 128), np.float32), CENTER, 300.0, NYU, np.zeros((31, 3)), fit, model)
     [seen] = [hand] if readings is None else judge([hand], readings)
     return SimpleNamespace(estimate=seen, smooth=seen.body._replace(place=seen.body.place + (apart, 0, 0)), time=time)
