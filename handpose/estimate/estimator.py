@@ -23,6 +23,7 @@ from handpose.fit.observation import HandCrops
 from handpose.fit.rounding import NETWORK_STEP, rounded
 from handpose.fit.search import Plan, turned_back
 from handpose.frames.cameras import Camera
+from handpose.frames.crops import mirror_shift
 from netlib.blob import Array
 from netlib.net import Net
 from netlib.system.memory import blocks
@@ -94,7 +95,10 @@ class HandEstimator:
     def _predicted(self, candidate: Candidate, camera: Camera) -> Hand:
         """The hand by the network alone."""
         side = candidate.side
-        joints = network_joints(self.net, as_right(candidate.crop, side)) * (self.cube_mm / 2) * mirror_of(side)
+        joints = network_joints(self.net, as_right(candidate.crop, side))
+        if side == "left":
+            joints[:, 0] += mirror_shift(candidate.center_uvd, self.cube_mm, camera)
+        joints *= (self.cube_mm / 2) * mirror_of(side)
         return Hand(side, candidate.crop, candidate.center_uvd, self.cube_mm, camera, joints)
 
     def _fitted(self, candidates: Sequence[Candidate], camera: Camera, fitter: DepthFitter, plan: Plan) -> list[Hand]:
