@@ -3,21 +3,18 @@
 import numpy as np
 
 
-def convolve(x, w, b, stride=(1, 1), pad=(0, 0), dilation=(1, 1), group=1):
-    """Compute a convolution by its definition, as six loops."""
-    N, C, H, W = x.shape
-    O, _, kh, kw = w.shape
-    Ho = (H + 2 * pad[0] - dilation[0] * (kh - 1) - 1) // stride[0] + 1
-    Wo = (W + 2 * pad[1] - dilation[1] * (kw - 1) - 1) // stride[1] + 1
-    padded = np.zeros((N, C, H + 2 * pad[0], W + 2 * pad[1]))
-    padded[:, :, pad[0] : pad[0] + H, pad[1] : pad[1] + W] = x
-    y = np.zeros((N, O, Ho, Wo))
-    for o, h, v in np.ndindex(O, Ho, Wo):
-        y[:, o, h, v] = b[o]
-        first = o // (O // group) * (C // group)
-        for c, i, j in np.ndindex(C // group, kh, kw):
-            row, column = h * stride[0] + i * dilation[0], v * stride[1] + j * dilation[1]
-            y[:, o, h, v] += w[o, c, i, j] * padded[:, first + c, row, column]
+def convolve(x, w, b, stride=1, pad=0, dilation=1, group=1):
+    """Compute a convolution by its definition. Stride, pad and dilation are one number, or one per spatial axis."""
+    axes, C = x.ndim - 2, len(w) // group
+    stride, pad, dilation = (np.broadcast_to(numbers, axes) for numbers in (stride, pad, dilation))
+    padded = np.pad(x, [(0, 0), (0, 0), *((p, p) for p in pad)])
+    reach = dilation * (np.array(w.shape[2:], int) - 1) + 1
+    y = np.zeros((len(x), len(w), *(np.array(padded.shape[2:], int) - reach) // stride + 1))
+    for o, *place in np.ndindex(y.shape[1:]):
+        first = o // C * w.shape[1]
+        window = [slice(p * s, p * s + r, d) for p, s, r, d in zip(place, stride, reach, dilation)]
+        values = padded[(slice(None), slice(first, first + w.shape[1]), *window)]
+        y[(slice(None), o, *place)] = b[o] + (values * w[o]).reshape(len(x), -1).sum(axis=1)
     return y
 
 

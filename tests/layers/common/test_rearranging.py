@@ -33,16 +33,6 @@ def test_by_hand(by_hand, layer, bottoms, tops, dy, dx):
     by_hand(layer, bottoms, tops, dy, dx)
 
 
-@pytest.mark.parametrize("axis", [0, 1, 2, -1])
-def test_concat_one_after_the_other(run, rng, axis):
-    a, b, c = (rng.normal(size=(2, 3, 4)) for _ in range(3))
-    done = run(f'type: "Concat" concat_param {{ axis: {axis} }}', a, b, c)
-    assert np.array_equal(done.y, np.concatenate([a, b, c], axis))
-    dy = rng.normal(size=done.y.shape)
-    for part, want in zip(done.backward(dy), np.split(dy, 3, axis)):
-        assert np.array_equal(part, want)
-
-
 def like_numpy(layer, *rows):
     """Rows of a layer type, the shape of its bottom, its options, and the function of NumPy that it equals."""
     return [(f'type: "{layer.split()[0]}" {layer.split()[1]} {{ {options} }}', *row) for options, *row in rows]

@@ -11,6 +11,8 @@ ROWS = [[[[1, 2]], [[3, 4]]]], [[[[5, 5]], [[6, 6]]]]
 # type and options, bottoms, tops, dy, dx
 BY_HAND = [
     ("ArgMax", [X], [[[[2]], [[3]]]], 0, []),  # of the equal values of item 1, at 0 and 3, the last one
+    ("ArgMax", [[1.0, 2]], [[[[0]], [[0]]]], 0, []),  # without ``axis`` the top has at least three axes
+    ("ArgMax", [np.zeros((2, 1, 2, 3))], [np.full((2, 1, 1, 1), 5)], 0, []),
     ("ArgMax argmax_param { top_k: 3 }", [X], [[[[2, 0, 3]], [[3, 0, 1]]]], 0, []),
     ("ArgMax argmax_param { top_k: 2 out_max_val: true }", [X], [[[[2, 0], [4, 3]], [[3, 0], [0, 0]]]], 0, []),
     ("ArgMax argmax_param { axis: 1 }", [X], [[[[1, 1]], [[0, 1]]]], 0, []),
@@ -57,12 +59,3 @@ def test_embed_by_hand(by_hand):
     by_hand("Embed embed_param { num_output: 2 input_dim: 3 }", [[2, 0, 2]], [[[15, 26], [11, 22], [15, 26]]],
             [[[1, 2], [3, 4], [10, 20]]], [None], [[[3, 4], [0, 0], [11, 22]], [14, 26]],
             params=[[[1, 2], [3, 4], [5, 6]], [10, 20]])
-
-
-@pytest.mark.parametrize(("shape", "options", "top"), [
-    ((4, 6), "", (4, 1, 1)), ((4,), "", (4, 1, 1)), ((4, 6), "top_k: 2 out_max_val: true", (4, 2, 2)),
-    ((4, 3, 2, 5), "top_k: 7", (4, 1, 7, 1)), ((4, 3, 2, 5), "axis: 1 top_k: 2", (4, 2, 2, 5)),
-])
-def test_shapes_of_argmax(run, rng, shape, options, top):
-    """Without ``axis`` the top has at least three axes, with it those of the bottom."""
-    assert run(f'type: "ArgMax" argmax_param {{ {options} }}', rng.normal(size=shape)).y.shape == top

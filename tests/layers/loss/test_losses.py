@@ -59,6 +59,8 @@ BY_HAND = [
      [-(np.log(1 / 2) + np.log(4 / 5)) / 2], 1, [[[-0.25, 0], [0, -0.1]], None]),
     ("SigmoidCrossEntropyLoss loss_param { ignore_label: 1 normalization: VALID }", [CROSS, np.ones((2, 2))], [0], 1,
      [np.zeros((2, 2)), None]),
+    ("SigmoidCrossEntropyLoss loss_param { ignore_label: -1 normalize: true }", [CROSS, [[1, 0.5], [-1, 1]]],
+     [-(np.log([1 / 2, 4 / 5]).sum() + (np.log(3 / 4) + np.log(1 / 4)) / 2) / 3], 3, [[[-0.5, 0.25], [0, -0.2]], None]),
     ("SigmoidCrossEntropyLoss", [[[1000.0, -1000, 1000, -1000]], [[1, 0, 0, 1]]], [2000], 1, [[[0, 0, 1, -1]], None]),
     (SIGMA_2, [[[0.125, 1], [0, 0]], [[0, 0], [3, 0]]], [(0.03125 + 0.875 + 2.875) / 2], 3,
      [[[0.75, 1.5], [-1.5, 0]], [[-0.75, -1.5], [1.5, 0]]]),
@@ -103,21 +105,6 @@ def test_labels_of_pixels_against_loops(run, rng, kind, options, divisor):
     np.testing.assert_allclose(dx, 2 * gradient / divisor, atol=1e-12)
 
 
-@pytest.mark.parametrize(("options", "divisor"), [("", 2), ("normalization: VALID", 5), ("normalize: true", 5)])
-def test_cross_entropy_against_loops(run, rng, options, divisor):
-    """BATCH_SIZE is the default of this layer only; of 2 items of 3 values, one value is ignored."""
-    x, target = rng.normal(size=(2, 3)), np.array([[0, 1, -1], [0.25, 1, 0]])
-    total, gradient = 0.0, np.zeros((2, 3))
-    for at in np.ndindex(2, 3):
-        p = 1 / (1 + np.exp(-x[at]))
-        if target[at] != -1:
-            total -= target[at] * np.log(p) + (1 - target[at]) * np.log(1 - p)
-            gradient[at] = p - target[at]
-    done = run(f'type: "SigmoidCrossEntropyLoss" loss_param {{ ignore_label: -1 {options} }}', x, target)
-    assert done.y == pytest.approx(total / divisor)
-    assert np.allclose(done.backward(2, wanted=[True, False])[0], 2 * gradient / divisor)
-
-
 @pytest.mark.parametrize(("kind", "options", "more"), [
     ("InfogainLoss", "infogain_loss_param { axis: -1 }", [np.random.default_rng(0).normal(size=(3, 3))]),
     ("SoftmaxWithLoss", "softmax_param { axis: -1 }", []),
@@ -131,15 +118,6 @@ def test_classes_on_another_axis(run, rng, kind, options, more):
     assert np.allclose(last.ys[1], np.moveaxis(first.ys[1], 1, 2))
     dx, dx_last = (done.backward(1, wanted=wanted)[0] for done in (first, last))
     assert np.allclose(dx_last, np.moveaxis(dx, 1, 2))
-
-
-@pytest.mark.parametrize("shape", [(2, 4), (2, 1, 2, 2), (2, 2, 2), (2, 4, 1)])
-def test_labels_may_have_other_axes_after_the_first(run, rng, shape):
-    """Scores (2, 3, 2, 2) take labels (2, 4), as in Caffe."""
-    x, labels = rng.normal(size=(2, 3, 2, 2)), rng.integers(0, 3, (2, 2, 2))
-    done, other = (run('type: "SoftmaxWithLoss"', x, each) for each in (labels.reshape(shape), labels))
-    assert done.y == other.y
-    assert np.array_equal(*(each.backward(1, wanted=[True, False])[0] for each in (done, other)))
 
 
 def test_the_loss_of_no_labels_is_zero_without_sign(run):
