@@ -34,16 +34,6 @@ def ours(solvers: Path, tmp_path: Path) -> Path:
     return tmp_path
 
 
-@ITERATIONS
-def test_weights_load_from_caffes_hdf5_snapshot(solvers: Path, iteration: int) -> None:
-    net = netlib.Net("net.prototxt", f"snap/{CASE}_iter_{iteration}.caffemodel.h5", netlib.TEST)
-    compared = 0
-    for (layer, index), after in trajectory(CASE).weights.items():
-        assert np.array_equal(net.params[layer][index].data, after[iteration])
-        compared += 1
-    assert compared == 6
-
-
 @FORMATS
 def test_training_goes_on_from_caffes_solver_state(solvers: Path, tmp_path: Path, theirs: str, format: str) -> None:
     """Resumed from iteration 10, training follows Caffe's own resumed training to iteration 20 and its last snapshot.
@@ -114,16 +104,6 @@ def layout(path: Path) -> dict[str, Any]:
     with h5py.File(path) as file:
         file.visititems(visit)
     return found
-
-
-def test_both_formats_of_caffe_say_the_same(solvers: Path) -> None:
-    """The initial weights in both of Caffe's formats are equal, bit for bit; both name every layer of the net."""
-    binary, hdf5 = snapshot.read_weights("init.caffemodel"), snapshot.read_weights("init.caffemodel.h5")
-    assert binary.keys() == hdf5.keys()
-    for layer, arrays in hdf5.items():
-        assert binary[layer].keys() == arrays.keys()
-        assert all(np.array_equal(binary[layer][index], array) for index, array in arrays.items())
-    assert sum(array.size for arrays in binary.values() for array in arrays.values()) == 3671
 
 
 def test_caffes_binary_files_are_read_and_written_byte_for_byte(solvers: Path) -> None:

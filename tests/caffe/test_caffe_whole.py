@@ -9,13 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-import netlib
 from tests.caffe.recorded import (
     FOLDER,
     Array,
     Case,
-    Follow,
-    Trajectory,
     differences,
     layer_cases,
     solver_cases,
@@ -72,21 +69,3 @@ def test_the_large_layer_cases_agree_in_whole(whole: Path, dtype: Any, tolerance
             found = differences(case, dtype)
             assert len(found) == case.results(dtype) >= 2
             assert all(far <= tolerance for far in found.values()), found
-
-
-@pytest.mark.both_engines
-def test_all_weights_agree_after_every_update(whole: Path, solvers: Path) -> None:
-    """All weights agree after every update, including the largest, of which a clone has three iterations of twenty."""
-    for name in solver_cases():
-        recorded = np.load(whole / f"solvers/traj_{name}.npz")
-        weights = {
-            (layer, index): dict(enumerate(recorded[f"w/{layer}/{index}"])) for layer, index in trajectory(name).weights
-        }
-        losses = recorded["loss_last_subbatch"]
-        solver = netlib.get_solver(f"solver_{name}.prototxt", snapshot=0, display=0)
-        solver.copy_weights("init.caffemodel.h5")
-        follow = Follow(solver, Trajectory(weights, losses, recorded["loss_printed"], recorded["lr_printed"]))
-        solver.step(20)
-        assert follow.compared == 6 * 20
-        assert follow.worst <= 1e-5, name
-        assert follow.worst_loss <= 1e-5, name

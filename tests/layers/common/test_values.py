@@ -24,8 +24,8 @@ BY_HAND = [
        [np.reshape([3, 4], shape), [[[[2, 2]], [[0, 10]]]], [[[[1, 1]], [[0, 1]]]]])
       for shape in ((1, 2), (1, 2, 1, 1))),
     ("Eltwise", [A, B, C], [[5.5, 6, 2]], [1, 1, 1], [[1, 1, 1]] * 3),
-    ("Eltwise eltwise_param { coeff: 1 coeff: -2 coeff: 0.5 }", [A, B, C], [[-6.75, -1, -0.5]], [1, 1, 1],
-     [[1] * 3, [-2] * 3, [0.5] * 3]),
+    ("Eltwise eltwise_param { coeff: 2 coeff: -2 coeff: 0.5 }", [A, B, C], [[-5.75, 1, -3.5]], [1, 1, 1],
+     [[2] * 3, [-2] * 3, [0.5] * 3]),
     ("Eltwise eltwise_param { operation: PROD }", [A, B, C], [[2, 8, 0]], [1, 1, 1],
      [[2, 4, 0], [0.5, 4, -15], [4, 4, 0]]),
     ("Eltwise eltwise_param { operation: MAX }", [A, B, C], [[4, 2, 5]], [1, 1, 1],  # of equal values the second one

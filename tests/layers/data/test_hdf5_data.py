@@ -1,6 +1,5 @@
 """HDF5Data: the order of rows, resuming, and invalid files."""
 
-import itertools
 import os
 
 import h5py
@@ -55,18 +54,6 @@ def test_rows_come_in_order_over_file_ends_and_start_again(data, counts, batch):
     total = sum(counts)
     batches = 3 * total // batch + 1
     assert numbers(data(counts, batch), batches) == [i % total for i in range(batches * batch)]
-
-
-@pytest.mark.parametrize("batch", [1, 4, 30])
-def test_shuffled_rows_are_a_new_permutation_every_pass(data, batch):
-    """The files, and the rows within each file, are shuffled anew in every pass."""
-    found = numbers(data([5, 6, 4], batch, shuffle=True), 60 // batch)
-    passes = [found[i : i + 15] for i in range(0, 60, 15)]
-    owner = np.repeat([0, 1, 2], [5, 6, 4])
-    for rows in passes:
-        assert sorted(rows) == list(range(15))
-        assert sum(owner[a] != owner[b] for a, b in itertools.pairwise(rows)) == 2, "one file after the other"
-    assert len({tuple(rows) for rows in passes}) == 4
 
 
 def test_the_order_depends_on_the_seed_only(data):

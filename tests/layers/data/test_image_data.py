@@ -45,11 +45,6 @@ def test_pictures_come_in_order_and_go_round(tmp_path, pictures, net_of):
             assert np.array_equal(x, pictures[i].transpose(2, 0, 1))
 
 
-def test_grey(tmp_path, pictures, net_of):
-    x = net_of(text(tmp_path, "is_color: false")).forward()["x"]
-    assert np.array_equal(x[0, 0], cv2.imread(str(tmp_path / "picture 0.png"), cv2.IMREAD_GRAYSCALE))
-
-
 @pytest.mark.parametrize("color", [True, False])
 def test_resized(tmp_path, pictures, net_of, color):
     """Images are resized by linear interpolation, so that a batch may contain different sizes."""

@@ -50,13 +50,6 @@ def test_the_net_agrees_with_opencv(net, recorded):
             assert np.abs(y - expected).max() < 1e-4 * np.abs(expected).max(), name
 
 
-def test_rows_are_sorted_by_item_label_and_confidence(net, recorded):
-    """The order is Caffe's, whatever the options."""
-    for y in net.forward(data=recorded["data"]).values():
-        order = np.lexsort([-y[0, 0, :, 2], y[0, 0, :, 1], y[0, 0, :, 0]])
-        assert order.tolist() == list(range(len(order)))
-
-
 def test_text_and_binary_are_equivalent():
     """Encoded and decoded, the options of the fork are unchanged; protobuf's classes give the same bytes."""
     google = pytest.importorskip("google.protobuf.text_format")

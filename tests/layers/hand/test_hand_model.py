@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import netlib
-from layers.hand.bodies import kinematics_of
 from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import load
 from tests.support.bad_input import bad_inputs
@@ -22,14 +21,6 @@ def test_another_body_is_another_file(run, text, arm, rng):
     """A skeleton file defines another body: inputs (N, 4), joints (N, 9)."""
     x = rng.normal(size=(5, 4))
     assert np.allclose(run(text, x).y, arm(x).reshape(5, 9))
-
-
-def test_the_default_is_the_hand(run, rng):
-    """The default skeleton is the hand; the outputs are x, y, z of each joint in turn."""
-    x = rng.normal(size=(3, 47))
-    y = run('type: "HandModel"', x).y
-    assert y.shape == (3, 93)
-    assert np.allclose(y.reshape(3, 31, 3), kinematics_of(load()).joints(x))
 
 
 @pytest.fixture

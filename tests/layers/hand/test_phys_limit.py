@@ -35,14 +35,6 @@ def test_by_hand(run, text, norm, loss, gradient):
     assert not dx[:, 1:].any()
 
 
-def test_the_released_layer_takes_the_nyu_hand_and_squares(run):
-    """DeepHandModelDofConstraintLoss is squared by default, without options; PhysLimit is not."""
-    x = np.zeros((2, 47))
-    x[0, 15] = 0.968701 + 3  # thumb
-    assert run('type: "DeepHandModelDofConstraintLoss"', x).y == pytest.approx(9 / 2, rel=1e-6)
-    assert run('type: "PhysLimit"', x).y == pytest.approx(3 / 2, rel=1e-6)
-
-
 @bad_inputs(netlib.LayerError, {
     "four inputs": (("", (2, 4)),
                     "<gradcheck>:1:1: error: layer 'it': bottom 'bottom0' has shape (2, 4), the skeleton has 3 DoFs"),
