@@ -12,8 +12,8 @@ import pytest
 import netlib
 from fast import inner_product
 from fast.inner_product import CACHED_BYTES, FEW_ITEMS, FastInnerProduct
-from netlib import gradcheck
-from netlib.blob import Array, Blob, Blobs
+from netlib.blob import Array
+from tests.layers.conftest import Run
 
 INPUTS, OUTPUTS = 1152, 700  # as in the paper's FC1; more than three blocks of weights in the cache
 TEXT = f'type: "InnerProduct" inner_product_param {{ num_output: {OUTPUTS} weight_filler {{ type: "gaussian" }} }}'
@@ -21,13 +21,9 @@ TEXT = f'type: "InnerProduct" inner_product_param {{ num_output: {OUTPUTS} weigh
 
 def forward(x: Array) -> Array:
     """Compute the output (N, OUTPUTS) for x (N, INPUTS)."""
-    layer = gradcheck.make_layer(TEXT, [x], engine="fast", dtype=np.float32)
-    assert isinstance(layer, FastInnerProduct)
-    bottom, top = Blobs([Blob(x.shape, np.float32)]), Blobs([Blob((), np.float32)])
-    bottom[0].data[...] = x
-    layer.reshape(bottom, top)
-    layer.forward(bottom, top)
-    return top[0].data
+    done = Run(TEXT, [x], dtype=np.float32)
+    assert isinstance(done.layer, FastInnerProduct)
+    return done.y
 
 
 @pytest.mark.parametrize("threads", [1, 3])

@@ -27,26 +27,15 @@ def fast(x, w, b, dy, tile=None, bottom_tile=None):
     return load(top, "data"), load(bottom, "diff"), dw - 1, db - 1
 
 
-@pytest.mark.parametrize("N", [1, 2, 3, 4, 5, 9])
-@pytest.mark.parametrize("tile", [None, 1, 2, 3, 4])
-def test_any_number_of_images(rng, N, tile):
-    """Images that are adjacent in a row do not affect each other. There are 7 x 6 outputs, not divisible by 4."""
-    compare(rng, (N, 2, 9, 8), (3, 2, 3, 3), tile, None)
-
-
 @pytest.mark.parametrize("bottom_tile", [None, 1, 2, 3])
-@pytest.mark.parametrize("tile", [None, 1, 2, 4, 5])
+@pytest.mark.parametrize("tile", [None, 1, 2, 3, 4, 5])
 @pytest.mark.parametrize(
     ("image", "kernel"),
     [((5, 5), (1, 1)), ((5, 5), (5, 5)), ((8, 12), (5, 5)), ((7, 4), (2, 3)), ((3, 11), (3, 1)), ((6, 9), (1, 4))],
 )
 def test_any_size(rng, image, kernel, tile, bottom_tile):
-    compare(rng, (3, 2, *image), (2, 2, *kernel), tile, bottom_tile)
-
-
-def compare(rng, x_shape, w_shape, tile, bottom_tile):
-    """Compare forward with the definition, and backward with its transpose."""
-    x, w, b = rng.normal(size=x_shape), rng.normal(size=w_shape), rng.normal(size=w_shape[0])
+    """Forward is the definition, backward its transpose; images that are adjacent in a row do not affect each other."""
+    x, w, b = rng.normal(size=(3, 2, *image)), rng.normal(size=(2, 2, *kernel)), rng.normal(size=2)
     want = convolve(x, w, b)
     dy = rng.normal(size=want.shape)
     y, dx, dw, db = fast(x, w, b, dy, tile, bottom_tile)

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from netlib import gradcheck
-from netlib.blob import Blob, Blobs
+from tests.layers.conftest import Run
 from tests.support.plain_loops import check_transpose, convolve
 
 
@@ -58,23 +57,12 @@ def test_any_options_give_what_plain_loops_give(N, per, group, size, kernel, str
     options = {"num_output": O, "group": group, "dilation": f"[{dilation[0]}, {dilation[1]}]"}
     for name, pair in (("kernel", kernel), ("stride", stride), ("pad", pad)):
         options[f"{name}_h"], options[f"{name}_w"] = pair
-    y, dx, dw, db, dy = forward_backward(text(**options), x, w, b)
-    assert np.allclose(y, convolve(x, w, b, stride, pad, dilation, group))
+    done = Run(text(**options), [x], params=[w, b])
+    assert np.allclose(done.y, convolve(x, w, b, stride, pad, dilation, group))
+    dy = rng.normal(size=done.y.shape)
+    done.bottom[0].diff[...] = np.nan
+    [dx], (dw, db) = done.backward(dy), (blob.diff for blob in done.layer.blobs)
     check_transpose(dy, x, w, b, dx, dw, db, lambda x, w, b: convolve(x, w, b, stride, pad, dilation, group))
-
-
-def forward_backward(text, x, w, b):
-    """Return y, dx, dw and db, and the random dy used for them."""
-    layer = gradcheck.make_layer(text, [x])
-    bottom, top = Blobs([Blob(x.shape, np.float64)]), Blobs([Blob((), np.float64)])
-    bottom[0].data[...], layer.blobs[0].data[...] = x, w
-    layer.blobs[1].data[...] = b
-    layer.reshape(bottom, top)
-    layer.forward(bottom, top)
-    dy = np.random.default_rng(1).normal(size=top[0].shape)
-    top[0].diff[...], bottom[0].diff[...] = dy, np.nan
-    layer.backward(top, [True], bottom)
-    return top[0].data, bottom[0].diff, layer.blobs[0].diff, layer.blobs[1].diff, dy
 
 
 SHAPES = [(2, 3), (2, 3, 7), (2, 3, 6, 5), (1, 2, 5, 4, 6), (1, 1, 3, 4, 3, 4)]
@@ -109,39 +97,6 @@ def test_deconvolution_is_a_convolution_backwards(run, rng, options):
     done = run(text("Deconvolution", **options, bias_term="false"), x)
     back = run(text(**{**options, "num_output": 2}), done.y, params=[done.layer.blobs[0].data])
     assert np.allclose(back.backward(x)[0], done.y)
-
-
-def test_upsampling_by_deconvolution(run):
-    """One bilinear kernel per channel upsamples a ramp exactly, away from the edge."""
-    options = (
-        'num_output: 2 group: 2 kernel_size: 4 stride: 2 pad: 1 bias_term: false weight_filler { type: "bilinear" }'
-    )
-    ramp = np.broadcast_to(np.arange(4.0), (1, 2, 4, 4))
-    done = run(f'type: "Deconvolution" convolution_param {{ {options} }}', ramp)
-    assert done.y.shape == (1, 2, 8, 8)
-    assert np.allclose(done.y[:, :, 1:-1, 1:-1], np.arange(0.25, 3, 0.5))
-
-
-OPTIONS = [
-    {"kernel_size": 3, "pad": 1}, {"kernel_size": 3, "stride": 2, "pad": 1}, {"kernel_size": 2, "dilation": 2},
-    {"kernel_h": 1, "kernel_w": 3, "stride_h": 1, "stride_w": 2, "pad_h": 0, "pad_w": 1},
-    {"kernel_size": "[3, 2]", "bias_term": "false"},
-]
-
-
-@pytest.mark.parametrize("size", [(5, 6), (40, 33)], ids=str)
-@pytest.mark.parametrize("options", OPTIONS, ids=str)
-def test_depthwise_is_a_convolution_with_a_group_per_channel(run, rng, options, size):
-    x = rng.normal(size=(2, 3, *size))
-    same = run(text("Convolution", num_output=3, group=3, **options), x)
-    dy = rng.normal(size=same.y.shape)
-    want = same.backward(dy)[0]
-    for kind, more in (("DepthwiseConvolution", {"num_output": 3, "group": 3}), ("ConvolutionDepthwise", {})):
-        done = run(text(kind, **more, **options), x, params=[blob.data for blob in same.layer.blobs])
-        assert np.allclose(done.y, same.y, rtol=0, atol=1e-12)
-        assert np.allclose(done.backward(dy)[0], want, rtol=0, atol=1e-12)
-        for ours, theirs in zip(done.layer.blobs, same.layer.blobs):
-            assert np.allclose(ours.diff, theirs.diff, rtol=0, atol=1e-10)
 
 
 def test_several_outputs_per_channel_and_several_bottoms(run, rng):

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from netlib import gradcheck
-from netlib.blob import Blob, Blobs
+from tests.layers.conftest import Run
 from tests.support.nets import inputs
 from tests.support.plain_loops import outputs, pool
 
@@ -79,16 +78,11 @@ def test_any_window_gives_what_plain_loops_give(size, kernel, stride, pad, ceil,
 
 def compare(options, x, y, share):
     """Compare value and gradient of a layer with the definition."""
-    layer = gradcheck.make_layer(options, [x])
-    bottom, top = Blobs([Blob(x.shape, np.float64)]), Blobs([Blob(y.shape, np.float64)])
-    layer.reshape(bottom, top)
-    bottom[0].data[...] = x
-    layer.forward(bottom, top)
-    assert np.allclose(top[0].data, y)
+    done = Run(options, [x])
+    assert done.y.shape == y.shape and np.allclose(done.y, y)
     dy = np.random.default_rng(1).normal(size=y.shape)
-    top[0].diff[...], bottom[0].diff[...] = dy, np.nan
-    layer.backward(top, [True], bottom)
-    assert np.allclose(bottom[0].diff, np.einsum("ncpq,ncpqhw->nchw", dy, share))
+    done.bottom[0].diff[...] = np.nan
+    assert np.allclose(done.backward(dy)[0], np.einsum("ncpq,ncpqhw->nchw", dy, share))
 
 
 def test_global_pooling_follows_the_size(run, rng):
