@@ -54,18 +54,6 @@ def test_more_rows_than_a_block(run, rng, keep_threads):
     assert all(np.array_equal(a, b) for a, b in zip(*found))
 
 
-@pytest.mark.parametrize("options", ["", "transpose: true", "bias_term: false"])
-def test_few_items_and_many_agree(run, rng, keep_threads, options):
-    """Small batches are computed item by item; the results agree with a large batch for any number of threads."""
-    x = rng.normal(size=(20, 30))
-    many = run(text(options), x)
-    params = [p.data.copy() for p in many.layer.blobs]
-    for threads in (1, 3):
-        netlib.set_threads(threads)
-        for count in (1, 3, 8):
-            assert np.allclose(run(text(options), x[:count], params=params).y, many.y[:count], atol=1e-12)
-
-
 def test_the_gradient_of_a_bias_over_many_items_in_float32(run):
     """The bias gradient has float32 precision; adding 200,000 rows one by one would have an error of 2e-3."""
     done = run(text(), np.zeros((200_000, 1)), dtype=np.float32)
