@@ -28,14 +28,6 @@ IN_PLACE = """
     layer { name: "d" type: "Convolution" bottom: "p" top: "d"
             convolution_param { num_output: 1 kernel_size: 1 weight_filler { type: "gaussian" std: 1 } } }
 """
-TWO_SIZES = """
-    layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 dim: 1 dim: 9 dim: 5 } } }
-    layer { name: "y" type: "Input" top: "y" input_param { shape { dim: 3 dim: 1 dim: 7 dim: 6 } } }
-    layer { name: "c" type: "Convolution" bottom: "x" bottom: "y" top: "a" top: "b"
-            convolution_param { num_output: 1 kernel_size: 2 weight_filler { type: "gaussian" std: 1 } } }
-    layer { name: "l" type: "Reduction" bottom: "a" top: "l" loss_weight: 1 reduction_param { operation: SUMSQ } }
-    layer { name: "m" type: "Reduction" bottom: "b" top: "m" loss_weight: 1 reduction_param { operation: SUMSQ } }
-"""
 
 
 def both(net_of: MakeNet, text: str, **options: int) -> tuple[netlib.Net, netlib.Net]:
@@ -51,12 +43,6 @@ def test_narrower_and_lower_images_after_wider_and_higher_ones(
     """The padding of tiles has no values of larger images whose tiles had the same shape."""
     sizes = [(9, 6), (9, 5), (9, 6), (8, 6), (8, 5), (9, 5)]
     agree(CONVOLUTION % (between, loss), *({"x": rng.normal(size=(3, 1, *size))} for size in sizes), tolerance=1e-11)
-
-
-def test_a_convolution_of_two_bottoms_of_different_sizes(agree: Agree, rng: np.random.Generator) -> None:
-    """Gradients of one bottom leave no values in the memory for the other, which may have fewer items."""
-    agree(TWO_SIZES, *({"x": rng.normal(size=(3, 1, 9, 5)), "y": rng.normal(size=(items, 1, 7, 6))}
-                       for items in (3, 3, 3, 2, 3)), tolerance=1e-11)
 
 
 @pytest.mark.parametrize(
