@@ -107,6 +107,7 @@ def test_random_options(kind: str, case: int) -> None:
 def test_bottoms_of_several_sizes(
     agree: Callable[..., netlib.Net], rng: np.random.Generator, kind: str, sizes: tuple[int, int], options: str
 ) -> None:
+    """Each bottom may have another algorithm; memory that both use has no values of the other one."""
     shapes = {f"x{i}": (2, 3, n, n) for i, n in enumerate(sizes)}
     text = (f'layer {{ name: "c" type: "{kind}" bottom: "x0" bottom: "x1" top: "y0" top: "y1" convolution_param {{'
             f' num_output: 3 group: 3 {options} weight_filler {{ type: "gaussian" }} }} }}')
