@@ -99,13 +99,6 @@ def test_jacobian_against_differences(body, arm_text, rng, joints, fixed):
         assert np.allclose(J[:, q], slope[:, chosen].reshape(3, -1), atol=1e-8)
 
 
-def test_bones_of_every_row(body, arm_text, arm, rng):
-    inputs, made = rng.normal(size=(4, 4)), body(arm_text)
-    doubled = made.joints(inputs, np.tile(2 * made.skeleton.bones, (4, 1)))
-    base = doubled[:, 2:]
-    assert np.allclose(doubled - base, 2 * (arm(inputs) - base))
-
-
 @pytest.mark.parametrize("name", ["arm", "hand"])
 def test_bone_directions_against_differences(body, arm_text, hand, rng, name):
     """A longer bone moves its joint and all descendants along the bone direction; joints without a bone have none."""
@@ -171,22 +164,6 @@ def test_any_pose_keeps_the_bone_lengths(hand, pose):
         assert np.allclose(lengths, np.abs(HAND.bones[inner]))
 
 
-@given(poses, st.tuples(*[st.floats(-2, 2)] * 3))
-def test_moving_the_root_moves_all_joints_alike(hand, pose, shift):
-    moved = pose.copy()
-    moved[:3] += shift
-    assert np.allclose(hand.joints(moved[None]) - hand.joints(pose[None]), shift)
-
-
-@given(poses, st.floats(-3, 3))
-def test_turning_the_root_keeps_all_distances(hand, pose, angle):
-    turned = pose.copy()
-    turned[3:6] += angle
-    before, after = hand.joints(np.stack([pose, turned]))
-    distances = [np.linalg.norm(X[:, None] - X[None], axis=2) for X in (before, after)]
-    assert np.allclose(*distances)
-
-
 def test_float32_costs_digits_of_float32_only(hand, rng):
     """float32 loses only float32 precision, even far from the origin, as torques are computed about local points."""
     inputs, dX = rng.normal(0, 0.5, (20, 47)).astype(np.float32), rng.normal(size=(20, 31, 3)).astype(np.float32)
@@ -229,17 +206,6 @@ def test_a_body_without_free_motions(body):
     assert made.jacobian(made.forward(np.zeros((3, 1)))).shape == (3, 0, 3)
 
 
-def test_rotation_of_a_joint(hand, rng):
-    """The result is a rotation matrix that maps the bone's axis onto the bone."""
-    inputs = rng.normal(size=(9, 47))
-    pose, joint = hand.forward(inputs), HAND.joint_names.index("index_dip")
-    R = hand.rotation_of(pose, joint)
-    assert np.allclose(R @ R.transpose(0, 2, 1), np.eye(3))
-    assert np.allclose(np.linalg.det(R), 1)
-    bone = pose.joints[:, joint] - pose.joints[:, HAND.parents[joint]]
-    assert np.allclose(R[:, :, 1] * HAND.bones[joint], bone)
-
-
 def test_rotations():
     """Rotation about z maps x to y, about x maps y to z and about y maps z to x, for one angle or many."""
     for axis in range(3):
@@ -269,14 +235,3 @@ def test_forward_pose_is_a_pose(rng, N, own):
     few = [3, 0]
     assert np.allclose(made.jacobian(found), plain.jacobian(expected))
     assert np.allclose(made.jacobian(found, few), plain.jacobian(expected, few))
-
-
-def test_forward_pose_of_an_arm_that_slides(body, arm_text, rng):
-    """forward_pose agrees for a root that translates and for children before their parents."""
-    made = body(arm_text)
-    inputs = rng.normal(size=(3, 4))
-    plain = Kinematics(made.skeleton)
-    found, expected = made.forward_pose(inputs), plain.forward(inputs)
-    assert np.allclose(found.joints, expected.joints)
-    assert np.allclose(made.axes(found)[0], expected.axis)
-    assert np.allclose(made.axes(found)[1][:, made.skeleton.turns], expected.pivot[:, made.skeleton.turns])
