@@ -99,14 +99,6 @@ def test_whatever_has_been_written_and_deleted(tmp_path: Path, seed: int) -> Non
         assert not cursor.set_key(key + b"\0") and not cursor.set_key(key[:-1] + b"\xff") and cursor.key == key
 
 
-def test_going_on_from_a_key(tmp_path: Path) -> None:
-    cursor = Cursor(Database(write(tmp_path / "a", numbered(500))))
-    assert cursor.set_key(b"00000497")
-    assert [cursor.next() for _ in range(4)] == [True, True, False, False]
-    assert cursor.key == b"00000499"
-    assert cursor.first() and cursor.key == b"00000000"
-
-
 def test_several_cursors(tmp_path: Path) -> None:
     path = write(tmp_path / "a", numbered(500))
     database = Database(path)
@@ -234,13 +226,6 @@ def test_what_is_no_such_database(tmp_path: Path, given: bytes, rejected: Any) -
     (tmp_path / "a").write_bytes(given)
     with rejected:
         Database(tmp_path / "a")
-
-
-def test_named_databases(tmp_path: Path) -> None:
-    with lmdb.open(str(tmp_path / "a"), max_dbs=1) as database:
-        database.open_db(b"x")
-    with pytest.raises(DataError, match=r"page \d: b'x' is not an entry but a database within this one \(flags 0x2\)"):
-        list(walked(tmp_path / "a"))
 
 
 Damage = Callable[[bytearray, random.Random], int]
