@@ -19,7 +19,7 @@ class FastLayer(Layer):
     needs_backward     whether backward will be called; set by the engine before the first pass
     needs_bottom_diff  whether the diff of any bottom will be needed
     after              layers in place on the top that forward computes, too (fusing.py)
-    is_fused           whether an earlier layer computes forward, which then does nothing
+    is_fused           whether an earlier layer computes forward, which is then not called
     """
 
     needs_backward: bool = True
@@ -81,5 +81,5 @@ class FastLayer(Layer):
 
 
 def is_fused(layer: Layer) -> bool:
-    """Whether an earlier layer computes this one: a step need not call it at all."""
+    """Whether an earlier layer computes a layer's forward."""
     return isinstance(layer, FastLayer) and layer.is_fused

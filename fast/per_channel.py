@@ -99,8 +99,6 @@ class FastScale(FastLayer, Scale):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         """Compute y = gain x + bias; in place, x is copied if backward will read it."""
-        if self.is_fused:
-            return
         if not self.learned:
             super().forward(bottom, top)
             return
@@ -146,8 +144,6 @@ class FastBatchNorm(FastLayer, BatchNorm):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         """Compute y by the sums, or by the statistics of the batch, which are added to the sums."""
-        if self.is_fused:
-            return
         C = self.mean.count
         x, out = view(bottom[0].data, 1, C), view(top[0].data, 1, C)
         if self.uses_sums:

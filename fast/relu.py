@@ -17,8 +17,6 @@ class FastReLU(FastLayer, ReLU):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         """Compute y = max(x, 0) + slope min(x, 0)."""
-        if self.is_fused:
-            return
         x, y = bottom[0].data.reshape(-1), top[0].data.reshape(-1)
         for part in blocks(x.size, BLOCK):
             if self.slope:
@@ -37,8 +35,3 @@ class FastReLU(FastLayer, ReLU):
 
 class FastReLU6(FastLayer, ReLU6):
     """ReLU6, which another layer may compute."""
-
-    def forward(self, bottom: Blobs, top: Blobs) -> None:
-        """Compute y unless an earlier layer has."""
-        if not self.is_fused:
-            super().forward(bottom, top)

@@ -127,13 +127,14 @@ class WholeStep(Step):
     def forward(self) -> None:
         """Reshape the tops if necessary and compute them, unless an earlier layer does."""
         at = self.at
-        fits = at.ran_with == tuple(map(SHAPE, at.blobs)) and self._is_steady
-        if fits and is_fused(at.layer):
+        fits, fused = at.ran_with == tuple(map(SHAPE, at.blobs)) and self._is_steady, is_fused(at.layer)
+        if fits and fused:
             return
         with at.errors:
             if not fits:
                 at.layer.reshape(at.bottom, at.top)
-            at.layer.forward(at.bottom, at.top)
+            if not fused:
+                at.layer.forward(at.bottom, at.top)
         at.ran_with = tuple(map(SHAPE, at.blobs))
 
 
