@@ -29,8 +29,8 @@ class Clip(Elementwise):
 
     param_type = ClipParameter
 
-    def _value(self, x: Array) -> Array:
-        return x.clip(self.param.min, max(self.param.min, self.param.max))
+    def _write(self, x: Array, y: Array) -> None:
+        x.clip(self.param.min, max(self.param.min, self.param.max), out=y)
 
     def _slope(self, x: Array) -> Array:
         return (x >= self.param.min) & (x <= self.param.max)

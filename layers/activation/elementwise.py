@@ -6,7 +6,7 @@ top[0]     y  same shape, may be the same blob
 y  = value(x)
 dx = dy slope(x)
 
-A subclass defines these two formulas as ``_value`` and ``_slope``. They are computed in
+A subclass defines these two formulas as ``_write`` and ``_slope``. They are computed in
 blocks that stay in the cache with their temporary arrays.
 
 Kept for backward: ``x``, because in place y overwrites it. With ``from_y``, the slope is computed from y instead.
@@ -29,9 +29,9 @@ class Elementwise(Layer):
     bottoms = tops = (1, 1)
     from_y = False
 
-    def _value(self, x: Array) -> Array:
-        """y for some values of x."""
-        raise NotImplementedError(f"{type(self).__name__} has no _value")
+    def _write(self, x: Array, y: Array) -> None:
+        """Compute y for some values of x. y may be x itself, so x is not read after a part of y was written."""
+        raise NotImplementedError(f"{type(self).__name__} has no _write")
 
     def _slope(self, x: Array) -> Array:
         """dy/dx for some values of x, or of y with ``from_y``."""
@@ -45,7 +45,7 @@ class Elementwise(Layer):
             self.x = bottom[0].data.copy()
         x, y = bottom[0].data.reshape(-1), top[0].data.reshape(-1)
         for part in blocks(x.size, BLOCK):
-            y[part] = self._value(x[part])
+            self._write(x[part], y[part])
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
@@ -68,9 +68,12 @@ def negative(x: Array) -> Array:
     return x.clip(-np.inf, 0)
 
 
-def sigmoid(x: Array, beta: float = 1.0) -> Array:
-    """1 / (1 + exp(-beta x)), by the hyperbolic tangent, which NumPy computes faster and which cannot overflow."""
-    y = np.multiply(x, beta / 2, out=np.empty_like(x))  # an array also for x without axes
+def sigmoid(x: Array, beta: float = 1.0, out: Array | None = None) -> Array:
+    """1 / (1 + exp(-beta x)), by the hyperbolic tangent, which NumPy computes faster and which cannot overflow.
+
+    ``out``, a new array by default, may be x itself.
+    """
+    y = np.multiply(x, beta / 2, out=np.empty_like(x) if out is None else out)
     np.tanh(y, out=y)
     y *= 0.5
     y += 0.5

@@ -30,8 +30,8 @@ class ELU(Elementwise):
 
     param_type = ELUParameter
 
-    def _value(self, x: Array) -> Array:
-        return positive(x) + self.param.alpha * np.expm1(negative(x))
+    def _write(self, x: Array, y: Array) -> None:
+        np.add(positive(x), self.param.alpha * np.expm1(negative(x)), out=y)
 
     def _slope(self, x: Array) -> Array:
         alpha, slope = self.param.alpha, np.exp(negative(x))

@@ -40,9 +40,9 @@ class Exp(Elementwise):
         ln_base = 1.0 if base == -1 else float(np.log(base))
         self.rate, self.offset = ln_base * self.param.scale, ln_base * self.param.shift
 
-    def _value(self, x: Array) -> Array:
+    def _write(self, x: Array, y: Array) -> None:
         with np.errstate(over="ignore"):  # the solver reports infinities
-            return np.exp(self.rate * x + self.offset)
+            np.exp(self.rate * x + self.offset, out=y)
 
     def _slope(self, y: Array) -> Array:
         return self.rate * y

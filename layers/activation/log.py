@@ -39,9 +39,9 @@ class Log(Elementwise):
             raise self.fail(f"base {base:g} must be positive, finite and not 1, or -1 for e", "base")
         self.ln_base = 1.0 if base == -1 else math.log(base)
 
-    def _value(self, x: Array) -> Array:
+    def _write(self, x: Array, y: Array) -> None:
         with np.errstate(divide="ignore", invalid="ignore"):  # the solver reports NaN
-            return np.log(self.param.shift + self.param.scale * x) / self.ln_base
+            np.divide(np.log(self.param.shift + self.param.scale * x), self.ln_base, out=y)
 
     def _slope(self, x: Array) -> Array:
         with np.errstate(divide="ignore"):

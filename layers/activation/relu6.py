@@ -39,8 +39,11 @@ class ReLU6(Elementwise):
         if self.leak < 0 and bottom[0] is top[0]:
             raise self.fail("a negative negative_slope cannot run in place", "negative_slope")
 
-    def _value(self, x: Array) -> Array:
-        return self._unlimited(x).clip(-np.inf, 6) if self.leak else x.clip(0, 6)
+    def _write(self, x: Array, y: Array) -> None:
+        if self.leak:
+            self._unlimited(x).clip(-np.inf, 6, out=y)
+        else:
+            x.clip(0, 6, out=y)
 
     def _slope(self, x: Array) -> Array:
         if not self.leak:

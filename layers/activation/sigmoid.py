@@ -29,8 +29,8 @@ class Sigmoid(Elementwise):
     param_type = SigmoidParameter
     reads_top = from_y = True
 
-    def _value(self, x: Array) -> Array:
-        return sigmoid(x)
+    def _write(self, x: Array, y: Array) -> None:
+        sigmoid(x, out=y)
 
     def _slope(self, y: Array) -> Array:
         return y * (1 - y)

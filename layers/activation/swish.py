@@ -30,8 +30,8 @@ class Swish(Elementwise):
 
     param_type = SwishParameter
 
-    def _value(self, x: Array) -> Array:
-        return x * sigmoid(x, self.param.beta)
+    def _write(self, x: Array, y: Array) -> None:
+        np.multiply(x, sigmoid(x, self.param.beta), out=y)
 
     def _slope(self, x: Array) -> Array:
         half = self.param.beta / 2 * x

@@ -53,7 +53,7 @@ class LSTMUnit(Layer):
         c_before, x, cont = (blob.data[0] for blob in bottom)
         self.gate = x.reshape(len(x), 4, -1).swapaxes(0, 1).copy()
         i, f, o, g = self.gate
-        self.gate[:3] = sigmoid(self.gate[:3])
+        sigmoid(self.gate[:3], out=self.gate[:3])
         np.tanh(g, out=g)
         f *= cont[:, None]
         c = top[0].data[0] = f * c_before + i * g
