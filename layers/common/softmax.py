@@ -9,14 +9,17 @@ dx = y (dy - sum of y dy along ``axis``)
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
-from netlib.blob import Blobs
+from netlib.blob import Array, Blobs
 from netlib.layer import Layer
 from netlib.proto.schema import Engine, numbered
+from netlib.system.memory import blocks
+
+BLOCK = 1 << 18  # values that stay in the cache with their temporary arrays
 
 
 @dataclass(frozen=True)
@@ -39,9 +42,23 @@ class Softmax(Layer):
         top[0].reshape(bottom[0].shape)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        top[0].data[...] = scipy.special.softmax(bottom[0].data, axis=self.axis)
+        top[0].data[...] = softmax(bottom[0].data, self.axis)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
             y, dy = top[0].data, top[0].diff
             np.multiply(y, dy - (y * dy).sum(axis=self.axis, keepdims=True), out=bottom[0].diff)
+
+
+def softmax(x: Array, axis: int) -> Array:
+    """The softmax of x along a non-negative axis, block by block of the other axes."""
+    classes, y = x.shape[axis], np.empty(x.shape, x.dtype)
+    shape = (math.prod(x.shape[:axis]), classes, math.prod(x.shape[axis + 1 :]))
+    scores, result, width = x.reshape(shape), y.reshape(shape), max(BLOCK // max(classes, 1), 1)
+    for rows in blocks(shape[0], max(width // max(shape[2], 1), 1)):
+        for columns in blocks(shape[2], width):
+            own = scores[rows, :, columns]
+            powers = own - own.max(axis=1, keepdims=True)  # exp of a large score would be infinite
+            np.exp(powers, out=powers)
+            np.divide(powers, powers.sum(axis=1, keepdims=True), out=result[rows, :, columns])
+    return y

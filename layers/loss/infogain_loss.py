@@ -21,8 +21,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import scipy
 
+from layers.common.softmax import softmax
 from layers.loss import labels as labels_of
 from layers.loss.labels import LabelLoss
 from netlib.blob import Array, Blobs
@@ -77,7 +77,7 @@ class InfogainLoss(LabelLoss):
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         labels, counts = labels_of.read(self, bottom, self.classes, self.loss_param.ignore_label)
         H = self._matrix(bottom)[1].reshape(self.classes, self.classes)
-        self.p = scipy.special.softmax(np.moveaxis(bottom[0].data, self.axis, -1), axis=-1)
+        self.p = np.moveaxis(softmax(bottom[0].data, self.axis), self.axis, -1)
         self.rows = (H[labels] * counts[:, None]).reshape(self.p.shape)  # 0 for ignored labels
         self.divisor = labels_of.divisor(self.loss_param.normalization, counts, self.items)
         total = 0 - (self.rows * np.log(np.maximum(self.p, labels_of.MIN_PROBABILITY))).sum()  # 0 rather than -0

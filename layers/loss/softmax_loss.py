@@ -19,9 +19,8 @@ import math
 from typing import ClassVar
 
 import numpy as np
-import scipy
 
-from layers.common.softmax import SoftmaxParameter
+from layers.common.softmax import SoftmaxParameter, softmax
 from layers.loss import labels as labels_of
 from layers.loss.labels import LabelLoss
 from netlib.blob import Array, Blobs
@@ -57,7 +56,7 @@ class SoftmaxWithLoss(LabelLoss):
         return labels, counts
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        self.p = scipy.special.softmax(bottom[0].data, axis=self.axis)
+        self.p = softmax(bottom[0].data, self.axis)
         labels, counts = self._labels(bottom)
         chosen = np.take_along_axis(self.p, labels, self.axis)
         tiny = np.finfo(np.float32).tiny  # as in Caffe, avoids the logarithm of zero
