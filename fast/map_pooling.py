@@ -211,8 +211,7 @@ def mean(w: Windows, x: Array, y: Array, area: Array) -> None:
     """Write the means y (n, Ho, Wo) of maps x (n, H, W); ``area`` (Ho, Wo) holds the divisor of each window."""
 
     def job(maps: slice) -> None:
-        with np.errstate(invalid="ignore"):  # an empty window is 0 / 0
-            np.divide(_over_rows(w, np.add, _over_columns(w, np.add, x[maps], 0)), area, out=y[maps])
+        np.divide(_over_rows(w, np.add, _over_columns(w, np.add, x[maps], 0)), area, out=y[maps])  # 0 / 0: empty window
 
     w.run(len(x), job)
 
@@ -228,8 +227,7 @@ def mean_backward(w: Windows, dy: Array, dx: Array, area: Array) -> None:
         shape = (maps.stop - maps.start, w.outputs[0], wide)
         share, total = (scratch(key, shape, dx.dtype) for key in ("pooled rows", "pooled"))
         share.fill(0)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            np.divide(dy[maps], area, out=share[..., starts])
+        np.divide(dy[maps], area, out=share[..., starts])
         running(np.add, share.reshape(-1), kw, total.reshape(-1))
         below, gradient = total[..., left:right], dx[maps]
         gradient.fill(0)

@@ -42,8 +42,7 @@ class Connection:
     """A layer of a net with its bottom and top blobs.
 
     propagate_down, needs_backward  the gradients that backward computes
-    blobs                           all of its blobs
-    errors                          names the layer in errors of its methods
+    blobs, errors                   all of its blobs; the context that names the layer in errors of its methods
     ran_with                        shapes of the blobs when forward ran, or None
     has_run_back                    whether backward has run before
     """

@@ -69,10 +69,7 @@ def negative(x: Array) -> Array:
 
 
 def sigmoid(x: Array, beta: float = 1.0, out: Array | None = None) -> Array:
-    """1 / (1 + exp(-beta x)), by the hyperbolic tangent, which NumPy computes faster and which cannot overflow.
-
-    ``out``, a new array by default, may be x itself.
-    """
+    """1 / (1 + exp(-beta x)), by tanh, which NumPy computes faster and cannot overflow; ``out`` may be x itself."""
     y = np.multiply(x, beta / 2, out=np.empty_like(x) if out is None else out)
     np.tanh(y, out=y)
     y *= 0.5

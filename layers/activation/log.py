@@ -40,9 +40,7 @@ class Log(Elementwise):
         self.ln_base = 1.0 if base == -1 else math.log(base)
 
     def _write(self, x: Array, y: Array) -> None:
-        with np.errstate(divide="ignore", invalid="ignore"):  # the solver reports NaN
-            np.divide(np.log(self.param.shift + self.param.scale * x), self.ln_base, out=y)
+        np.divide(np.log(self.param.shift + self.param.scale * x), self.ln_base, out=y)
 
     def _slope(self, x: Array) -> Array:
-        with np.errstate(divide="ignore"):
-            return self.param.scale / self.ln_base / (self.param.shift + self.param.scale * x)
+        return self.param.scale / self.ln_base / (self.param.shift + self.param.scale * x)

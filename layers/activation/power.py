@@ -33,15 +33,11 @@ class Power(Elementwise):
     param_type = PowerParameter
 
     def _write(self, x: Array, y: Array) -> None:
-        with np.errstate(divide="ignore", invalid="ignore"):  # the solver reports NaN
-            y[...] = self._base(x) ** self.param.power
+        p = self.param
+        y[...] = (p.shift + p.scale * x) ** p.power
 
     def _slope(self, x: Array) -> Array:
         p = self.param
         if p.power == 1 or p.power * p.scale == 0:
             return np.full_like(x, p.power * p.scale)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return p.power * p.scale * self._base(x) ** (p.power - 1)
-
-    def _base(self, x: Array) -> Array:
-        return self.param.shift + self.param.scale * x
+        return p.power * p.scale * (p.shift + p.scale * x) ** (p.power - 1)

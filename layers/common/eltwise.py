@@ -88,5 +88,4 @@ class Eltwise(Layer):
             elif self.param.stable_prod_grad:
                 x.diff[...] = dy * reduce(np.multiply, [o.data for k, o in enumerate(bottom) if k != i])
             else:
-                with np.errstate(divide="ignore", invalid="ignore"):
-                    x.diff[...] = dy * (top[0].data / x.data)
+                x.diff[...] = dy * (top[0].data / x.data)

@@ -19,7 +19,7 @@ from typing import Literal
 
 import numpy as np
 
-from netlib.blob import Array, Blobs
+from netlib.blob import Blobs
 from netlib.layer import Layer
 from netlib.proto.schema import OneBased, numbered
 
@@ -41,29 +41,27 @@ class Reduction(Layer):
     in_place = False
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        self.axis = self.canonical_axis(self.param.axis, bottom[0])
+        axis = self.canonical_axis(self.param.axis, bottom[0])
+        self.reduced = tuple(range(axis, len(bottom[0].shape)))
         self.coeff = self.dtype.type(self.param.coeff)
         if self.param.operation == "MEAN":
-            count = math.prod(bottom[0].shape[self.axis :])
+            count = math.prod(bottom[0].shape[axis:])
             if count == 0:
                 raise self.fail(f"bottom {self.spec.bottom[0]!r} {bottom[0].shape} has no values, so no mean exists")
             self.coeff /= self.dtype.type(count)
-        top[0].reshape(bottom[0].shape[: self.axis])
+        top[0].reshape(bottom[0].shape[:axis])
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x = bottom[0].data
         terms = {"ASUM": np.abs, "SUMSQ": np.square}.get(self.param.operation, np.asarray)(x)
-        top[0].data[...] = self.coeff * terms.sum(axis=self._reduced(x))
+        top[0].data[...] = self.coeff * terms.sum(axis=self.reduced)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if not propagate_down[0]:
             return
         x, dx = bottom[0].data, bottom[0].diff
-        dx[...] = self.coeff * np.expand_dims(top[0].diff, self._reduced(x))
+        dx[...] = self.coeff * np.expand_dims(top[0].diff, self.reduced)
         if self.param.operation == "ASUM":
             dx *= np.sign(x)
         elif self.param.operation == "SUMSQ":
             dx *= 2 * x
-
-    def _reduced(self, x: Array) -> tuple[int, ...]:
-        return tuple(range(self.axis, x.ndim))

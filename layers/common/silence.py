@@ -11,7 +11,16 @@ from netlib.blob import Blobs
 from netlib.layer import Layer
 
 
-class Silence(Layer):
+class ZeroGradient(Layer):
+    """Base class of layers whose gradient is 0, or 0 but for what a subclass adds."""
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        for x, down in zip(bottom, propagate_down):
+            if down:
+                x.diff[...] = 0
+
+
+class Silence(ZeroGradient):
     """Reads blobs and does nothing."""
 
     bottoms = (1, None)
@@ -22,8 +31,3 @@ class Silence(Layer):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         pass
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        for x, down in zip(bottom, propagate_down):
-            if down:
-                x.diff[...] = 0

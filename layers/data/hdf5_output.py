@@ -15,11 +15,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from layers.common.silence import ZeroGradient
 from netlib import files
 from netlib.blob import Blobs
 from netlib.errors import DataError, reason_of
 from netlib.files import hdf5
-from netlib.layer import Layer
 from netlib.proto.schema import numbered
 
 NAMES = ("data", "label")
@@ -32,7 +32,7 @@ class HDF5OutputParameter:
     file_name: str = numbered(1)  # relative to the working directory
 
 
-class HDF5Output(Layer):
+class HDF5Output(ZeroGradient):
     """Writes a batch to a file."""
 
     param_type = HDF5OutputParameter
@@ -69,8 +69,3 @@ class HDF5Output(Layer):
         except OSError as error:
             raise DataError(f"{self.path}: cannot write the HDF5 file: {reason_of(error)}") from error
         self.written = True
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        for x, down in zip(bottom, propagate_down):
-            if down:
-                x.diff[...] = 0

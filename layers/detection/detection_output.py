@@ -185,15 +185,14 @@ def decode(p: DetectionOutputParameter, priors: Array, variances: Array, locatio
     """Boxes (K, 4) from their priors, variances and locations, all (K, 4)."""
     change = locations if p.variance_encoded_in_target else variances * locations
     size = priors[:, 2:] - priors[:, :2]
-    with np.errstate(over="ignore", invalid="ignore"):  # a size may be infinite
-        if p.code_type == "CORNER":
-            boxes = priors + change
-        elif p.code_type == "CORNER_SIZE":
-            boxes = priors + change * np.tile(size, 2)
-        else:
-            centre = (priors[:, :2] + priors[:, 2:]) / 2 + change[:, :2] * size
-            half = size * np.exp(change[:, 2:]) / 2
-            boxes = np.hstack([centre - half, centre + half])
+    if p.code_type == "CORNER":
+        boxes = priors + change
+    elif p.code_type == "CORNER_SIZE":
+        boxes = priors + change * np.tile(size, 2)
+    else:
+        centre = (priors[:, :2] + priors[:, 2:]) / 2 + change[:, :2] * size
+        half = size * np.exp(change[:, 2:]) / 2
+        boxes = np.hstack([centre - half, centre + half])
     return boxes.clip(0, 1) if p.clip else boxes
 
 
@@ -215,10 +214,9 @@ def suppress(boxes: Array, threshold: float, eta: float = 1) -> list[int]:
 def overlap(a: Array, b: Array) -> Array:
     """Intersection / union of each box of a (K, 4) with each of b (M, 4): (K, M); NaN if both are empty."""
     (x1, y1, x2, y2), (u1, v1, u2, v2) = np.ascontiguousarray(a.T)[:, :, None], np.ascontiguousarray(b.T)
-    with np.errstate(all="ignore"):
-        w, h = np.minimum(x2, u2), np.minimum(y2, v2)
-        w -= np.maximum(x1, u1)
-        h -= np.maximum(y1, v1)
-        inside = np.maximum(w, 0, out=w)
-        inside *= np.maximum(h, 0, out=h)
-        return np.divide(inside, (x2 - x1) * (y2 - y1) + (u2 - u1) * (v2 - v1) - inside, out=inside)
+    w, h = np.minimum(x2, u2), np.minimum(y2, v2)
+    w -= np.maximum(x1, u1)
+    h -= np.maximum(y1, v1)
+    inside = np.maximum(w, 0, out=w)
+    inside *= np.maximum(h, 0, out=h)
+    return np.divide(inside, (x2 - x1) * (y2 - y1) + (u2 - u1) * (v2 - v1) - inside, out=inside)

@@ -28,8 +28,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from layers.common.silence import ZeroGradient
 from netlib.blob import Array, Blobs
-from netlib.layer import Layer
 from netlib.proto.schema import UInt, numbered
 
 SAME = 1e-6  # ratios that differ by less are the same, as in Caffe
@@ -54,7 +54,7 @@ class PriorBoxParameter:
     offset: float = numbered(13, 0.5)  # of the centres, in steps
 
 
-class PriorBox(Layer):
+class PriorBox(ZeroGradient):
     """Boxes around every position of a map."""
 
     param_type = PriorBoxParameter
@@ -100,11 +100,6 @@ class PriorBox(Layer):
         image = self.image or bottom[1].shape[2:]
         boxes, variances = prior_boxes(self.param, bottom[0].shape[2:], image, self.step)
         top[0].data[0, 0], top[0].data[0, 1] = boxes.ravel(), variances.ravel()
-
-    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        for blob, down in zip(bottom, propagate_down):
-            if down:
-                blob.diff[...] = 0
 
 
 def prior_boxes(

@@ -78,8 +78,7 @@ def counted(labels: Array, ignore: int | None) -> Array:
     """Mask of the labels that are not ``ignore``; as in Caffe, labels are truncated to integers first."""
     if ignore is None:
         return np.ones(labels.shape, bool)
-    with np.errstate(invalid="ignore"):  # NaN never equals ``ignore``
-        return labels.astype(np.intp) != ignore
+    return labels.astype(np.intp) != ignore  # NaN never equals ``ignore``
 
 
 def read(layer: Layer, bottom: Blobs, classes: int, ignore: int | None = None) -> tuple[Array, Array]:

@@ -49,8 +49,7 @@ class SmoothL1Loss(Layer):
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         self.slope = np.empty(0, self.dtype)
-        with np.errstate(over="ignore"):
-            self.sigma2 = self.dtype.type(self.param.sigma) ** 2
+        self.sigma2 = self.dtype.type(self.param.sigma) ** 2
         if not (self.param.sigma > 0 and 0 < self.sigma2 < np.inf):
             raise self.fail(f"sigma {self.param.sigma:g} must be above 0, with a finite square", "sigma")
 

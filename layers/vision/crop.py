@@ -12,8 +12,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from layers.common.silence import ZeroGradient
 from netlib.blob import Blobs
-from netlib.layer import Layer
 from netlib.proto.schema import UInt, numbered
 
 
@@ -25,7 +25,7 @@ class CropParameter:
     offset: tuple[UInt, ...] = numbered(2, ())  # start of y in x
 
 
-class Crop(Layer):
+class Crop(ZeroGradient):
     """Crops to the size of another blob."""
 
     param_type = CropParameter
@@ -51,8 +51,6 @@ class Crop(Layer):
         top[0].data[...] = bottom[0].data[self.part]
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        for x, down in zip(bottom, propagate_down):
-            if down:
-                x.diff[...] = 0
+        super().backward(top, propagate_down, bottom)
         if propagate_down[0]:
             bottom[0].diff[self.part] = top[0].diff

@@ -30,8 +30,9 @@ from typing import Any
 
 import numpy as np
 
+from layers.common.silence import ZeroGradient
 from netlib.blob import Array, Blobs
-from netlib.layer import Layer, warn, warn_of_ignored
+from netlib.layer import warn, warn_of_ignored
 from netlib.proto import schema
 from netlib.proto.schema import numbered
 
@@ -49,7 +50,7 @@ class InterpParameter:
     use_blob_size: bool = numbered(7, False)  # of bottom[1], whatever the other options say
 
 
-class Interp(Layer):
+class Interp(ZeroGradient):
     """Bilinear resampling with aligned corners."""
 
     param_type = InterpParameter
@@ -120,8 +121,6 @@ class Interp(Layer):
         top[0].data[...] = self.rows @ bottom[0].data[self.inside] @ self.columns.T
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        for x, down in zip(bottom, propagate_down):
-            if down:
-                x.diff[...] = 0
+        super().backward(top, propagate_down, bottom)
         if propagate_down[0]:
             bottom[0].diff[self.inside] = self.rows.T @ top[0].diff @ self.columns

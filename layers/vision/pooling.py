@@ -75,8 +75,7 @@ class Pooling(SlidingWindow):
                 if len(top) > 1:
                     top[1].data[n] = np.where(y[n] == NOTHING, -1, self._index(n, x.shape[3]))
             else:
-                with np.errstate(invalid="ignore"):  # an empty window is 0 / 0
-                    y[n] = windows.sum(axis=0) / self.area(x.shape, y.shape)
+                y[n] = windows.sum(axis=0) / self.area(x.shape, y.shape)  # 0 / 0 in an empty window
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if not propagate_down[0]:
@@ -90,8 +89,7 @@ class Pooling(SlidingWindow):
                 i, j = np.divmod(self.winners[n], self.kernel[1])
                 np.add.at(padded, (c, h * sh + i, w * sw + j), dy[n])
             else:
-                with np.errstate(invalid="ignore", divide="ignore"):
-                    share = dy[n] / self.area(dx.shape, dy.shape)
+                share = dy[n] / self.area(dx.shape, dy.shape)
                 for rows, across in self.window_slices(dy.shape):
                     padded[:, rows, across] += share
             dx[n] = padded[:, ph : ph + H, pw : pw + W]

@@ -18,9 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from layers.common.silence import ZeroGradient
 from layers.vision.roi_pooling import checked_rois, rounded
 from netlib.blob import Array, Blobs
-from netlib.layer import Layer
 from netlib.proto.schema import Natural, numbered
 
 MIN_SIZE = 0.1  # of a region in the map, as in Caffe
@@ -35,7 +35,7 @@ class PSROIPoolingParameter:
     group_size: Natural = numbered(3)  # rows and columns of the grid
 
 
-class PSROIPooling(Layer):
+class PSROIPooling(ZeroGradient):
     """Mean pooling of regions of interest, with other maps for each bin."""
 
     param_type = PSROIPoolingParameter
@@ -64,9 +64,7 @@ class PSROIPooling(Layer):
             y[r, :, i, j] = maps.mean(axis=(1, 2))
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        for blob, down in zip(bottom, propagate_down):
-            if down:
-                blob.diff[...] = 0
+        super().backward(top, propagate_down, bottom)
         if propagate_down[0]:
             for r, i, j, maps in self._bins(bottom, bottom[0].diff):
                 maps += (top[0].diff[r, :, i, j] / self.dtype.type(maps[0].size))[:, None, None]

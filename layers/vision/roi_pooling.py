@@ -21,6 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from layers.common.silence import ZeroGradient
 from netlib.blob import Array, Blobs
 from netlib.layer import Layer
 from netlib.proto.schema import UInt, numbered
@@ -35,7 +36,7 @@ class ROIPoolingParameter:
     spatial_scale: float = numbered(3, 1.0)  # positions of the map per pixel of the image
 
 
-class ROIPooling(Layer):
+class ROIPooling(ZeroGradient):
     """Max pooling of regions of interest."""
 
     param_type = ROIPoolingParameter
@@ -57,7 +58,8 @@ class ROIPooling(Layer):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x, y = bottom[0].data, top[0].data
-        self.items, corners = self._regions(bottom)
+        rois = checked_rois(self, bottom)
+        self.items, corners = rois[:, 0].astype(int), rounded(rois[:, 1:] * self.dtype.type(self.param.spatial_scale))
         self.winners = np.full(y.shape, -1)
         y[...] = 0
         for r, (n, (x1, y1, x2, y2)) in enumerate(zip(self.items, corners)):
@@ -71,18 +73,11 @@ class ROIPooling(Layer):
                     self.winners[r, :, i, j] = (top_row + h) * x.shape[3] + left + w
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        for blob, down in zip(bottom, propagate_down):
-            if down:
-                blob.diff[...] = 0
+        super().backward(top, propagate_down, bottom)
         if propagate_down[0]:
             maps = bottom[0].diff.reshape(*bottom[0].shape[:2], -1)
             r, c, i, j = np.nonzero(self.winners >= 0)
             np.add.at(maps, (self.items[r], c, self.winners[r, c, i, j]), top[0].diff[r, c, i, j])
-
-    def _regions(self, bottom: Blobs) -> tuple[Array, Array]:
-        """Item and corners in the map of each region. Raises LayerError if a region is invalid."""
-        rois = checked_rois(self, bottom)
-        return rois[:, 0].astype(int), rounded(rois[:, 1:] * self.dtype.type(self.param.spatial_scale))
 
     def _bins(self, first: int, last: int, bins: int, size: int) -> list[tuple[int, int]]:
         """Start and end of a region's bins along one axis, clipped to the map."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -58,6 +58,13 @@ class Run:
             blob.diff[...] = values
         self.layer.backward(self.top, wanted or [True] * len(self.bottom), self.bottom)
         return [blob.diff for blob in self.bottom]
+
+
+@pytest.fixture(autouse=True)
+def as_in_a_net() -> Iterator[None]:
+    """NumPy does not warn of values that are not finite, as in a net."""
+    with np.errstate(all="ignore"):
+        yield
 
 
 @pytest.fixture
