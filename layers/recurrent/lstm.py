@@ -14,11 +14,10 @@ top, dz[t] and dc[t - 1] are the gradients of that unit, and
 
     dh[t - 1] = cont[t] dz[t] w_h        dw_h += dz[t]ᵀ r of all steps, in one product
 
-Kept for backward, of every step: ``r``, and ``gate`` and ``c`` as rows of one array, i, f, o, g and the c before.
+Kept for backward, of every step: ``h``, and ``gate`` and ``c`` as rows of one array, i, f, o, g and the c before.
 
-The time of a step of a small layer is that of its NumPy calls. As sigmoid(x) = (1 + tanh(x / 2)) / 2, all gates are one
-call of tanh, with z and w_h of three of them halved in advance. As i and f are neighbours, and g and c too, i g and
-f c are one product.
+A step takes as long as its NumPy calls: as sigmoid(x) = (1 + tanh(x / 2)) / 2, all gates are one tanh, with z and w_h of
+three of them halved before; and as i and f are neighbours, and g and c too, i g and f c are one product.
 """
 
 from __future__ import annotations
@@ -38,28 +37,29 @@ class LSTM(Recurrent):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         T, N, D, half = *bottom[1].shape, self.param.num_output, np.asarray(0.5, self.dtype)
-        halves = np.array([[[0.5]], [[0.5]], [[0.5]], [[1]]], self.dtype)  # i, f, o and g
-        w_h = (self.w_h.data.reshape(4, D, D) * halves).reshape(4 * D, D)
+        w_h = self.w_h.data.copy()
+        w_h[: 3 * D] *= half
         rows, y = np.empty((T + 1, 5, D, N), self.dtype), np.empty((T + 1, D, N), self.dtype)
         gate, c = rows[:T, :4], rows[:, 4]
-        np.multiply(self._z(bottom).reshape(T, 4, D, N), halves, out=gate)
+        self._write_z(bottom, gate)
+        gate[:, :3] *= half
         y[0], c[0] = self._first_states(bottom)
         recurrent, products = np.empty((4, D, N), self.dtype), np.empty((2, D, N), self.dtype)
         product, (kept, added) = recurrent.reshape(4 * D, N), products
-        for cont, row, r, h, c_after in zip(self._cont(bottom), rows, y, y[1:], c[1:]):
-            all_gates, sigmoids = row[:4], row[:3]
+        steps = zip(self._cont(bottom), y, y[1:], c[1:], rows[:, :4], rows[:, :3], rows[:, :2], rows[:, 3:], rows[:, 2])
+        for cont, r, h, c_after, all_gates, sigmoids, i_and_f, g_and_c, o in steps:
             np.dot(w_h, r if cont is None else cont * r, out=product)
-            all_gates += recurrent
+            np.add(all_gates, recurrent, out=all_gates)
             np.tanh(all_gates, out=all_gates)
-            sigmoids *= half
-            sigmoids += half
+            np.multiply(sigmoids, half, out=sigmoids)
+            np.add(sigmoids, half, out=sigmoids)
             if cont is not None:
-                row[1] *= cont
-            np.multiply(row[:2], row[3:], out=products)
+                i_and_f[1] *= cont
+            np.multiply(i_and_f, g_and_c, out=products)
             np.add(kept, added, out=c_after)
             np.tanh(c_after, out=h)
-            h *= row[2]
-        self.gate, self.c, self.r = gate, c, y[:-1] * bottom[1].data[:, None]
+            np.multiply(o, h, out=h)
+        self.gate, self.c, self.h = gate, c, y
         top[0].data[...] = y[1:].swapaxes(1, 2)
         self._keep_states((y[-1], c[-1]), top)
 
@@ -79,4 +79,5 @@ class LSTM(Recurrent):
             dc *= f
             if cont is not None:
                 dh *= cont
-        self._backward_z(dz.reshape(T, 4 * D, N), self.r, propagate_down, bottom)
+        r = self.h[:-1] * bottom[1].data[:, None]
+        self._backward_z(dz.reshape(T, 4 * D, N), r, propagate_down, bottom)

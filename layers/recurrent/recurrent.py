@@ -127,15 +127,14 @@ class Recurrent(Layer):
 
     # ------------------------------------------------------------------------------------------ for LSTM and RNN
 
-    def _z(self, bottom: Blobs) -> Array:
-        """Compute z for all steps, (T, G, N)."""
+    def _write_z(self, bottom: Blobs, out: Array) -> None:
+        """Compute z (T, G, N) for all steps, in ``out`` (T, ..., N)."""
         T, N = bottom[1].shape
         x, w_x, constant = bottom[0].data.reshape(T, N, -1), self.w_x.data, self.b.data[:, None]
         if self.has_static:
             constant = constant + self.w_s.data @ bottom[2].data.reshape(N, -1).T
         z = w_x @ x.swapaxes(1, 2) if N > 1 else (x[:, 0] @ w_x.T)[..., None]  # the steps of one stream are one product
-        z += constant
-        return z
+        np.add(z.reshape(out.shape), constant.reshape(*out.shape[1:-1], -1), out=out)
 
     def _cont(self, bottom: Blobs) -> list[Array | None]:
         """cont (N,) of each step; None if it is 1 for all streams, so that nothing need be multiplied."""

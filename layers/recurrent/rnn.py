@@ -40,9 +40,10 @@ class RNN(Recurrent):
         self.b_o = self.new_param("b_o", (D,), self.param.bias_filler)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        z, cont, w_h = self._z(bottom), self._cont(bottom), self.w_h.data
+        (T, N), D, cont, w_h = bottom[1].shape, self.param.num_output, self._cont(bottom), self.w_h.data
         [h] = self._first_states(bottom)
-        self.r, self.h = np.empty((2, *z.shape), self.dtype)
+        z, self.r, self.h = np.empty((3, T, D, N), self.dtype)
+        self._write_z(bottom, z)
         for t in range(len(z)):
             self.r[t] = h if cont[t] is None else cont[t] * h
             h = np.dot(w_h, self.r[t], out=self.h[t])
