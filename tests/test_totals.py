@@ -29,20 +29,20 @@ ROOMS = {
     "exercises": Size(2127, 889, 25.1),
     "experiments": Size(2379, 1423, 31.3),
     "export": Size(1250, 770, 29.4),
-    "fast": Size(5081, 3088, 35.5),
-    "handpose": Size(16926, 9746, 34.7),
+    "fast": Size(5077, 3083, 35.5),
+    "handpose": Size(16777, 9669, 35.0),
     "layers": Size(7400, 4211, 38.9),
     "netlib": Size(9198, 5407, 32.9),
     "setup.py": Size(40, 16, 40.0),
-    "tests": Size(40300, 22711, 25.6),
-    "tests/support": Size(1477, 811, 28.1),  # a part of the row above
+    "tests": Size(38868, 21785, 25.7),
+    "tests/support": Size(1456, 805, 28.0),  # a part of the row above
     "tools": Size(4964, 3102, 29.9),
 }
 LINES = {  # of files that are not Python, by their patterns
     ("prototxt/*.prototxt", "models/*.prototxt"): 3892,
     ("*.js", "*.css", "*.html"): 2830,
 }
-WORDS = 66168  # of all documents
+WORDS = 66166  # of all documents
 
 
 def tracked(*patterns: str) -> list[Path]:

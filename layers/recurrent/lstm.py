@@ -16,8 +16,8 @@ top, dz[t] and dc[t - 1] are the gradients of that unit, and
 
 Kept for backward, of every step: ``h``, and ``gate`` and ``c`` as rows of one array, i, f, o, g and the c before.
 
-A step takes as long as its NumPy calls: as sigmoid(x) = (1 + tanh(x / 2)) / 2, all gates are one tanh, with z and w_h of
-three of them halved before; and as i and f are neighbours, and g and c too, i g and f c are one product.
+A step takes as long as its NumPy calls: as sigmoid(x) = (1 + tanh(x / 2)) / 2, all gates are one tanh, with z and w_h
+of three of them halved before; and as i and f are neighbours, and g and c too, i g and f c are one product.
 """
 
 from __future__ import annotations
