@@ -156,7 +156,7 @@ layer { name: "own" type: "Python" bottom: "depth" top: "pred" python_param { mo
     [
         ("caffe", ["time", "-model", "net.prototxt"]),
         ("caffe", ["train", "-solver", "solver.prototxt"]),
-        ("predict", ["crop.png", "--model", "net.prototxt", "--weights", "none.caffemodel"]),
+        ("predict", ["crop.png", "--model", "net.prototxt", "--weights", "net.prototxt"]),
         ("train", ["solver.prototxt"]),
     ],
 )

@@ -14,6 +14,7 @@ from handpose.body.sides import as_right
 from handpose.estimate.hand import Hand
 from handpose.estimate.nets import hand_poses
 from handpose.estimate.predictor import Predictor
+from handpose.frames.crops import mirror_shift
 from handpose.frames.inspection import Inspection
 from handpose.output.drawing import hands, strokes, surface
 from handpose.output.drawing.tracks import Painter
@@ -25,7 +26,6 @@ from handpose.output.tracks.predictions import document, frame_values, tracked
 from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
 from handpose.tracking.track import TrackedFrame, TrackHeader
-from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.files import atomic
 from tools.common import outputs
@@ -41,7 +41,7 @@ def table(found: Hand, predictor: Predictor, joints: FormatName | None) -> tuple
         made, camera = tracked(found, predictor.skeleton), found.camera if found.in_frame else None
         values = joint_values.hand_values(joints, predictor.skeleton, made, camera)
         return words, _format_lines(found, joints, values)
-    own = zip(predictor.skeleton.joint_names, _positions(found))
+    own = zip(predictor.skeleton.joint_names, found.xyz if found.in_frame else found.joints_mm)
     return words, [f"  {name:<14}{x:9.1f}{y:9.1f}{z:9.1f}" for name, (x, y, z) in own]
 
 
@@ -75,11 +75,6 @@ def write_json(
         print(text)
     else:
         atomic.replace_text(Path(file), text + "\n")
-
-
-def _positions(found: Hand) -> Array:
-    """Joints (K, 3) in mm, camera axes; from the crop's centre if there is no frame."""
-    return found.xyz if found.in_frame else found.joints_mm
 
 
 def in_words(found: Hand, predictor: Predictor) -> str:
@@ -155,8 +150,10 @@ def _on_page(image: str, found: Hand, predictor: Predictor) -> dict[str, Any]:
         inputs, size, thickness = found.whole_inputs, found.size, found.thickness
     else:
         inputs, size, thickness = hand_poses(predictor.net, as_right(found.crop, found.hand)[None]).inputs[0], 1.0, 1.0
-    words = in_words(found, predictor).partition(";")[0]
-    return hand(Path(image).name, words, inputs, camera=found.camera, center_uvd=found.center_uvd,
+        if found.hand == "left":
+            along_x = prior_file.translations(predictor.skeleton, int(np.argmin(predictor.skeleton.parents)))[0]
+            inputs[along_x] += mirror_shift(found.center_uvd, found.cube_mm, found.camera)
+    return hand(Path(image).name, in_words(found, predictor).partition(";")[0], inputs, camera=found.camera, center_uvd=found.center_uvd,
                 cube_mm=found.cube_mm, crop=found.crop, size=size, thickness=thickness, side=found.hand)
 
 
