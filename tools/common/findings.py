@@ -153,8 +153,9 @@ def _on_page(image: str, found: Hand, predictor: Predictor) -> dict[str, Any]:
         if found.hand == "left":
             along_x = prior_file.translations(predictor.skeleton, int(np.argmin(predictor.skeleton.parents)))[0]
             inputs[along_x] += mirror_shift(found.center_uvd, found.cube_mm, found.camera)
-    return hand(Path(image).name, in_words(found, predictor).partition(";")[0], inputs, camera=found.camera, center_uvd=found.center_uvd,
-                cube_mm=found.cube_mm, crop=found.crop, size=size, thickness=thickness, side=found.hand)
+    return hand(Path(image).name, in_words(found, predictor).partition(";")[0], inputs, camera=found.camera,
+                center_uvd=found.center_uvd, cube_mm=found.cube_mm, crop=found.crop, size=size, thickness=thickness,
+                side=found.hand)
 
 
 def draw_first(seen: Inspection, predictor: Predictor, picture: str) -> int:
