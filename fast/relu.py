@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fast.fast_layer import FastLayer
-from layers.activation.elementwise import BLOCK, negative, positive
+from layers.activation.elementwise import BLOCK
 from layers.activation.relu import ReLU
 from layers.activation.relu6 import ReLU6
 from netlib.blob import Blobs
@@ -20,7 +20,7 @@ class FastReLU(FastLayer, ReLU):
         x, y = bottom[0].data.reshape(-1), top[0].data.reshape(-1)
         for part in blocks(x.size, BLOCK):
             if self.slope:
-                np.add(positive(x[part]), self.slope * negative(x[part]), out=y[part])
+                (np.maximum if self.slope <= 1 else np.minimum)(x[part], self.slope * x[part], out=y[part])
             else:
                 x[part].clip(0, np.inf, out=y[part])
 

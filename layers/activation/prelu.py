@@ -17,11 +17,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from layers.activation.elementwise import negative, positive
+from layers.activation.elementwise import BLOCK, negative, positive
 from netlib.blob import Blobs
 from netlib.fillers import Filler
 from netlib.layer import Layer
 from netlib.proto.schema import numbered
+from netlib.system.memory import blocks
 
 
 @dataclass(frozen=True)
@@ -40,17 +41,13 @@ class PReLU(Layer):
     bottoms = tops = (1, 1)
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
-        self._check_axes(bottom)
         shape = () if self.param.channel_shared else bottom[0].shape[1:2]
         self.slope = self.new_param("slope", shape, self.param.filler)
 
-    def _check_axes(self, bottom: Blobs) -> None:
-        if len(bottom[0].shape) < 2:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, expected (N, C, ...)")
-
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
-        self._check_axes(bottom)
         x, slope = bottom[0].shape, self.slope.shape
+        if len(x) < 2:
+            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {x}, expected (N, C, ...)")
         if slope not in ((), x[1:2]):
             raise self.fail(f"bottom {self.spec.bottom[0]!r} has {x[1]} channels {x}, its slopes expect {slope[0]}")
         self.wide = slope + (1,) * (len(x) - 2)  # (C, 1, ...)
@@ -59,8 +56,14 @@ class PReLU(Layer):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         self.x = bottom[0].data.copy() if bottom[0] is top[0] else bottom[0].data
-        slope = self.slope.data.reshape(self.wide)
-        np.add(positive(self.x), slope * negative(self.x), out=top[0].data)
+        slope, y = self.slope.data.reshape(self.wide), top[0].data
+        is_larger = bool(((slope <= 1) & (slope != 0)).all())  # y is the larger one of x and slope x
+        for items in blocks(len(y), max(BLOCK * len(y) // max(y.size, 1), 1)):
+            x = self.x[items]
+            if is_larger:
+                np.maximum(x, slope * x, out=y[items])
+            else:
+                np.add(positive(x), slope * negative(x), out=y[items])
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         dy, slope = top[0].diff, self.slope.data.reshape(self.wide)

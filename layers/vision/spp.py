@@ -90,13 +90,8 @@ class SPP(SlidingWindow):
         both = zip(self._bins(bottom[0].data, top[0].data), self._bins(bottom[0].diff, top[0].diff))
         for (x, _, area), (dx, dy, _) in both:
             if self.param.pool == "MAX":
-                dx += dy[:, :, None, None] * first_maximum(x)
+                flat = x.reshape(*x.shape[:2], -1)
+                winners = flat.argmax(axis=2)[:, :, None] == np.arange(flat.shape[2])  # the first of equal ones
+                dx += dy[:, :, None, None] * winners.reshape(x.shape)
             else:
                 dx += dy[:, :, None, None] / area
-
-
-def first_maximum(x: Array) -> Array:
-    """Mask with 1 at the first maximum of each map (N, C, h, w)."""
-    flat = x.reshape(*x.shape[:2], -1)
-    winners = flat.argmax(axis=2)[:, :, None] == np.arange(flat.shape[2])
-    return winners.reshape(x.shape)

@@ -41,6 +41,7 @@ BY_HAND = [
     ("Power power_param { scale: 0 shift: 3 }", [1, 2, 4], [3, 3, 3], [0, 0, 0]),
     ("ReLU", [-2, 0, 3], [0, 0, 3], [0, 0, 1]),
     ("ReLU relu_param { negative_slope: 0.25 }", [-2, 0, 3], [-0.5, 0, 3], [0.25, 0.25, 1]),
+    ("ReLU relu_param { negative_slope: 2 }", [-2, 0, 3], [-4, 0, 3], [2, 2, 1]),
     ("ReLU6", [-2, 0, 3, 6, 8], [0, 0, 3, 6, 6], [0, 0, 1, 0, 0]),
     ("ReLU6 relu6_param { negative_slope: 0.25 }", [-2, 0, 0.5, 6, 8], [-0.5, 0, 0.5, 6, 6], [0.25, 0.25, 1, 0, 0]),
     ("ReLU6 relu6_param { negative_slope: -2 }", [-4, -2, 4, 8], [6, 4, 4, 6], [0, -2, 1, 0]),
