@@ -52,13 +52,12 @@ class Softmax(Layer):
 
 def softmax(x: Array, axis: int) -> Array:
     """The softmax of x along a non-negative axis, block by block of the other axes."""
-    classes, y = x.shape[axis], np.empty(x.shape, x.dtype)
-    shape = (math.prod(x.shape[:axis]), classes, math.prod(x.shape[axis + 1 :]))
-    scores, result, width = x.reshape(shape), y.reshape(shape), max(BLOCK // max(classes, 1), 1)
+    shape = math.prod(x.shape[:axis]), x.shape[axis], math.prod(x.shape[axis + 1 :])
+    scores, y, width = x.reshape(shape), np.empty(shape, x.dtype), max(BLOCK // max(shape[1], 1), 1)
     for rows in blocks(shape[0], max(width // max(shape[2], 1), 1)):
         for columns in blocks(shape[2], width):
             own = scores[rows, :, columns]
             powers = own - own.max(axis=1, keepdims=True)  # exp of a large score would be infinite
             np.exp(powers, out=powers)
-            np.divide(powers, powers.sum(axis=1, keepdims=True), out=result[rows, :, columns])
-    return y
+            np.divide(powers, powers.sum(axis=1, keepdims=True), out=y[rows, :, columns])
+    return y.reshape(x.shape)

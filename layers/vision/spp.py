@@ -91,7 +91,7 @@ class SPP(SlidingWindow):
         for (x, _, area), (dx, dy, _) in both:
             if self.param.pool == "MAX":
                 flat = x.reshape(*x.shape[:2], -1)
-                winners = flat.argmax(axis=2)[:, :, None] == np.arange(flat.shape[2])  # the first of equal ones
-                dx += dy[:, :, None, None] * winners.reshape(x.shape)
+                is_first = flat.argmax(axis=2)[:, :, None] == np.arange(flat.shape[2])
+                dx += dy[:, :, None, None] * is_first.reshape(x.shape)
             else:
                 dx += dy[:, :, None, None] / area
