@@ -61,7 +61,7 @@ class PReLU(Layer):
         for items in blocks(len(y), max(BLOCK * len(y) // max(y.size, 1), 1)):
             x = self.x[items]
             if is_larger:
-                np.maximum(x, slope * x, out=y[items])
+                np.maximum(x, np.multiply(slope, x, out=y[items]), out=y[items])
             else:
                 np.add(positive(x), slope * negative(x), out=y[items])
 
