@@ -40,10 +40,7 @@ class ReLU6(Elementwise):
             raise self.fail("a negative negative_slope cannot run in place", "negative_slope")
 
     def _write(self, x: Array, y: Array) -> None:
-        if self.leak:
-            self._unlimited(x).clip(-np.inf, 6, out=y)
-        else:
-            x.clip(0, 6, out=y)
+        (self._unlimited(x) if self.leak else x).clip(-np.inf if self.leak else 0, 6, out=y)
 
     def _slope(self, x: Array) -> Array:
         if not self.leak:

@@ -75,7 +75,7 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     ),
     "Dropout": ("", lambda N: [off_zero(N, 5)], {}),
     "ELU": ("elu_param { alpha: 0.7 }", lambda N: [off_zero(N, 3)], {}),
-    "Eltwise": ("eltwise_param { operation: PROD }", lambda N: [off_zero(N, 3), off_zero(N, 3)], {}),
+    "Eltwise": ("eltwise_param { operation: MAX }", lambda N: [off_zero(N, 3), off_zero(N, 3)], {}),
     "Embed": (
         'embed_param { num_output: 2 input_dim: 3 weight_filler { type: "gaussian" } }',
         lambda N: [RNG.integers(0, 3, N)],
