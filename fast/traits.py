@@ -90,7 +90,8 @@ def _batch_norm(layer: Any) -> LayerTraits:
 
 
 def _eltwise(layer: Any) -> LayerTraits:
-    return LayerTraits(batchwise=True, reads_bottom=layer.param.operation != "SUM", reads_top=layer.reads_top)
+    product = layer.param.operation == "PROD"
+    return LayerTraits(batchwise=True, reads_bottom=product, reads_top=layer.reads_top)
 
 
 def _concat(layer: Any) -> LayerTraits:

@@ -29,14 +29,14 @@ ROOMS = {
     "exercises": Size(2127, 889, 25.1),
     "experiments": Size(2379, 1423, 31.3),
     "export": Size(1250, 770, 29.4),
-    "fast": Size(5076, 3082, 35.5),
+    "fast": Size(5077, 3083, 35.5),
     "handpose": Size(16777, 9669, 35.0),
-    "layers": Size(7397, 4211, 38.9),
+    "layers": Size(7394, 4209, 38.9),
     "netlib": Size(9198, 5407, 32.9),
     "setup.py": Size(40, 16, 40.0),
     "tests": Size(38868, 21785, 25.7),
     "tests/support": Size(1456, 805, 28.0),  # a part of the row above
-    "tools": Size(4962, 3102, 29.8),
+    "tools": Size(4963, 3102, 29.8),
 }
 LINES = {  # of files that are not Python, by their patterns
     ("prototxt/*.prototxt", "models/*.prototxt"): 3892,

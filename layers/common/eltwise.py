@@ -8,7 +8,8 @@ SUM   y = sum of coeff_i x_i           dx_i = coeff_i dy
 MAX   y = maximum of x_i               dx_i = dy for the maximum, else 0
 
 Ties in MAX, as in Caffe: x_1 precedes x_0, otherwise the lower index precedes. ``stable_prod_grad: false`` computes the
-product of the others as y / x_i, which is faster, but NaN where x_i is 0.
+product of the others as y / x_i, which is faster, but NaN where x_i is 0. Kept for backward: ``winner``, the index of
+the maximum.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from typing import Literal
 
 import numpy as np
 
-from netlib.blob import Array, Blobs
+from netlib.blob import Blobs
 from netlib.layer import Layer, warn_of_ignored
 from netlib.proto.schema import numbered
 
@@ -69,26 +70,22 @@ class Eltwise(Layer):
             for x in others:
                 y += x
         else:
-            np.maximum(reduce(np.maximum, xs[:-1]), xs[-1], out=y)
+            self.winner = np.asarray(~(xs[0] > xs[1])).astype(np.int16)  # as numbers, 0 or 1
+            np.maximum(xs[0], xs[1], out=y)
+            for i, x in enumerate(xs[2:], 2):
+                self.winner[x > y] = i
+                np.maximum(y, x, out=y)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
-        dy, winner = top[0].diff, self._winner([x.data for x in bottom]) if self.param.operation == "MAX" else None
+        dy = top[0].diff
         for i, (x, down) in enumerate(zip(bottom, propagate_down)):
             if not down:
                 continue
             if self.param.operation == "SUM":
                 x.diff[...] = dy if self.coeff[i] == 1 else self.coeff[i] * dy
             elif self.param.operation == "MAX":
-                np.multiply(dy, winner == i, out=x.diff)
+                x.diff[...] = dy * (self.winner == i)
             elif self.param.stable_prod_grad:
                 x.diff[...] = dy * reduce(np.multiply, [o.data for k, o in enumerate(bottom) if k != i])
             else:
                 x.diff[...] = dy * (top[0].data / x.data)
-
-    def _winner(self, xs: list[Array]) -> Array:
-        """The index of the maximum at each place."""
-        winner, largest = np.where(xs[0] > xs[1], 0, 1), np.maximum(xs[0], xs[1])
-        for i, x in enumerate(xs[2:], 2):
-            winner[x > largest] = i
-            np.maximum(largest, x, out=largest)
-        return winner

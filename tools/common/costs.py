@@ -16,6 +16,7 @@ from netlib.training import report
 from tools.common.console import say
 
 
+@np.errstate(all="ignore")  # as in a pass of the net
 def time_layers(net: Net, iterations: int) -> tuple[dict[str, float], dict[str, float]]:
     """Mean seconds of each layer forwards and backwards, on one thread."""
     forward: dict[str, float] = defaultdict(float)
