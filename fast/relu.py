@@ -16,7 +16,7 @@ class FastReLU(FastLayer, ReLU):
     """ReLU for large blobs."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        """Compute y = max(x, 0) + slope min(x, 0)."""
+        """Compute y = max(x, 0) + slope min(x, 0): the larger one of x and slope x, or the smaller if slope > 1."""
         x, y = bottom[0].data.reshape(-1), top[0].data.reshape(-1)
         for part in blocks(x.size, BLOCK):
             if self.slope:

@@ -39,7 +39,7 @@ from fast.plan import Run, Use, uses_of
 from fast.tiles import FastBlob
 from fast.traits import traits_of
 from netlib.blob import Array, Blob, Blobs
-from netlib.engine import SHAPE, Connection, LayerErrors, Step, shapes_of
+from netlib.engine import SHAPE, Connection, Step, shapes_of
 from netlib.errors import NetlibError
 from netlib.layer import Layer
 
@@ -322,9 +322,9 @@ class SlicedStep(Step):
         for at, own_params in zip(self.run.order, params):
             bottom, top = Blobs(map(on_slice, at.bottom)), Blobs(map(on_slice, at.top))
             layer = _with_params(at.layer, own_params)
-            with LayerErrors(layer, bottom):
-                layer.reshape(bottom, top)
             piece.append(Connection(layer, bottom, top, at.propagate_down, at.needs_backward))
+            with piece[-1].errors:
+                layer.reshape(bottom, top)
         return piece
 
     def _copied(self) -> dict[Blob, Blob]:
