@@ -34,7 +34,6 @@ FAST_CLASSES: dict[str, str] = {
     "activation.relu6.ReLU6": "relu.FastReLU6",
     "activation.scale.Scale": "per_channel.FastScale",
     "common.inner_product.InnerProduct": "inner_product.FastInnerProduct",
-    "data.hdf5_data.HDF5Data": "hdf5_data.FastHDF5Data",
     "hand.augment.HandAugment": "augment.FastHandAugment",
     "hand.hand_model.HandModel": "kinematics.FastHandModel",
     "hand.kinematics.Kinematics": "kinematics.FastKinematics",
@@ -118,11 +117,9 @@ def _share_splits(connections: Sequence[Connection], apart: Iterable[Connection]
     for number, at in enumerate(connections):
         for blob in at.top if type(at.layer) is Split else []:
             if all(writers[one] <= number and one not in own for one in (at.bottom[0], blob)):
-                before = blob._owner
-                blob.share_data(at.bottom[0])
-                for reader in connections if blob._owner is not before else []:
-                    if blob in reader.bottom:  # its values are lost, so who has read them must run again
+                is_lost = blob.share_data(at.bottom[0])
+                for reader in connections if is_lost else []:
+                    if blob in reader.bottom:  # must run again before backward
                         reader.ran_with = None
-            elif blob._owner is not None:
-                values, blob._owner = blob.data, None
-                blob.data[...] = values
+            else:
+                blob.unshare_data()

@@ -1,9 +1,9 @@
 """Fusing: a convolution computes the layers in place behind it, while its outputs are in the cache.
 
 Batch normalization by its sums, a Scale with learned parameters and a ReLU or ReLU6 are a multiplication, an addition
-and a maximum per channel: y = max(gain y + bias, 0). The values between the layers are overwritten in any case, so no
-caller can see the difference, unless a part of the net is run: then each layer is computed on its own. A layer with a
-backward pass is fused only if it is a ReLU or ReLU6, which store nothing, or a Scale directly behind a BatchNorm by the
+and a maximum per channel: y = max(gain y + bias, 0). The values between the layers are overwritten in any case. Their
+diffs are written as each layer on its own would leave them. If a part of the net is run, each layer is computed on its
+own. A layer with a backward pass is fused only if it is a ReLU or ReLU6, which store nothing, or a Scale directly behind a BatchNorm by the
 statistics of the batch (batch_norm.py).
 """
 

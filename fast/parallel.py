@@ -12,7 +12,7 @@ import math
 import os
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import Any, TypeVar
 
 import numpy as np
@@ -103,8 +103,13 @@ def run(jobs: Sequence[Callable[[], None]], *, here: bool = False) -> None:
 
     others = [pool.submit(work) for _ in range(helpers)]
     work()
-    for other in others:
-        other.result()
+    try:
+        for other in others:
+            other.result()
+    except BaseException as error:  # an interrupt: what the jobs write must not change any more
+        failed.append(error)
+        wait(others)
+        raise
     if failed:
         raise failed[0]
 

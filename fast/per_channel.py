@@ -200,15 +200,19 @@ class FastBatchNorm(FastLayer, BatchNorm):
             affine(dy, factor, None, dx)
             return
         y, scale = view(self.y, 1, C), self._scale()
-        if scale:
-            factor *= scale.gain.data
         mean, along = (np.asarray(total) * (C / dy.size) for total in (scale.totals if scale else sums(dy, y)))
+        gain = scale.gain.data.reshape(-1, 1) if scale else None
+        if gain is not None:
+            mean, along = mean * gain[:, 0], along * gain[:, 0]
         mean, along = mean.astype(dy.dtype), along.astype(dy.dtype)
 
         def job(i: slice, c: slice) -> None:
-            part = np.multiply(y[i, c], along[c, None], out=scratch("product", y[i, c].shape, y.dtype))
+            own = dy[i, c]
+            if gain is not None:  # in place, as the Scale would
+                own *= gain[c]
+            part = np.multiply(y[i, c], along[c, None], out=scratch("product", own.shape, y.dtype))
             part += mean[c, None]
-            np.subtract(dy[i, c], part, out=dx[i, c])
+            np.subtract(own, part, out=dx[i, c])
             dx[i, c] *= factor[c, None]
 
         each_block(dy.shape, job)

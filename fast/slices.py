@@ -7,8 +7,8 @@ therefore runs on one slice of the batch after the other, so that the blobs of a
 Each slice has copies of the layers, with the same parameter values and with small blobs:
 
 - a blob that only this run reads and writes is *hidden*: its values are in working memory of the thread, or in memory
-  of the slice if backward needs them again, and it is not stored for the whole batch. At a caller's first access
-  ``compute_unstored`` computes it from the inputs and the weights of the pass; the net then stores all blobs;
+  of the slice if backward needs them again, and it is not stored for the whole batch. At a caller's first access it is
+  computed from copies of what the pass has read (last_pass.py); the net then stores all blobs;
 - a copy of a blob for several readers is the blob itself if no layer overwrites it and there is no backward pass;
 - any other blob is a view of the whole one.
 
@@ -23,10 +23,8 @@ depend on the number of threads.
 
 from __future__ import annotations
 
-import copy
 import threading
-from collections.abc import Iterable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -34,14 +32,14 @@ from numpy.typing import DTypeLike
 
 from fast import parallel
 from fast.fast_layer import FastLayer, is_fused
+from fast.last_pass import LastPass, read_again, with_params
 from fast.parallel import buffer_of
 from fast.plan import Run, Use, uses_of
 from fast.tiles import FastBlob
 from fast.traits import traits_of
 from netlib.blob import Array, Blob, Blobs
-from netlib.engine import SHAPE, Connection, Step, shapes_of
+from netlib.engine import SHAPE, Connection, Missing, Step, shapes_of
 from netlib.errors import NetlibError
-from netlib.layer import Layer
 
 # Limit of a slice: the size of its largest blob, so that its blobs stay in the cache. Smaller slices need more calls,
 # in which threads wait for each other, and products of more matrices.
@@ -53,9 +51,16 @@ LANES = 16
 LANE_BYTES = 64 << 20  # of the parameter gradients of all lanes
 MIN_LANES = 4
 RECENT = 4  # numbers of items whose division is kept, without a backward pass: a caller's batches vary
-SAMPLES = 256  # values of an input that show whether a caller has written it since forward
 
-Piece = list[Connection]  # the layers of a run, for one slice
+
+@dataclass
+class Piece:
+    """The layers of a run, for the items ``rows``."""
+
+    rows: slice
+    connections: list[Connection]
+
+
 Lane = list[Piece]  # slices that share parameter gradients
 
 
@@ -123,19 +128,19 @@ class WholeStep(Step):
     def __init__(self, at: Connection) -> None:
         super().__init__(at)
         self._is_steady = at.layer.type != "Python"  # reshape of a Python layer may depend on more than shapes
+        self._reshaped: tuple[tuple[int, ...], ...] | None = None  # shapes after the last reshape of the layer
 
     def forward(self) -> None:
         """Reshape the tops if necessary and compute them, unless an earlier layer does."""
         at = self.at
-        fits, fused = at.ran_with == tuple(map(SHAPE, at.blobs)) and self._is_steady, is_fused(at.layer)
-        if fits and fused:
-            return
-        with at.errors:
-            if not fits:
-                at.layer.reshape(at.bottom, at.top)
-            if not fused:
-                at.layer.forward(at.bottom, at.top)
-        at.ran_with = tuple(map(SHAPE, at.blobs))
+        fits, fused = self._is_steady and self._reshaped == tuple(map(SHAPE, at.blobs)), is_fused(at.layer)
+        if not (fits and fused):
+            with at.errors:
+                if not fits:
+                    at.layer.reshape(at.bottom, at.top)
+                if not fused:
+                    at.layer.forward(at.bottom, at.top)
+        at.ran_with = self._reshaped = tuple(map(SHAPE, at.blobs))
 
 
 class SlicedStep(Step):
@@ -150,33 +155,41 @@ class SlicedStep(Step):
         self.run, self.connections, self.unstored = run, run.connections, run.hidden
         self._secret, self._users = set(run.hidden), uses_of(run.order)
         self._needs_backward = any(at.needs_backward for at in run.connections)
-        self._kept = {b for at in run.order for b in _read_again(at)}
+        self._kept = {b for at in run.order for b in read_again(at)}
         self._sources = {} if self._needs_backward else self._copied()
         self._buffers = threading.local()
         self._shapes: list[tuple[int, ...]] = []
         self._lanes: list[Lane] = []
         self._recent: dict[tuple[tuple[int, ...], ...], list[Lane]] = {}
         self._whole: list[WholeStep] = []  # if the layers run on the whole batch
+        self._has_run = False  # whether the slices have the state of a complete forward pass
+        self.last = LastPass(run) if self._is_recorded() else None
         read, self._outputs = run.read(), run.written()
-        self._inputs = [b for b in dict.fromkeys(read) if not self._users[b][0].writes]
         down = {b for at in run.connections for b, wanted in zip(at.bottom, at.propagate_down) if wanted}
         self._outside = [*read, *self._outputs]
         self._gradients = [b for b in read if b in down] + self._outputs  # whose diff is used
         self._user = {b: at for at in reversed(run.connections) for b in at.blobs}
-        self._params = [p for at in run.connections for p in at.layer.blobs]
-        self._weights: list[Array] = []  # values of the parameters in the last forward
-        self._samples: list[Array] = []  # some values of the inputs in the last forward
-        self._back_samples: list[Array] = []  # some values of the tops' diffs in the last backward, if since then
 
-    def pieces(self) -> list[Piece]:
+    def _is_recorded(self) -> bool:
+        """Whether values of a pass may be needed that the pass does not store: blobs, or what layers keep."""
+        keeps = any(traits_of(at.layer).keeps for at in self.connections)
+        return bool(self.unstored) or (self._needs_backward and keeps)
+
+    def has_run(self) -> bool:
+        """Whether backward can run."""
+        return self._has_run and super().has_run()
+
+    def pieces(self) -> list[list[Connection]]:
         """The layers of every slice in execution order."""
         self._reshape()
-        return [piece for lane in self._lanes for piece in lane] or [[step.at] for step in self._whole]
+        return [piece.connections for lane in self._lanes for piece in lane] or [[step.at] for step in self._whole]
 
     def forward(self) -> None:
         """Run the layers forwards on all slices."""
         self._reshape()
-        self._copy_weights()
+        self._has_run = False
+        if self.last is not None:
+            self.last.begin()
         for blob in self._outputs:
             with self._user[blob].errors:
                 blob.data  # noqa: B018 - allocates here, not on several threads at once
@@ -185,11 +198,15 @@ class SlicedStep(Step):
             step.forward()
         for at in self.connections:
             at.ran_with = shapes_of(at.blobs)
-        self._samples, self._back_samples = [_sample(blob.data) for blob in self._inputs], []
+        self._has_run = True
+        if self.last is not None:
+            self.last.is_done = True
 
     def _forward(self, lane: Lane) -> None:
         for piece in lane:
-            for at in piece:
+            if self.last is not None:
+                self.last.copy_inputs(piece.rows)
+            for at in piece.connections:
                 if not is_fused(at.layer):
                     with at.errors:
                         at.layer.forward(at.bottom, at.top)
@@ -200,9 +217,8 @@ class SlicedStep(Step):
             return
         for step in reversed(self._whole):
             step.backward()
-        self._back_samples = []
-        if not self._whole and self.unstored:
-            self._check_inputs()
+        if self.last is not None:
+            self.last.begin_backward()
         for blob in self._gradients:
             with self._user[blob].errors:
                 blob.diff  # noqa: B018
@@ -210,64 +226,34 @@ class SlicedStep(Step):
         for i, at in enumerate(self.run.order):
             for j, param in enumerate(at.layer.blobs):
                 for lane in self._lanes:
-                    param.diff[...] += lane[0][i].layer.blobs[j].diff
-        self._back_samples = [_sample(blob.diff) for blob in self._outputs]
+                    param.diff[...] += lane[0].connections[i].layer.blobs[j].diff
+        if self.last is not None:
+            self.last.finish_backward()
 
     def _backward(self, lane: Lane) -> None:
-        for at in lane[0]:
+        for at in lane[0].connections:
             for param in at.layer.blobs:
                 param.diff[...] = 0
         for piece in lane:
-            for at in reversed(piece):
+            if self.last is not None and (blob := self.last.copy_seeds(piece.rows)):
+                raise self._written(blob)
+            for at in reversed(piece.connections):
                 if at.needs_backward:
                     with at.errors:
                         at.layer.backward(at.top, at.propagate_down, at.bottom)
 
-    def compute_unstored(self, may_discard: bool = False) -> None:
-        """Compute the hidden blobs of the last pass, and what the layers need for backward, on the whole batch.
+    def store(self) -> Missing:
+        """Store the hidden blobs of the last pass, and let the layers keep what they need for backward."""
+        return {} if self.last is None else self.last.store()
 
-        Values that a caller can access are not changed: tops, diffs of inputs, gradients. Hidden diffs are not computed
-        if a caller has written the diff of a top since backward.
-        """
-        if self._whole:
-            return
-        has_run = all(at.has_run() for at in self.connections)  # and no reshape has discarded the values
-        if has_run and not may_discard:
-            self._check_inputs()
-        for at in self.connections:
-            at.ran_with = None  # the layers themselves have not run, nor been reshaped
-        if not has_run or self._written_input():
-            return
-        steps = [WholeStep(at) for at in self.connections]
-        weights = [_holding(param, values, np.empty_like(values)) for param, values in zip(self._params, self._weights)]
-        with _all(weights):
-            with _all([_holding(blob, data=blob.data.copy()) for blob in self._outputs]):  # layers in place read them
-                for step in steps:
-                    step.forward()
-            tops = zip(self._outputs, self._back_samples)
-            if self._back_samples and all(_equal(blob.diff, values) for blob, values in tops):
-                with _all([_holding(blob, diff=np.empty_like(blob.diff)) for blob in self._inputs]):
-                    for step in reversed(steps):
-                        step.backward()
-
-    def _written_input(self) -> Blob | None:
-        """An input that a caller has written since forward, if any."""
-        return next((b for b, values in zip(self._inputs, self._samples) if not _equal(b.data, values)), None)
-
-    def _check_inputs(self) -> None:
-        """Raise NetlibError if a caller has written an input since forward."""
-        if blob := self._written_input():
-            at = next(at for at in self.connections if blob in at.bottom)
-            name, first = at.layer.spec.bottom[at.bottom.index(blob)], self.connections[0].layer.spec.top[0]
-            raise NetlibError(f"blob {name!r} was written after the pass, of which not all blobs are stored: run "
-                              f"forward again, or read one of them before writing, such as {first!r}")
-
-    def _copy_weights(self) -> None:
-        """Copy the current parameters, into the memory of the last copies."""
-        if [p.shape for p in self._params] != [values.shape for values in self._weights]:
-            self._weights = [np.empty_like(p.data) for p in self._params]
-        for param, values in zip(self._params, self._weights):
-            values[...] = param.data
+    def _written(self, blob: Blob) -> NetlibError:
+        """The error for an input that a caller has written between forward and backward."""
+        at = next(at for at in self.connections if blob in at.bottom)
+        name, first = at.layer.spec.bottom[at.bottom.index(blob)], self.connections[0].layer.spec.top[0]
+        return NetlibError(
+            f"blob {name!r} was written between forward and backward, which would give the gradient of no pass: run "
+            f"forward again, or read a blob such as {first!r} before, so that the net stores all blobs"
+        )
 
     def _is_cut(self) -> bool:
         """Whether the batch is divided into slices for the current shapes, now or recently."""
@@ -285,9 +271,7 @@ class SlicedStep(Step):
             with at.errors:
                 at.layer.reshape(at.bottom, at.top)
         if len({b.shape[:1] for at in self.connections for b in at.blobs}) > 1:
-            for blob in self.run.hidden:
-                blob.on_access = None
-            self._whole, self._lanes, self.unstored = [WholeStep(at) for at in self.connections], [], []
+            self._run_whole()
             return
         items = self.at.bottom[0].shape[0]
         each = max(items, 1)
@@ -301,12 +285,20 @@ class SlicedStep(Step):
                 params = [Blobs([ParamOfLane(p) for p in at.layer.blobs]) for at in self.run.order]
                 lanes.append([])
             else:
-                params = [at.layer.blobs for at in lanes[i % count][0]]
+                params = [at.layer.blobs for at in lanes[i % count][0].connections]
             lanes[i % count].append(self._piece(rows, params))
         self._lanes, self._shapes = lanes, [b.shape for b in self._outside]
         if not self._needs_backward:
             self._recent = dict([*self._recent.items()][1 - RECENT :])
             self._recent[tuple(self._shapes)] = lanes
+
+    def _run_whole(self) -> None:
+        """Run the layers on the whole batch from now on."""
+        self.store()
+        self._whole = [WholeStep(at) for at in self.connections]
+        self._lanes, self.unstored, self.last = [], [], None
+        for blob in self.run.hidden:
+            blob.on_access = None
 
     def _piece(self, rows: slice, params: list[Blobs]) -> Piece:
         """Create the layers of one slice."""
@@ -318,14 +310,14 @@ class SlicedStep(Step):
                 blobs[whole] = on_slice(source) if source is not None else self._slice_blob(whole, rows)
             return blobs[whole]
 
-        piece = []
+        connections = []
         for at, own_params in zip(self.run.order, params):
             bottom, top = Blobs(map(on_slice, at.bottom)), Blobs(map(on_slice, at.top))
-            layer = _with_params(at.layer, own_params)
-            piece.append(Connection(layer, bottom, top, at.propagate_down, at.needs_backward))
-            with piece[-1].errors:
+            layer = with_params(at.layer, own_params)
+            connections.append(Connection(layer, bottom, top, at.propagate_down, at.needs_backward))
+            with connections[-1].errors:
                 layer.reshape(bottom, top)
-        return piece
+        return Piece(rows, connections)
 
     def _copied(self) -> dict[Blob, Blob]:
         """Hidden tops of Split layers that no layer overwrites, and the bottoms whose memory they can share."""
@@ -356,19 +348,6 @@ def _can_be_sparse(use: Use) -> bool:
     return (layer.writes_sparse() or not use.writes) and (layer.reads_sparse() or not use.reads)
 
 
-def _with_params(layer: Layer, params: Blobs) -> Layer:
-    """Copy a layer for one slice of a batch, with the same options and the given parameters."""
-    other = copy.copy(layer)
-    other.blobs = params
-    if isinstance(other, FastLayer):
-        other.forget()
-    of_layer = {id(param): of_lane for param, of_lane in zip(layer.blobs, params)}
-    for name, value in vars(layer).items():  # self.weight, self.bias
-        if id(value) in of_layer:
-            setattr(other, name, of_layer[id(value)])
-    return other
-
-
 def _slice_count(items: int, item_bytes: int, item_cost: int) -> int:
     """Number of slices, even if there are several. Those of the hand network have 32 images."""
     count = -(-items // max(1, min(MAX_SLICE, SLICE_BYTES // max(item_bytes, 1))))
@@ -393,43 +372,3 @@ def _cost(at: Connection) -> int:
     """Multiplications of a layer, approximately: one per value, or per weight of an output."""
     values = max(b.count for b in [*at.bottom, *at.top])
     return values * max([1, *(p.count // max(p.shape[0], 1) for p in at.layer.blobs if p.shape)])
-
-
-def _read_again(at: Connection) -> list[Blob]:
-    """The blobs whose data a layer's backward reads."""
-    if not at.needs_backward:
-        return []
-    traits = traits_of(at.layer)
-    return [*(at.bottom if traits.reads_bottom else []), *(at.top if traits.reads_top else [])]
-
-
-def _sample(values: Array) -> Array:
-    """Some of the values of an array."""
-    return values.reshape(-1)[:: max(1, values.size // SAMPLES)].copy()
-
-
-def _equal(values: Array, sample: Array) -> bool:
-    return np.array_equal(_sample(values), sample, equal_nan=True)
-
-
-@contextmanager
-def _all(contexts: Iterable[AbstractContextManager[None]]) -> Iterator[None]:
-    """Enter all of the context managers."""
-    with ExitStack() as stack:
-        for context in contexts:
-            stack.enter_context(context)
-        yield
-
-
-@contextmanager
-def _holding(blob: Blob, data: Array | None = None, diff: Array | None = None) -> Iterator[None]:
-    """Temporarily replace data and diff of a blob. Blobs that share its memory are not affected."""
-    before = blob._owner, blob._data, blob._diff_owner, blob._diff
-    if data is not None:
-        blob._owner, blob._data = None, data
-    if diff is not None:
-        blob._diff_owner, blob._diff = None, diff
-    try:
-        yield
-    finally:
-        blob._owner, blob._data, blob._diff_owner, blob._diff = before

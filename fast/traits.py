@@ -27,6 +27,7 @@ class LayerTraits:
     takes_maximum  max pooling in which every top value is one of the bottom values
     reads_bottom   backward reads bottom data
     reads_top      backward reads top data
+    keeps          backward may need what forward kept in the layer, such as the winners of a pooling
     """
 
     batchwise: bool = False
@@ -35,10 +36,12 @@ class LayerTraits:
     takes_maximum: bool = False
     reads_bottom: bool = True
     reads_top: bool = True
+    keeps: bool = True
 
 
 def _relu(layer: Any) -> LayerTraits:
-    return LayerTraits(batchwise=True, elementwise=True, monotone=layer.param.negative_slope == 0, reads_top=False)
+    return LayerTraits(batchwise=True, elementwise=True, monotone=layer.param.negative_slope == 0, reads_top=False,
+                       keeps=False)
 
 
 def _power(layer: Any) -> LayerTraits:
@@ -46,7 +49,7 @@ def _power(layer: Any) -> LayerTraits:
 
 
 def _convolution(layer: Any) -> LayerTraits:
-    return LayerTraits(batchwise=layer.axis > 0, reads_top=False)
+    return LayerTraits(batchwise=layer.axis > 0, reads_top=False, keeps=False)
 
 
 def _im2col(layer: Any) -> LayerTraits:
@@ -134,7 +137,9 @@ TABLE: dict[str, LayerTraits | Callable[..., LayerTraits]] = {
     "common.permute.Permute": _permute,
     "common.shuffle_channel.ShuffleChannel": LayerTraits(batchwise=True, reads_bottom=False, reads_top=False),
     "common.softmax.Softmax": _softmax,
-    "common.split.Split": LayerTraits(batchwise=True, elementwise=True, reads_bottom=False, reads_top=False),
+    "common.split.Split": LayerTraits(
+        batchwise=True, elementwise=True, reads_bottom=False, reads_top=False, keeps=False
+    ),
     "normalization.batch_norm.BatchNorm": _batch_norm,
     "normalization.bn.BN": _bn,
     "normalization.lrn.LRN": LayerTraits(batchwise=True, reads_top=False),

@@ -7,6 +7,7 @@ takes no memory.
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -19,6 +20,7 @@ from netlib.system.memory import OutOfMemoryError
 Array = NDArray[Any]
 Zeros = Callable[[tuple[int, ...], DTypeLike], Array]  # allocates the array of a blob
 MAX_AXES = 32  # same limit as Caffe
+_allocation = threading.Lock()  # a shape and the arrays of this shape change together
 
 
 class Blob:
@@ -27,12 +29,13 @@ class Blob:
     shape          shape of both arrays
     data           values
     diff           dL/d(data)
-    on_access      called at each access to data or diff while a net does not store the blob
+    on_access      while a net does not store the blob: called with the blob and "data" or "diff" before each access
 
     Engines have no subclass for the blobs of a net: scripts of pycaffe compare ``type(blob)`` with this class.
+    Another thread may read a blob while a net reshapes it; it gets an array of the old or of the new shape.
     """
 
-    on_access: Callable[[], None] | None = None
+    on_access: Callable[[Blob, str], None] | None = None
 
     def __init__(
         self, shape: Iterable[int] = (), dtype: DTypeLike = np.float32, zeros: Zeros = memory.zeros
@@ -68,23 +71,34 @@ class Blob:
     def data(self) -> Array:
         """The values: at each access another array of this memory, whose own shape and flags may be changed."""
         if self.on_access is not None:
-            self.on_access()
+            self.on_access(self, "data")
         if self._owner is not None:
             return self._owner.data.reshape(self._shape)
-        if self._data is None:
-            self._data = self._zeros(self._shape, self.dtype)
-        return self._data.view()
+        data = self._data
+        if data is None or data.shape != self._shape:
+            data = self._allocate("_data")
+        return data.view()
 
     @property
     def diff(self) -> Array:
         """Gradient of the loss with respect to the values; an array as for ``data``."""
         if self.on_access is not None:
-            self.on_access()
+            self.on_access(self, "diff")
         if self._diff_owner is not None:
             return self._diff_owner.diff.reshape(self._shape)
-        if self._diff is None:
-            self._diff = self._zeros(self._shape, self.dtype)
-        return self._diff.view()
+        diff = self._diff
+        if diff is None or diff.shape != self._shape:
+            diff = self._allocate("_diff")
+        return diff.view()
+
+    def _allocate(self, name: str) -> Array:
+        """The array in the attribute ``name``, created if there is none of the current shape."""
+        with _allocation:
+            array: Array | None = getattr(self, name)
+            if array is None or array.shape != self._shape:
+                array = self._zeros(self._shape, self.dtype)
+                setattr(self, name, array)
+            return array
 
     def reshape(self, *shape: Any) -> None:
         """Change the shape: ``reshape(2, 3)`` or ``reshape((2, 3))``. A new count discards the values."""
@@ -93,12 +107,13 @@ class Blob:
         shape = tuple(int(n) for n in shape)
         if shape != self._shape:
             self._checked(shape)
-            keep = math.prod(shape) == self.count
-            self._data, self._diff = (
-                array.reshape(shape) if keep and array is not None and array.shape == self._shape else None
-                for array in (self._data, self._diff)
-            )
-            self._shape = shape
+            with _allocation:
+                keep = math.prod(shape) == self.count
+                self._data, self._diff = (
+                    array.reshape(shape) if keep and array is not None and array.shape == self._shape else None
+                    for array in (self._data, self._diff)
+                )
+                self._shape = shape
 
     def _checked(self, shape: tuple[int, ...]) -> tuple[int, ...]:
         """Return ``shape``. Raises ValueError or OutOfMemoryError if no array can have it."""
@@ -116,12 +131,34 @@ class Blob:
         if owner is not self:
             self._diff_owner, self._diff = owner, None
 
-    def share_data(self, owner: Blob) -> None:
-        """Share the data of ``owner``, viewed in this blob's shape. The diff stays separate."""
+    def share_data(self, owner: Blob) -> bool:
+        """Share the data of ``owner``, viewed in this blob's shape. The diff stays separate.
+
+        Returns whether the memory is another one now, so that the values before are lost.
+        """
         while owner._owner is not None:
             owner = owner._owner
-        if owner is not self:
-            self._owner, self._data = owner, None
+        if owner is self or owner is self._owner:
+            return False
+        self._owner, self._data = owner, None
+        return True
+
+    def unshare_data(self) -> None:
+        """Keep the data in memory of this blob, with the same values."""
+        if self._owner is not None:
+            own = self._zeros(self._shape, self.dtype)
+            own[...] = self.data
+            self._owner, self._data = None, own
+
+    def keep(self, data: Array, diff: Array | None = None) -> None:
+        """Use these arrays as the memory of the blob, as if they had been written before its last reshape: if their
+        count is another one, they are discarded.
+        """
+        with _allocation:
+            if data.size == self.count:
+                self._owner, self._data = None, data.reshape(self._shape)
+                if diff is not None:
+                    self._diff_owner, self._diff = None, diff.reshape(self._shape)
 
     # Caffe's names for the first four axes
     @property

@@ -13,7 +13,7 @@ import functools
 import operator
 import os
 import sysconfig
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,6 +33,7 @@ from netlib.system.memory import OutOfMemoryError
 
 T = TypeVar("T")
 NAMES = ("fast", "plain")
+Missing = Mapping[Blob, frozenset[str]]  # "data", "diff" or both of blobs
 ADVICE = "; use a smaller batch or layer"
 LIBRARIES = ("<", *(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")))  # not the user's files
 
@@ -43,7 +44,8 @@ class Connection:
 
     propagate_down, needs_backward  the gradients that backward computes
     blobs, errors                   all of its blobs; the context that names the layer in errors of its methods
-    ran_with                        shapes of the blobs when forward ran, or None
+    ran_with                        shapes of the blobs in the last forward pass of which they and the layer have the
+                                    values; None: of none
     has_run_back                    whether backward has run before
     """
 
@@ -106,10 +108,16 @@ class Step:
         """The layers in execution order, for a timer: one list per slice of the batch; here there is one."""
         return [[self.at]]
 
-    def compute_unstored(self, may_discard: bool = False) -> None:
-        """Compute the unstored blobs of the last pass. Raises NetlibError if a caller has written its inputs since,
-        unless it ``may_discard`` the pass. Here there are none.
+    def has_run(self) -> bool:
+        """Whether forward has run with the current shapes, so that backward can run."""
+        return all(at.has_run() for at in self.connections)
+
+    def store(self) -> Missing:
+        """Store the unstored blobs with their values in the last pass, and let the layers keep what backward reads.
+
+        Returns what cannot be computed: blobs with "data", "diff" or both. Here nothing is unstored.
         """
+        return {}
 
 
 class Engine:

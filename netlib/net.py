@@ -19,7 +19,7 @@ from numpy.typing import DTypeLike, NDArray
 from netlib import engine as engines
 from netlib.blob import Blob
 from netlib.building import python_layer
-from netlib.engine import Step, check_memory
+from netlib.engine import Missing, Step, check_memory
 from netlib.errors import LayerError, NetlibError, did_you_mean
 from netlib.files import Content
 from netlib.graph import Graph, LayerHook
@@ -113,8 +113,10 @@ class Net:
         self._seeded: dict[int, NDArray[Any]] = {}  # number of a loss -> the diff array that holds its weight
         self._outside = [self.blobs[name] for name in [*self.inputs, *self.outputs]] + [loss[0] for loss in self.losses]
         self.one_thread = OneThread(self.name)
+        self._is_reshaped = False  # whether the steps are those of the current shapes; an interrupted reshape is repeated
         self._fits = False  # whether the check for memory has passed
         self._by_layer = False  # whether there is a step for each layer, so that a part can run
+        self._unknown: dict[Blob, Unknown] = {}  # blobs of which neither memory nor a step has the values
         self.steps: Sequence[Step] = []
         self._make_steps()
         self._seed_losses()
@@ -147,9 +149,13 @@ class Net:
 
     def _forward_steps(self, first: int, last: int | None) -> None:
         with self.one_thread, np.errstate(all="ignore"):  # the solver reports values that are not finite
+            if not self._is_reshaped:
+                self.reshape()
             if (first, last) != (0, None):
-                self._run_by_layer(may_discard=first == 0)
-            elif not self._fits:
+                self._run_by_layer()
+            if self._unknown:
+                self._find("data", [(at.top, at.bottom) for at in self.connections[first:last]])
+            if not self._fits:
                 check_memory(self.steps)
                 self._fits = True
             for step in self.steps[first:last]:
@@ -192,10 +198,14 @@ class Net:
 
     def _backward_steps(self, first: int, last: int | None) -> None:
         with self.one_thread, np.errstate(all="ignore"):
-            if not all(at.has_run() for at in self.connections[first:last]):
-                self._run_missing(first, last)
+            if not self._is_reshaped:
+                self.reshape()
             if (first, last) != (0, None):
                 self._run_by_layer()
+            if not all(step.has_run() for step in self.steps[first:last]):
+                self._run_missing(first, last)
+            if self._unknown:
+                self._find("diff", [(at.bottom, at.top) for at in reversed(self.connections[first:last])])
             for step in reversed(self.steps[first:last]):
                 step.backward()
 
@@ -207,10 +217,11 @@ class Net:
         """
         self.reshape()
         self._run_by_layer()
-        missing = [step for step in self.steps[first:last] if not step.connections[0].has_run()]
+        missing = [step for step in self.steps[first:last] if not step.has_run()]
         layers = [step.connections[0].layer for step in missing]
         before = snapshot.as_plain({layer.name: layer.state() for layer in layers})
         read = {blob for at in self.connections if at.has_run() for blob in at.bottom}
+        self._find("data", [(step.at.top, step.at.bottom) for step in missing])
         for layer, step in zip(layers, missing):
             if not layer.spec.bottom and not layer.is_input:
                 raise layer.fail("backward was called before forward, which reads data: run forward first")
@@ -255,6 +266,7 @@ class Net:
             if array.ndim != len(blob.shape):
                 raise LayerError(f"input {name!r} has shape {blob.shape}, got an array of shape {array.shape}")
             if array.shape != blob.shape:
+                self._is_reshaped = False
                 blob.reshape(array.shape)
                 reshaped = True
         if reshaped:
@@ -270,7 +282,7 @@ class Net:
     def reshape(self) -> None:
         """Reshape all blobs after an input blob was reshaped."""
         with self.one_thread:
-            self._fits = False
+            self._is_reshaped = self._fits = False
             for at in self.connections:
                 with at.errors:
                     at.layer.reshape(at.bottom, at.top)
@@ -283,30 +295,67 @@ class Net:
 
     def _make_steps(self) -> None:
         """Make the steps for the current shapes, unless there is one for each layer already."""
-        if self._by_layer:
-            return
-        old, self.steps = self.steps, self.engine.steps(self.connections, self._outside, self.steps)
-        _call_on_access(old, None)
-        for at in [at for step in self.steps if step not in old for at in step.connections]:
-            at.ran_with = None
-        _call_on_access(self.steps, partial(_store, weakref.ref(self)))
+        if not self._by_layer:
+            old, new = self.steps, self.engine.steps(self.connections, self._outside, self.steps)
+            for at in [at for step in new if step not in old for at in step.connections]:
+                at.ran_with = None
+            for step in old:
+                if step not in new:  # values of the last pass that keep their shape are not lost
+                    self._note(step.store())
+            self._use(new)
+        self._is_reshaped = True
 
-    def _run_by_layer(self, may_discard: bool = False) -> None:
-        """From now on run a step for each layer, which stores all blobs, with the values of the last pass. They may be
-        lost if a caller has written an input since and ``may_discard``; otherwise this raises NetlibError.
-        """
+    def _run_by_layer(self) -> None:
+        """From now on run a step for each layer, which stores all blobs, with the values of the last pass."""
         if self._by_layer:
             return
-        old, by_layer = self.steps, self.engine.steps_by_layer(self.connections)
-        _call_on_access(old, None)
-        try:
-            with np.errstate(all="ignore"):
-                for step in old:
-                    step.compute_unstored(may_discard)
-        except BaseException:
-            _call_on_access(old, partial(_store, weakref.ref(self)))
-            raise
-        self.steps, self._by_layer = by_layer, True
+        self._is_reshaped = False  # until all is done
+        by_layer = self.engine.steps_by_layer(self.connections)
+        with np.errstate(all="ignore"):
+            for step in self.steps:
+                self._note(step.store())
+        self._use(by_layer)
+        self._by_layer = self._is_reshaped = True
+
+    def _use(self, steps: Sequence[Step]) -> None:
+        """Run these steps from now on. At any time the blobs that the old or the new ones do not store are watched."""
+        access = partial(_store, weakref.ref(self))
+        unstored = {blob for step in steps for blob in step.unstored}
+        for blob in unstored:
+            blob.on_access = access
+        self.steps = steps
+        for blob in self.blobs.values():
+            if blob not in unstored:
+                blob.on_access = self._unknown.get(blob)
+
+    def store_all(self, wanted: bool = True) -> None:
+        """Store every blob from now on, as after the first access to one that is not stored; or only the needed ones.
+
+        Results differ in rounding. A solver state has which it was, so that a resume is exact.
+        """
+        with self.one_thread:
+            if wanted:
+                self._run_by_layer()
+            elif self._by_layer:
+                self._by_layer = False
+                self._make_steps()
+
+    @property
+    def stores_all(self) -> bool:
+        """Whether every blob is stored, because a caller has accessed one that was not, or has run a part."""
+        return self._by_layer
+
+    def _note(self, missing: Missing) -> None:
+        """Note the values that a step could not compute."""
+        names = {blob: name for name, blob in self.blobs.items()}
+        self._unknown |= {blob: Unknown(names[blob], set(halves)) for blob, halves in missing.items()}
+
+    def _find(self, half: str, layers: Iterable[tuple[Sequence[Blob], Sequence[Blob]]]) -> None:
+        """Note that layers will write the first of their blobs, unless they also read them."""
+        for written, read in layers:
+            for blob in written:
+                if blob in self._unknown and blob not in read:
+                    self._unknown[blob].halves.discard(half)
 
     def clear_param_diffs(self) -> None:
         """Set the gradients of all parameters to zero."""
@@ -383,14 +432,28 @@ class OneThread:
         self._lock.release()
 
 
-def _call_on_access(steps: Sequence[Step], function: Callable[[], None] | None) -> None:
-    """Call a function at each access to an unstored blob."""
-    for step in steps:
-        for blob in step.unstored:
-            blob.on_access = function
+class Unknown:
+    """Called at each access to a blob of which neither memory nor a step has the values: raises NetlibError.
+
+    halves  "data" and "diff", those of them that are unknown
+    """
+
+    def __init__(self, name: str, halves: set[str]) -> None:
+        self.name, self.halves = name, halves
+
+    def __call__(self, blob: Blob, half: str) -> None:
+        """Raise NetlibError if this half of the blob is unknown."""
+        if half not in self.halves:
+            return
+        if half == "data":
+            raise NetlibError(f"the data of blob {self.name!r} is unknown: the last pass did not complete; run forward again")
+        raise NetlibError(
+            f"the diff of blob {self.name!r} is unknown: it was not stored, and its backward pass did not complete or a "
+            "forward pass came after it; read it directly after backward"
+        )
 
 
-def _store(net: weakref.ref[Net]) -> None:
+def _store(net: weakref.ref[Net], blob: Blob, half: str) -> None:
     """Store all blobs of a net before the first access to one that it did not store. Raises NetlibError."""
     owner = net()
     if owner is None:
@@ -399,7 +462,10 @@ def _store(net: weakref.ref[Net]) -> None:
         if owner.one_thread.depth > 1:
             raise NetlibError(f"net {owner.name!r}: a blob that is not stored is read during a pass; read it once "
                               "before, so that the net stores all blobs")
-        owner._run_by_layer()
+        owner.store_all()
+        owner._use(owner.steps)  # again, if it was interrupted
+    if blob.on_access is not None:
+        blob.on_access(blob, half)
 
 
 def _numbers(array: Any, what: str) -> NDArray[Any]:

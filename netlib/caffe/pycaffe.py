@@ -144,6 +144,10 @@ class Net(core.Net):
             self.steps = [_HookedStep(step, number, self._hooks) for number, step in enumerate(self.steps)]
         self._hooks.setdefault(when, []).append(hook)
 
+    def store_all(self, wanted: bool = True) -> None:
+        """Store every blob; or only the needed ones, unless hooks need a step for each layer."""
+        super().store_all(wanted or bool(self._hooks))
+
     def _forward(self, start: int, end: int) -> float:
         """Run the layers numbered ``start`` to ``end``, inclusive, and return their loss."""
         return self.run_forward(start, end + 1)

@@ -129,6 +129,7 @@ def extra_state(solver: Solver, others: Sequence[Mapping[str, Any]] = ()) -> dic
         "solver": _course(solver),
         "smoothed": list(solver.smoothed),
         "layers": [net.layer_states() for net in [solver.net, *solver.test_nets]],
+        "stores_all": [net.stores_all for net in [solver.net, *solver.test_nets]],  # affects rounding
     }
     return snapshot.as_plain(extra | ({"ranks": list(others)} if others else {}))
 
@@ -162,6 +163,8 @@ def restore_state(solver: Solver, path: str | Path) -> None:
     for i, array in enumerate(state.history):
         target = solver.history[i % count][i // count]
         target[...] = weights_of.legacy_shape(array, target.shape)
+    for net, stores_all in zip([solver.net, *solver.test_nets], state.extra.get("stores_all", [])):
+        net.store_all(bool(stores_all))
     solver.iter = state.iter
     solver.smoothed.clear()
     solver.smoothed.extend(state.extra.get("smoothed", []))

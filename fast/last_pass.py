@@ -1,0 +1,248 @@
+"""What the last pass of some layers read, so that blobs which it did not store can be computed at any time.
+
+A run in slices (slices.py) does not store its hidden blobs. ``LastPass`` copies what determines their values: the
+blobs that the run reads, the parameters, and for the gradients also the diffs of its tops. A caller may therefore write
+or reshape any blob, and the solver may update the weights, before the first access to a hidden blob.
+
+The copies are complete. The values of a few places do not show whether a caller has written others.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fast.fast_layer import FastLayer
+from fast.parallel import zeros_for_blob
+from fast.plan import Run, uses_of
+from fast.traits import traits_of
+from netlib.blob import Array, Blob, Blobs
+from netlib.engine import Connection, Missing
+from netlib.layer import Layer
+from netlib.system.memory import blocks
+
+BLOCK_BYTES = 1 << 18  # compared at a time, so that the result of a comparison stays in the cache
+DATA, DIFF = frozenset({"data"}), frozenset({"diff"})
+Copies = dict[Blob, Array]
+
+
+@dataclass
+class Backward:
+    """What the last backward of a pass read.
+
+    weights  values of the parameters
+    tops     data of the stored blobs that the run writes, if it reads them again
+    seeds    diffs of the stored blobs that the run writes
+    is_done  whether the backward pass is complete
+    """
+
+    weights: list[Array]
+    tops: Copies
+    seeds: Copies
+    is_done: bool = False
+
+
+@dataclass
+class LastPass:
+    """The last pass of a run.
+
+    run      the layers, with the blobs of the net
+    inputs   data of the blobs that the run reads
+    weights  values of the parameters
+    shapes   shapes of all blobs
+    is_done  whether the forward pass is complete; None: none has begun
+    back     the last backward of this pass, if any
+    late     the hidden blobs whose diffs are of an earlier pass
+    """
+
+    run: Run
+    inputs: Copies = field(default_factory=dict)
+    weights: list[Array] = field(default_factory=list)
+    shapes: dict[Blob, tuple[int, ...]] = field(default_factory=dict)
+    is_done: bool | None = None
+    back: Backward | None = None
+    late: frozenset[Blob] = frozenset()
+
+    def __post_init__(self) -> None:
+        uses, written = uses_of(self.run.order), set(self.run.written())
+        again = {blob for at in self.run.order for blob in read_again(at)}
+        self._read = [blob for blob in dict.fromkeys(self.run.read()) if uses[blob][0].reads]
+        self._unwritten = [blob for blob in self._read if blob not in written]
+        self._tops = [blob for blob in written if blob in again]
+        self._params = [param for at in self.run.connections for param in at.layer.blobs]
+        self._differentiated = _differentiated(self.run)
+        self._buffers: tuple[Copies, Copies] = {}, {}
+
+    # ------------------------------------------------------------------------------------------ recording
+
+    def begin(self) -> None:
+        """Prepare the copies of a forward pass, and copy the parameters."""
+        late = self.late if self.back is None else self._differentiated
+        self.late = frozenset(blob for blob in late if blob.shape == self.shapes[blob])  # a reshape discards diffs
+        self.is_done, self.back = False, None
+        self.shapes = {blob: blob.shape for at in self.run.connections for blob in at.blobs}
+        self.inputs = _like(self._read, self.inputs)
+        if [param.shape for param in self._params] != [values.shape for values in self.weights]:
+            self.weights = [np.empty_like(param.data) for param in self._params]
+        for param, values in zip(self._params, self.weights):
+            values[...] = param.data
+
+    def copy_inputs(self, rows: slice) -> None:
+        """Copy the items ``rows`` of the inputs, before the layers run."""
+        for blob, values in self.inputs.items():
+            values[rows] = blob.data[rows]
+
+    def begin_backward(self) -> None:
+        """Prepare the copies of a backward pass; the parameters are copied if they have changed since forward."""
+        tops, seeds = self._buffers
+        tops, seeds = self._buffers = _like(self._tops, tops), _like(self.run.written(), seeds)
+        weights = [
+            values if is_same(param.data, values) else param.data.copy()
+            for param, values in zip(self._params, self.weights)
+        ]
+        self.back = Backward(weights, tops, seeds)
+
+    def copy_seeds(self, rows: slice) -> Blob | None:
+        """Copy the items ``rows`` of what backward reads, before the layers run.
+
+        Returns an input of which a caller has written these items since forward, if any.
+        """
+        assert self.back is not None
+        for blob, values in self.back.tops.items():
+            values[rows] = blob.data[rows]
+        for blob, values in self.back.seeds.items():
+            values[rows] = blob.diff[rows]
+        for blob in self._unwritten:
+            if not is_same(blob.data[rows], self.inputs[blob][rows]):
+                return blob
+        return None
+
+    def finish_backward(self) -> None:
+        """Note that the backward pass is complete."""
+        assert self.back is not None
+        self.back.is_done, self.late = True, frozenset()
+
+    # ------------------------------------------------------------------------------------------ computing
+
+    def store(self) -> Missing:
+        """Store the hidden blobs, with the values of the pass, and let the layers keep what their backward reads.
+
+        A blob that has another number of values now keeps none, as after any reshape. Returns what cannot be computed:
+        the blobs of a pass that is not complete, and diffs of a pass before.
+        """
+        if not self.is_done or self._is_discarded():
+            for at in self.run.connections:
+                at.ran_with = None
+        late = self.late if self.back is None or self.back.is_done else self._differentiated
+        if self.is_done is None or self._is_discarded():
+            return {}
+        if not self.is_done:
+            return {blob: DATA | DIFF if blob in late else DATA for blob in self.run.hidden}
+        blobs = {blob: Blob(shape, blob.dtype, zeros_for_blob) for blob, shape in self.shapes.items()}
+        connections = [_copied(at, blobs) for at in self.run.connections]
+        self._compute(connections, blobs)
+        diffs = self._differentiated if self.back is not None and self.back.is_done else ()
+        for blob in self.run.hidden:
+            blob.keep(blobs[blob].data, blobs[blob].diff if blob in diffs else None)
+        for at, computed in zip(self.run.connections, connections):
+            _take_state(at.layer, computed.layer)
+        return dict.fromkeys(late, DIFF)
+
+    def _is_discarded(self) -> bool:
+        """Whether reshapes since the pass have discarded all hidden blobs, and what the layers keep."""
+        changed = {blob for blob, shape in self.shapes.items() if blob.shape != shape}
+        return bool(changed) and changed.issuperset(self.run.hidden)
+
+    def _compute(self, connections: list[Connection], blobs: Mapping[Blob, Blob]) -> None:
+        """Repeat the pass with copies of the layers."""
+        params = [param for at in connections for param in at.layer.blobs]
+        _set(params, self.weights)
+        for blob, values in self.inputs.items():
+            blobs[blob].data[...] = values
+        for at in connections:
+            with at.errors:
+                at.layer.reshape(at.bottom, at.top)
+                at.layer.forward(at.bottom, at.top)
+        if self.back is None or not self.back.is_done:
+            return
+        _set(params, self.back.weights)
+        for blob, values in self.back.tops.items():
+            blobs[blob].data[...] = values
+        for blob, values in self.back.seeds.items():
+            blobs[blob].diff[...] = values
+        for at in reversed(connections):
+            if at.needs_backward:
+                with at.errors:
+                    at.layer.backward(at.top, at.propagate_down, at.bottom)
+
+
+def _differentiated(run: Run) -> frozenset[Blob]:
+    """The hidden blobs whose diffs backward computes."""
+    running = [at for at in run.connections if at.needs_backward]
+    down = {blob for at in running for blob, wanted in zip(at.bottom, at.propagate_down) if wanted}
+    return frozenset(down.intersection(run.hidden))
+
+
+def read_again(at: Connection) -> list[Blob]:
+    """The blobs whose data a layer's backward reads."""
+    if not at.needs_backward:
+        return []
+    traits = traits_of(at.layer)
+    return [*(at.bottom if traits.reads_bottom else []), *(at.top if traits.reads_top else [])]
+
+
+def is_same(a: Array, b: Array) -> bool:
+    """Whether two arrays of one shape and type have the same bits. NaN is equal to itself, 0 is not -0."""
+    each = max(1, BLOCK_BYTES * len(a) // max(a.nbytes, 1)) if a.ndim else 1
+    bits = np.dtype(f"u{a.dtype.itemsize}")
+    if a.ndim == 0:
+        return a.tobytes() == b.tobytes()
+    return all(bool((a[part].view(bits) == b[part].view(bits)).all()) for part in blocks(len(a), each))
+
+
+def with_params(layer: Layer, params: Blobs) -> Layer:
+    """Copy a layer, with the same options and the given parameters."""
+    other = copy.copy(layer)
+    other.blobs = params
+    if isinstance(other, FastLayer):
+        other.forget()
+    of_layer = {id(param): own for param, own in zip(layer.blobs, params)}
+    for name, value in vars(layer).items():  # self.weight, self.bias
+        if id(value) in of_layer:
+            setattr(other, name, of_layer[id(value)])
+    return other
+
+
+def _copied(at: Connection, blobs: Mapping[Blob, Blob]) -> Connection:
+    """A copy of a layer, which is computed on its own, with copies of its blobs and of its parameters."""
+    layer = with_params(at.layer, Blobs(Blob(param.shape, param.dtype) for param in at.layer.blobs))
+    if isinstance(layer, FastLayer):
+        layer.after, layer.is_fused = (), False
+    bottom, top = (Blobs(blobs[blob] for blob in side) for side in (at.bottom, at.top))
+    return Connection(layer, bottom, top, at.propagate_down, at.needs_backward)
+
+
+def _take_state(layer: Layer, copied: Layer) -> None:
+    """Give a layer what its copy keeps for backward."""
+    params = {id(param) for param in copied.blobs}
+    for name, value in vars(copied).items():
+        if name not in ("blobs", "after", "is_fused") and id(value) not in params:
+            setattr(layer, name, value)
+
+
+def _like(blobs: Iterable[Blob], arrays: Copies) -> Copies:
+    """An array for each blob, with its shape; those of ``arrays`` if they fit."""
+    found: Copies = {}
+    for blob in blobs:
+        array = arrays.get(blob)
+        found[blob] = np.empty(blob.shape, blob.dtype) if array is None or array.shape != blob.shape else array
+    return found
+
+
+def _set(params: Iterable[Blob], values: Iterable[Array]) -> None:
+    for param, array in zip(params, values):
+        param.reshape(array.shape)
+        param.data[...] = array
