@@ -146,7 +146,9 @@ class LastPass:
         self._compute(connections, blobs)
         diffs = self._differentiated if self.back is not None and self.back.is_done else ()
         for blob in self.run.hidden:
-            blob.keep(blobs[blob].data, blobs[blob].diff if blob in diffs else None)
+            blob.keep(data=blobs[blob].data)
+            if blob in diffs:
+                blob.keep(diff=blobs[blob].diff)
         for at, computed in zip(self.run.connections, connections):
             _take_state(at.layer, computed.layer)
         return dict.fromkeys(late, DIFF)

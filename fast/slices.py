@@ -90,14 +90,15 @@ class Hidden(FastBlob):
     ) -> None:
         super().__init__(shape, dtype)
         self._buffers, self._key, self._keep = buffers, key, keep
+        self._kept: Array | None = None
 
     @property
     def data(self) -> Array:
         """The values: memory of the slice if backward reads them again, else working memory of the thread."""
         if self._keep:
-            if self._data is None:
-                self._data = parallel.aligned(self.storage_shape, self.dtype, np.zeros)
-            return self._data
+            if self._kept is None:
+                self._kept = parallel.aligned(self.storage_shape, self.dtype, np.zeros)
+            return self._kept
         return self._buffer("data")
 
     @property

@@ -57,8 +57,8 @@ class FastBlob(Blob):
     def storage_shape(self) -> tuple[int, ...]:
         """Shape of the arrays: ``shape``, or (R, T, C, N, P) if tiled."""
         if self.tile is None:
-            return self._shape
-        (N, C, H, _), T = self._shape, self.tile
+            return self.shape
+        (N, C, H, _), T = self.shape, self.tile
         return (-(-H // T) * T, T, C, N, self.pitch // T)
 
 

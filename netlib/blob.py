@@ -7,20 +7,31 @@ takes no memory.
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from netlib.errors import NetlibError
 from netlib.system import memory
 from netlib.system.memory import OutOfMemoryError
 
 Array = NDArray[Any]
 Zeros = Callable[[tuple[int, ...], DTypeLike], Array]  # allocates the array of a blob
 MAX_AXES = 32  # same limit as Caffe
-_allocation = threading.Lock()  # a shape and the arrays of this shape change together
+
+
+@dataclass
+class Memory:
+    """The arrays of a blob ("data", "diff"), all of one shape.
+
+    A reshape replaces the whole object, and an array is added at most once, so several threads may read a blob.
+    """
+
+    shape: tuple[int, ...]
+    arrays: dict[str, Array] = field(default_factory=dict)
 
 
 class Blob:
@@ -41,26 +52,29 @@ class Blob:
         self, shape: Iterable[int] = (), dtype: DTypeLike = np.float32, zeros: Zeros = memory.zeros
     ) -> None:
         self.dtype, self._zeros = np.dtype(dtype), zeros
-        self._shape = self._checked(tuple(int(n) for n in shape))
-        self._data: Array | None = None
-        self._diff: Array | None = None
+        self._memory = Memory(self._checked(tuple(int(n) for n in shape)))
         self._owner: Blob | None = None  # the blob whose memory holds the data, if not this one
         self._diff_owner: Blob | None = None
 
     @property
     def shape(self) -> tuple[int, ...]:
         """Sizes of the axes."""
-        return self._shape
+        return self._memory.shape
 
     @property
     def count(self) -> int:
         """Number of values."""
-        return math.prod(self._shape)
+        return math.prod(self._memory.shape)
 
     @property
     def bytes(self) -> int:
         """Size in bytes of ``data``, and of ``diff``."""
         return self.count * self.dtype.itemsize
+
+    @property
+    def allocated_bytes(self) -> int:
+        """Size in bytes of the arrays that have been accessed, without those of other blobs."""
+        return sum(array.nbytes for array in self._memory.arrays.values())
 
     @property
     def owns_memory(self) -> bool:
@@ -73,11 +87,8 @@ class Blob:
         if self.on_access is not None:
             self.on_access(self, "data")
         if self._owner is not None:
-            return self._owner.data.reshape(self._shape)
-        data = self._data
-        if data is None or data.shape != self._shape:
-            data = self._allocate("_data")
-        return data.view()
+            return self._shared(self._owner.data)
+        return self._array("data").view()
 
     @property
     def diff(self) -> Array:
@@ -85,35 +96,35 @@ class Blob:
         if self.on_access is not None:
             self.on_access(self, "diff")
         if self._diff_owner is not None:
-            return self._diff_owner.diff.reshape(self._shape)
-        diff = self._diff
-        if diff is None or diff.shape != self._shape:
-            diff = self._allocate("_diff")
-        return diff.view()
+            return self._shared(self._diff_owner.diff)
+        return self._array("diff").view()
 
-    def _allocate(self, name: str) -> Array:
-        """The array in the attribute ``name``, created if there is none of the current shape."""
-        with _allocation:
-            array: Array | None = getattr(self, name)
-            if array is None or array.shape != self._shape:
-                array = self._zeros(self._shape, self.dtype)
-                setattr(self, name, array)
-            return array
+    def _shared(self, array: Array) -> Array:
+        """An array of another blob in this shape. Raises NetlibError if that blob has another count now."""
+        if array.size != self.count:
+            raise NetlibError(
+                f"a blob of shape {self.shape} shares the memory of another, which was reshaped to {array.shape}: "
+                "call net.reshape() or run forward"
+            )
+        return array.reshape(self.shape)
+
+    def _array(self, half: str) -> Array:
+        """The own array of this name, of zeros if it is new."""
+        memory = self._memory
+        array = memory.arrays.get(half)
+        if array is None:
+            array = memory.arrays.setdefault(half, self._zeros(memory.shape, self.dtype))
+        return array
 
     def reshape(self, *shape: Any) -> None:
         """Change the shape: ``reshape(2, 3)`` or ``reshape((2, 3))``. A new count discards the values."""
         if len(shape) == 1 and not np.isscalar(shape[0]):
             shape = tuple(shape[0])
         shape = tuple(int(n) for n in shape)
-        if shape != self._shape:
+        if shape != self.shape:
             self._checked(shape)
-            with _allocation:
-                keep = math.prod(shape) == self.count
-                self._data, self._diff = (
-                    array.reshape(shape) if keep and array is not None and array.shape == self._shape else None
-                    for array in (self._data, self._diff)
-                )
-                self._shape = shape
+            kept = self._memory.arrays if math.prod(shape) == self.count else {}
+            self._memory = Memory(shape, {half: array.reshape(shape) for half, array in kept.items()})
 
     def _checked(self, shape: tuple[int, ...]) -> tuple[int, ...]:
         """Return ``shape``. Raises ValueError or OutOfMemoryError if no array can have it."""
@@ -129,7 +140,8 @@ class Blob:
         while owner._diff_owner is not None:
             owner = owner._diff_owner
         if owner is not self:
-            self._diff_owner, self._diff = owner, None
+            self._diff_owner = owner
+            self._memory.arrays.pop("diff", None)
 
     def share_data(self, owner: Blob) -> bool:
         """Share the data of ``owner``, viewed in this blob's shape. The diff stays separate.
@@ -140,25 +152,25 @@ class Blob:
             owner = owner._owner
         if owner is self or owner is self._owner:
             return False
-        self._owner, self._data = owner, None
+        self._owner = owner
+        self._memory.arrays.pop("data", None)
         return True
 
     def unshare_data(self) -> None:
-        """Keep the data in memory of this blob, with the same values."""
-        if self._owner is not None:
-            own = self._zeros(self._shape, self.dtype)
+        """Keep the data in memory of this blob, with the same values; unless those of the owner have been discarded."""
+        if self._owner is not None and self._owner.count == self.count:
+            own = self._zeros(self.shape, self.dtype)
             own[...] = self.data
-            self._owner, self._data = None, own
+            self._memory.arrays["data"] = own
+            self._owner = None
 
-    def keep(self, data: Array, diff: Array | None = None) -> None:
-        """Use these arrays as the memory of the blob, as if they had been written before its last reshape: if their
-        count is another one, they are discarded.
+    def keep(self, **arrays: Array) -> None:
+        """Use arrays as own memory, ``keep(data=..., diff=...)``, as if they had been written before the last reshape:
+        they are discarded if their count is another one.
         """
-        with _allocation:
-            if data.size == self.count:
-                self._owner, self._data = None, data.reshape(self._shape)
-                if diff is not None:
-                    self._diff_owner, self._diff = None, diff.reshape(self._shape)
+        if all(array.size == self.count for array in arrays.values()):
+            own = {half: array.reshape(self.shape) for half, array in arrays.items()}
+            self._memory = Memory(self.shape, self._memory.arrays | own)
 
     # Caffe's names for the first four axes
     @property
@@ -182,10 +194,10 @@ class Blob:
         return self._axis(3)
 
     def _axis(self, i: int) -> int:
-        return self._shape[i] if i < len(self._shape) else 1
+        return self.shape[i] if i < len(self.shape) else 1
 
     def __repr__(self) -> str:
-        return f"<Blob {'x'.join(map(str, self._shape)) or 'scalar'} {self.dtype}>"
+        return f"<Blob {'x'.join(map(str, self.shape)) or 'scalar'} {self.dtype}>"
 
 
 class Blobs(list[Blob]):

@@ -8,7 +8,8 @@ from __future__ import annotations
 import logging
 import threading
 import weakref
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -113,6 +114,7 @@ class Net:
         self._seeded: dict[int, NDArray[Any]] = {}  # number of a loss -> the diff array that holds its weight
         self._outside = [self.blobs[name] for name in [*self.inputs, *self.outputs]] + [loss[0] for loss in self.losses]
         self.one_thread = OneThread(self.name)
+        self._is_running = False  # whether a pass has begun and not ended
         self._is_reshaped = False  # whether the steps are those of the current shapes; an interrupted reshape is repeated
         self._fits = False  # whether the check for memory has passed
         self._by_layer = False  # whether there is a step for each layer, so that a part can run
@@ -148,7 +150,7 @@ class Net:
         return self.loss(slice(first, last))
 
     def _forward_steps(self, first: int, last: int | None) -> None:
-        with self.one_thread, np.errstate(all="ignore"):  # the solver reports values that are not finite
+        with self._pass():
             if not self._is_reshaped:
                 self.reshape()
             if (first, last) != (0, None):
@@ -160,6 +162,16 @@ class Net:
                 self._fits = True
             for step in self.steps[first:last]:
                 step.forward()
+
+    @contextmanager
+    def _pass(self) -> Iterator[None]:
+        """Context manager of a pass: in one thread; a blob that is not stored cannot be read meanwhile."""
+        with self.one_thread, np.errstate(all="ignore"):  # the solver reports values that are not finite
+            before, self._is_running = self._is_running, True
+            try:
+                yield
+            finally:
+                self._is_running = before
 
     def loss(self, layers: slice = slice(None)) -> float:
         """The loss of the last forward pass, or the part of it from some layers: the sum of loss_weight x top."""
@@ -197,7 +209,7 @@ class Net:
             self._backward_steps(first, last)
 
     def _backward_steps(self, first: int, last: int | None) -> None:
-        with self.one_thread, np.errstate(all="ignore"):
+        with self._pass():
             if not self._is_reshaped:
                 self.reshape()
             if (first, last) != (0, None):
@@ -281,7 +293,7 @@ class Net:
 
     def reshape(self) -> None:
         """Reshape all blobs after an input blob was reshaped."""
-        with self.one_thread:
+        with self._pass():
             self._is_reshaped = self._fits = False
             for at in self.connections:
                 with at.errors:
@@ -417,7 +429,6 @@ class OneThread:
     def __init__(self, name: str) -> None:
         self._name = name
         self._lock = threading.RLock()
-        self.depth = 0  # how often its thread has entered
 
     def __enter__(self) -> None:
         if not self._lock.acquire(blocking=False):
@@ -425,10 +436,8 @@ class OneThread:
                 f"net {self._name!r} is in use by another thread; use a separate net in each thread "
                 "(share_params gives them the same weights), or serialize the calls"
             )
-        self.depth += 1
 
     def __exit__(self, *exception: object) -> None:
-        self.depth -= 1
         self._lock.release()
 
 
@@ -459,7 +468,7 @@ def _store(net: weakref.ref[Net], blob: Blob, half: str) -> None:
     if owner is None:
         raise NetlibError("this blob was not stored and its net is gone; read it, or copy it, before")
     with owner.one_thread:
-        if owner.one_thread.depth > 1:
+        if owner._is_running:
             raise NetlibError(f"net {owner.name!r}: a blob that is not stored is read during a pass; read it once "
                               "before, so that the net stores all blobs")
         owner.store_all()

@@ -201,8 +201,8 @@ def test_a_look_costs_one_pass_and_all_blobs_are_stored_from_then_on(
     assert [(blob.shape, blob.count) for blob in net.blobs.values()]  # shapes are no look
     assert hidden(net) == HIDDEN
     repeated = []
-    run = SlicedStep.compute_unstored
-    monkeypatch.setattr(SlicedStep, "compute_unstored", lambda self, lose: (repeated.append(self), run(self)))
+    store = SlicedStep.store
+    monkeypatch.setattr(SlicedStep, "store", lambda self: repeated.append(self) or store(self))
     assert [blob.data.shape for blob in net.blobs.values()] == [blob.shape for blob in net.blobs.values()]
     assert len(repeated) == 1
     assert hidden(net) == []
@@ -385,18 +385,148 @@ def test_a_look_repeats_only_what_ran_in_slices(net_of: MakeNet, rng: np.random.
     np.testing.assert_array_equal(net.blobs["r"].data, before)
 
 
-@pytest.mark.parametrize("use", ["read", "backward"])
-def test_an_input_written_after_forward(net_of: MakeNet, use: str) -> None:
-    """What is not stored cannot be computed from new values: an error says so, until the net stores all blobs."""
+CHANGES = {  # of a batch of images
+    "one value": lambda x: x.reshape(-1).__setitem__(5, 0.25),
+    "a square": lambda x: x[0, 0, 10:18, 10:18].fill(0.25),
+    "a row": lambda x: x[0, 0, 64].fill(0.25),
+    "a sign": lambda x: np.negative(x[:1, :, 3, 3], out=x[:1, :, 3, 3]),
+    "NaN": lambda x: x[:1, :, 3, 3].fill(np.nan),
+    "a flip": lambda x: x.__setitem__(..., x[..., ::-1].copy()),
+    "a roll": lambda x: x.__setitem__(..., np.roll(x, 1)),
+    "a shuffled batch": lambda x: x.__setitem__(..., x[::-1].copy()),
+    "all": lambda x: x.fill(0.25),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_look_after_an_input_was_written_gives_the_values_of_the_pass(net_of: MakeNet, change: str) -> None:
+    net, expected = net_of(PAPER), expected_of(net_of, batch(3))
+    everything(net, batch(3))
+    CHANGES[change](net.blobs["depth"].data)
+    for name in HIDDEN:
+        check_blob(net, name, "data", expected)
+        check_blob(net, name, "diff", expected)
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_backward_after_an_input_was_written_is_an_error(net_of: MakeNet, change: str) -> None:
     net = net_of(PAPER)
     feed(net, batch(3))
-    net.blobs["depth"].data[...] = 0.25
-    with pytest.raises(NetlibError, match=r"blob 'depth' was written after the pass.* such as 'c1'"):
-        net.blobs["c2"].data if use == "read" else net.backward()
+    CHANGES[change](net.blobs["depth"].data)
+    with pytest.raises(NetlibError, match=r"blob 'depth' was written between forward and backward.* such as 'c1'"):
+        net.backward()
     net.forward()
-    assert net.blobs["c1"].data.any()
-    net.blobs["depth"].data[...] = 1
     net.backward()
+
+
+def test_backward_after_a_look_may_use_new_inputs(net_of: MakeNet) -> None:
+    """The net stores all blobs then, so the gradient is that of Caffe: of old blobs and the new input."""
+    net, plain = net_of(PAPER), net_of(PAPER, engine="plain")
+    for one in (net, plain):
+        feed(one, batch(3))
+        one.blobs["c1"].data  # noqa: B018
+        one.blobs["depth"].data[...] = 0.5
+        one.clear_param_diffs()
+        one.backward()
+    assert_close(*({p.label: p.blob.diff for p in one.learnable} for one in (net, plain)), 2e-5)
+
+
+def test_a_part_after_an_input_was_written_continues_from_the_pass(net_of: MakeNet) -> None:
+    net, plain = net_of(PAPER), net_of(PAPER, engine="plain")
+    for one in (net, plain):
+        feed(one, batch(3))
+        one.blobs["depth"].data[...] = 0.5
+        one.forward(start="c2")
+    assert difference(net.blobs["fc"].data, plain.blobs["fc"].data) <= 2e-5
+
+
+def test_a_look_after_weights_changed_before_backward(net_of: MakeNet) -> None:
+    """Diffs are those of the weights of backward, data those of the weights of forward."""
+    net, plain = net_of(PAPER, dtype=np.float64), net_of(PAPER, engine="plain", dtype=np.float64)
+    for one in (net, plain):
+        feed(one, batch(3, flat=False))
+        one.params["c3"][0].data[...] *= 2
+        one.backward()
+        one.params["c3"][0].data[...] = 0
+    for name in HIDDEN:
+        assert difference(net.blobs[name].data, plain.blobs[name].data) <= 1e-12, name
+        assert difference(net.blobs[name].diff, plain.blobs[name].diff) <= 1e-9, name
+
+
+def test_a_look_after_the_diff_of_a_top_was_written(net_of: MakeNet) -> None:
+    net, expected = net_of(PAPER), expected_of(net_of, batch(3))
+    everything(net, batch(3))
+    net.blobs["c3"].diff.flat[7] += 1
+    check_blob(net, "c1", "diff", expected)
+
+
+@pytest.mark.parametrize("name, shape", [("depth", (5, 1, 128, 128)), ("label", (5, 10))])
+def test_a_look_after_a_blob_was_reshaped(net_of: MakeNet, name: str, shape: tuple[int, ...]) -> None:
+    net, expected = net_of(PAPER), expected_of(net_of, batch(3))
+    everything(net, batch(3))
+    net.blobs[name].reshape(shape)
+    check_blob(net, "c1", "data", expected)
+    check_blob(net, "p2", "diff", expected)
+
+
+def test_a_look_after_a_parameter_was_reshaped(net_of: MakeNet) -> None:
+    net, expected = net_of(PAPER), expected_of(net_of, batch(3))
+    everything(net, batch(3))
+    net.params["c1"][0].reshape(8, 25)
+    check_blob(net, "c1", "data", expected)
+
+
+def test_diffs_of_a_pass_before_are_unknown(net_of: MakeNet) -> None:
+    """Data are those of the last forward pass. The diffs that it has replaced are an error until the next backward."""
+    net, expected = net_of(PAPER), expected_of(net_of, batch(3))
+    everything(net, batch(5))
+    feed(net, batch(3))
+    check_blob(net, "c1", "data", expected)
+    net = net_of(PAPER)
+    everything(net, batch(3, seed=1))
+    feed(net, batch(3))
+    check_blob(net, "c1", "data", expected)
+    with pytest.raises(NetlibError, match="the diff of blob 'p1' is unknown.*read it directly after backward"):
+        net.blobs["p1"].diff  # noqa: B018
+    net.backward()
+    check_blob(net, "p1", "diff", expected)
+
+
+def test_a_pass_that_fails_in_a_slice_leaves_unknown_blobs(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An access is an error. A part that computes them, or the next pass, makes them known."""
+    net, expected = net_of(PAPER), expected_of(net_of, batch(3))
+    everything(net, batch(3, seed=1))
+
+    def fail(*args: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(type(net.layer_dict["p1"]), "forward", fail)
+        with pytest.raises(KeyboardInterrupt):
+            net.forward(**batch(3))
+    with pytest.raises(NetlibError, match="the data of blob 'c2' is unknown: the last pass did not complete"):
+        net.blobs["c2"].data  # noqa: B018
+    net.forward(end="p1")
+    check_blob(net, "p1", "data", expected)
+    with pytest.raises(NetlibError, match="the data of blob 'p2' is unknown"):
+        net.blobs["p2"].data  # noqa: B018
+    net.forward()
+    check_blob(net, "p2", "data", expected)
+
+
+def test_a_pass_that_fails_after_the_slices(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Blobs of layers that have run have the new values, as in Caffe."""
+    net, expected = net_of(PAPER), expected_of(net_of, batch(3))
+    everything(net, batch(3, seed=1))
+
+    def fail(*args: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(net.layer_dict["fc"], "forward", fail)
+        with pytest.raises(KeyboardInterrupt):
+            net.forward(**batch(3))
+    check_blob(net, "c1", "data", expected)
 
 
 def test_a_hidden_blob_cannot_be_read_during_a_pass(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,5 +1,7 @@
 """Blobs in tiles for tests, and functions to write and read them in the plain order."""
 
+from functools import cached_property
+
 import numpy as np
 
 from fast.tiles import FastBlob, tile_into, untile
@@ -8,17 +10,13 @@ from fast.tiles import FastBlob, tile_into, untile
 class TiledBlob(FastBlob):
     """A blob stored in tiles, as in a slice."""
 
-    @property
+    @cached_property
     def data(self):
-        if self._data is None:
-            self._data = np.zeros(self.storage_shape, self.dtype)
-        return self._data
+        return np.zeros(self.storage_shape, self.dtype)
 
-    @property
+    @cached_property
     def diff(self):
-        if self._diff is None:
-            self._diff = np.zeros(self.storage_shape, self.dtype)
-        return self._diff
+        return np.zeros(self.storage_shape, self.dtype)
 
 
 def tiled(shape, tile, spare=0, dtype=np.float64):

@@ -64,8 +64,7 @@ def memory_of(net: Net) -> list[tuple[str, int]]:
     rows = [("parameters and their diffs", sum(2 * p.blob.data.nbytes for p in net.learnable))]
     for name, blob in net.blobs.items():
         if blob not in hidden:
-            stored = sum(array.nbytes for array in (blob._data, blob._diff) if array is not None)
-            rows.append((f"blob {name} {'x'.join(map(str, blob.shape))}", stored))
+            rows.append((f"blob {name} {'x'.join(map(str, blob.shape))}", blob.allocated_bytes))
     return rows
 
 
