@@ -103,7 +103,7 @@ def test_the_plain_layers_values(
 )
 def test_a_backward_pass(chain: str, count: int, rng: np.random.Generator) -> None:
     """Only a ReLU, and a Scale behind a BatchNorm by the statistics of the batch, are fused if gradients are computed,
-    which are those of the plain engine, also if parts of the net are run."""
+    which are those of the plain engine, as are the diffs of all blobs, also if parts of the net are run."""
     end = (
         'layer { name: "l" type: "Reduction" bottom: "y" top: "l" loss_weight: 1 reduction_param { operation: SUMSQ } }'
     )
@@ -118,6 +118,9 @@ def test_a_backward_pass(chain: str, count: int, rng: np.random.Generator) -> No
                 net.backward()
             else:
                 net.backward(start="l")
+        for name, blob in plain.blobs.items():
+            size = np.abs(blob.diff).max()
+            np.testing.assert_allclose(fast.blobs[name].diff, blob.diff, rtol=0, atol=1e-4 * size, err_msg=name)
         largest = max(np.abs(one.diff).max() for params in plain.params.values() for one in params)
         for name, params in plain.params.items():
             for one, other in zip(params, fast.params[name]):

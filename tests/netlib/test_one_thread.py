@@ -86,6 +86,37 @@ def test_reading_a_blob_that_is_not_stored_is_use(net_of: MakeNet) -> None:
         assert in_a_thread(lambda blob=blob: blob.data) is None
 
 
+def test_a_blob_that_another_thread_reads_during_a_reshape() -> None:
+    """The memory that the reader asks for is that of the shape before, or the one that the net writes."""
+    shapes: list[tuple[int, ...]] = []
+
+    def zeros(shape: tuple[int, ...], dtype: object) -> np.ndarray:
+        shapes.append(shape)
+        if len(shapes) == 1:  # the net goes on while the reader allocates
+            blob.reshape(2, 3)
+            blob.data[...] = 7
+        return np.zeros(shape, np.float32)
+
+    blob = netlib.Blob((8, 3), zeros=zeros)
+    assert blob.data.shape == (8, 3)
+    assert shapes == [(8, 3), (2, 3)]
+    np.testing.assert_array_equal(blob.data, np.full((2, 3), 7))
+
+
+def test_a_blob_that_another_thread_reads_first() -> None:
+    """Both get the same memory."""
+
+    def zeros(shape: tuple[int, ...], dtype: object) -> np.ndarray:
+        if not written:
+            written.append(True)
+            blob.data[...] = 7
+        return np.zeros(shape, np.float32)
+
+    written: list[bool] = []
+    blob = netlib.Blob((2, 3), zeros=zeros)
+    np.testing.assert_array_equal(blob.data, np.full((2, 3), 7))
+
+
 def test_the_same_thread_may_enter_again() -> None:
     """The lock is released after as many exits as entries."""
     one = OneThread("a")
@@ -140,7 +171,7 @@ with ThreadPoolExecutor(2, initializer=threading.Barrier(2).wait) as pool:
 def test_a_forked_process_starts_threads_of_its_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, keep_threads: None
 ) -> None:
-    """A child trains on as its parent does, with threads and with a batch that the parent reads ahead."""
+    """A child trains on as its parent does, with threads."""
     if netlib.threads() > 1:
         netlib.set_threads(2)
     furnish(tmp_path)

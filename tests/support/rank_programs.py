@@ -77,6 +77,8 @@ def errors(ranks):
 
     of_one = failing, DataError("no rows")
     assert caught(DataError, *(of_one if ranks.rank == 2 else (mean,))) == "rank 2: no rows"
+    for exchange in ((ranks.of_root, 1), (ranks.introduce, {}), (ranks.gather, {})):
+        assert caught(DataError, *(of_one if ranks.rank == 2 else exchange)) == "rank 2: no rows"
     assert caught(NetlibError, failing, NetlibError("no file")) == "no file"  # on all ranks
     lacking = isinstance(ranks.fail(MemoryError()) if ranks.rank == 1 else None, NetlibError)
     assert lacking if ranks.rank == 1 else caught(NetlibError, mean) == "rank 1: MemoryError: MemoryError"
