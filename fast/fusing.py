@@ -1,10 +1,11 @@
 """Fusing: a convolution computes the layers in place behind it, while its outputs are in the cache.
 
-Batch normalization by its sums, a Scale with learned parameters and a ReLU or ReLU6 are a multiplication, an addition
-and a maximum per channel: y = max(gain y + bias, 0). The values between the layers are overwritten in any case. Their
-diffs are written as each layer on its own would leave them. If a part of the net is run, each layer is computed on its
-own. A layer with a backward pass is fused only if it is a ReLU or ReLU6, which store nothing, or a Scale directly behind a BatchNorm by the
-statistics of the batch (batch_norm.py).
+Batch normalization by its sums, a Scale with learned parameters and a ReLU or ReLU6 are a
+multiplication, an addition and a maximum per channel: y = max(gain y + bias, 0). The values between
+the layers are overwritten in any case, and their diffs are those of the layers on their own. If a
+part of the net is run, each layer is computed on its own. A layer with a backward pass is fused only
+if it is a ReLU or ReLU6, which store nothing, or a Scale directly behind a BatchNorm by the statistics
+of the batch (per_channel.py).
 """
 
 from __future__ import annotations

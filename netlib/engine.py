@@ -12,30 +12,27 @@ from __future__ import annotations
 import functools
 import operator
 import os
-import sysconfig
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
-from pathlib import Path
-from types import TracebackType
 from typing import TypeVar
 
+import numpy as np
 from numpy.typing import DTypeLike
 
 from netlib.blob import Array, Blob, Blobs
-from netlib.building import python_layer
 from netlib.errors import NetlibError, did_you_mean
 from netlib.files.own_modules import own_module
 from netlib.files.paths import ROOT
-from netlib.layer import Layer
+from netlib.layer import Layer, warn
+from netlib.layer_errors import LayerErrors, lacking
 from netlib.system import memory
 from netlib.system.memory import OutOfMemoryError
 
 T = TypeVar("T")
 NAMES = ("fast", "plain")
+UNWRITTEN = 1.2345678e-38  # a normal float32: adding to it, or multiplying it, gives in effect what 0 gives
 Missing = Mapping[Blob, frozenset[str]]  # "data", "diff" or both of blobs
-ADVICE = "; use a smaller batch or layer"
-LIBRARIES = ("<", *(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")))  # not the user's files
 
 
 @dataclass(eq=False)  # each is its own key
@@ -100,7 +97,7 @@ class Step:
         if not at.needs_backward:
             return
         is_new = at.layer.type == "Python" and not at.has_run_back
-        with at.errors, python_layer.all_written(at) if is_new else nullcontext():
+        with at.errors, _all_written(at) if is_new else nullcontext():
             at.layer.backward(at.top, at.propagate_down, at.bottom)
         at.has_run_back = True
 
@@ -118,6 +115,25 @@ class Step:
         Returns what cannot be computed: blobs with "data", "diff" or both. Here nothing is unstored.
         """
         return {}
+
+
+@contextmanager
+def _all_written(at: Connection) -> Iterator[None]:
+    """Context manager around a layer's backward: set what it leaves unwritten of the diffs of its bottoms to 0, as in
+    Caffe, with a warning.
+    """
+    bottoms = [(name, blob) for name, blob, down in zip(at.layer.spec.bottom, at.bottom, at.propagate_down)
+               if down and blob.count and blob not in at.top]
+    for _, blob in bottoms:
+        blob.diff.fill(UNWRITTEN)
+    yield
+    for name, blob in bottoms:
+        unwritten = blob.diff == np.asarray(UNWRITTEN, blob.dtype)
+        if unwritten.any():
+            blob.diff[unwritten] = 0
+            part = "the diff" if unwritten.all() else f"{unwritten.sum()} of {blob.count} values of the diff"
+            warn(at.layer, f"backward of {type(at.layer).__name__} does not write {part} of bottom {name!r}; "
+                           "what is not written is 0, as in Caffe: write every element, or set propagate_down: false")
 
 
 class Engine:
@@ -203,51 +219,7 @@ def _engine(name: str) -> Engine:
     return fast
 
 
-# ---------------------------------------------------------------------------------------------- errors
-
-
-class LayerErrors(AbstractContextManager[None]):
-    """Context manager around methods of a layer: errors of Python become LayerErrors that name the layer, the method
-    and the innermost line that is not of a library.
-    """
-
-    def __init__(self, layer: Layer, bottom: Blobs) -> None:
-        self.layer, self.bottom = layer, bottom
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if error is None or trace is None or not isinstance(error, Exception):
-            return
-        if isinstance(error, NetlibError) and not isinstance(error, OutOfMemoryError):
-            return
-        method = (trace.tb_next or trace).tb_frame.f_code.co_name
-        if memory.is_lacking(error):
-            raise lacking(self.layer, method, error) from error
-        for name, blob in zip(self.layer.spec.bottom, self.bottom):
-            if not blob.count and self.layer.type != "Python":  # the author of a Python layer needs its own error
-                raise self.layer.fail(
-                    f"bottom {name!r} {blob.shape} is empty; {self.layer.type} expects values"
-                ) from error
-        raise self.layer.fail(f"{method} failed: {type(error).__name__}: {error}{_place(trace)}") from error
-
-
-def _place(trace: TracebackType) -> str:
-    """`` (file:line)`` of the innermost call in a file of the user or of this project."""
-    calls = [trace]
-    while (inner := calls[-1].tb_next) is not None:
-        calls.append(inner)
-    own = [call for call in calls[1:] if not call.tb_frame.f_code.co_filename.startswith(LIBRARIES)]
-    at = (own or calls)[-1]
-    return f" ({Path(at.tb_frame.f_code.co_filename).name}:{at.tb_lineno})"
-
-
-def lacking(layer: Layer, what: str, error: Exception) -> OutOfMemoryError:
-    """The error for a layer that lacks memory, with its name unless ``error`` has it."""
-    if str(error).endswith(ADVICE):
-        return OutOfMemoryError(str(error))
-    needs = str(error) if isinstance(error, OutOfMemoryError) else f"needs more memory than there is: {error}"
-    return OutOfMemoryError(str(layer.fail(f"{what}: {needs.removesuffix(': ')}{ADVICE}")))
+# ---------------------------------------------------------------------------------------------- memory
 
 
 def check_memory(steps: Sequence[Step]) -> None:

@@ -14,9 +14,10 @@ import numpy as np
 from netlib.blob import Blob, Blobs
 from netlib.building import create
 from netlib.building.params import Parameters
-from netlib.engine import Connection, Engine, LayerErrors
+from netlib.engine import Connection, Engine
 from netlib.errors import LayerError, did_you_mean
 from netlib.layer import Layer, check_backward
+from netlib.layer_errors import LayerErrors
 from netlib.proto import schema
 from netlib.proto.messages import LayerParameter, NetParameter
 from netlib.proto.net_parameter import distinct, insert_splits

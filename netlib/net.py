@@ -115,7 +115,7 @@ class Net:
         self._outside = [self.blobs[name] for name in [*self.inputs, *self.outputs]] + [loss[0] for loss in self.losses]
         self.one_thread = OneThread(self.name)
         self._is_running = False  # whether a pass has begun and not ended
-        self._is_reshaped = False  # whether the steps are those of the current shapes; an interrupted reshape is repeated
+        self._is_reshaped = False  # whether the steps fit the shapes; an interrupted reshape is repeated
         self._fits = False  # whether the check for memory has passed
         self._by_layer = False  # whether there is a step for each layer, so that a part can run
         self._unknown: dict[Blob, Unknown] = {}  # blobs of which neither memory nor a step has the values
@@ -455,10 +455,13 @@ class Unknown:
         if half not in self.halves:
             return
         if half == "data":
-            raise NetlibError(f"the data of blob {self.name!r} is unknown: the last pass did not complete; run forward again")
+            raise NetlibError(
+                f"the data of blob {self.name!r} is unknown: the last pass did not complete; "
+                "run forward again"
+            )
         raise NetlibError(
-            f"the diff of blob {self.name!r} is unknown: it was not stored, and its backward pass did not complete or a "
-            "forward pass came after it; read it directly after backward"
+            f"the diff of blob {self.name!r} is unknown: it was not stored, and its backward pass did "
+            "not complete or a forward pass came after it; read it directly after backward"
         )
 
 

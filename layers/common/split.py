@@ -3,7 +3,7 @@
 bottom[0]  x    any shape
 top[i]     y_i  same shape
 
-y_i = x
+y_i = x                    as copies; the fast engine shares the memory of x where no layer overwrites it, as Caffe does
 dx  = sum of dy_i          the gradients of all readers add up
 """
 

@@ -15,23 +15,16 @@ import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
-
-import numpy as np
 
 from netlib.errors import PrototxtError, did_you_mean
 from netlib.files import own_modules
 from netlib.files.paths import load_module, own
-from netlib.layer import Layer, warn
+from netlib.layer import Layer
 from netlib.proto import schema
 from netlib.proto.messages import LayerParameter, PythonParameter
 
-if TYPE_CHECKING:
-    from netlib.engine import Connection
-
 OLD_NAMES = {"xrange": range, "unicode": str, "basestring": str, "long": int}  # Python 2 names in old layers
 
-UNWRITTEN = 1.2345678e-38  # a normal float32: adding to it, or multiplying it, gives in effect what 0 gives
 PYTHON_2_MODULES = {
     "ConfigParser": "configparser", "Queue": "queue", "StringIO": "io", "cStringIO": "io", "cPickle": "pickle",
     "urllib2": "urllib.request", "urlparse": "urllib.parse", "__builtin__": "builtins", "commands": "subprocess",
@@ -71,25 +64,6 @@ def check_allowed(specs: Iterable[LayerParameter], are: bool) -> None:
                 f"layer {spec.name!r} is of type 'Python', which executes code of the net's author; this is not "
                 "allowed here. If you trust the author, omit --no-python-layers or python_layers=False",
             )
-
-
-@contextlib.contextmanager
-def all_written(at: Connection) -> Iterator[None]:
-    """Context manager around a layer's backward: set what it leaves unwritten of the diffs of its bottoms to 0, as in
-    Caffe, with a warning.
-    """
-    bottoms = [(name, blob) for name, blob, down in zip(at.layer.spec.bottom, at.bottom, at.propagate_down)
-               if down and blob.count and blob not in at.top]
-    for _, blob in bottoms:
-        blob.diff.fill(UNWRITTEN)
-    yield
-    for name, blob in bottoms:
-        unwritten = blob.diff == np.asarray(UNWRITTEN, blob.dtype)
-        if unwritten.any():
-            blob.diff[unwritten] = 0
-            part = "the diff" if unwritten.all() else f"{unwritten.sum()} of {blob.count} values of the diff"
-            warn(at.layer, f"backward of {type(at.layer).__name__} does not write {part} of bottom {name!r}; "
-                           "what is not written is 0, as in Caffe: write every element, or set propagate_down: false")
 
 
 def find_class(spec: LayerParameter) -> type[Layer]:

@@ -14,7 +14,8 @@ from netlib.blob import Array
 Weights = dict[str, dict[int, Array]]  # layer name -> parameter index -> array
 
 MAX_ITERATIONS = 2**31 - 1  # Caffe counts in 32 bits
-EXTRA = ("solver", "smoothed", "layers", "stores_all", "ranks", "weights_crc", "checksum")  # states of earlier versions lack some
+# Fields beyond Caffe's; states of earlier versions lack some.
+EXTRA = ("solver", "smoothed", "layers", "stores_all", "ranks", "weights_crc", "checksum")
 
 
 @dataclass

@@ -486,7 +486,7 @@ def test_diffs_of_a_pass_before_are_unknown(net_of: MakeNet) -> None:
     everything(net, batch(3, seed=1))
     feed(net, batch(3))
     check_blob(net, "c1", "data", expected)
-    with pytest.raises(NetlibError, match="the diff of blob 'p1' is unknown.*read it directly after backward"):
+    with pytest.raises(NetlibError, match=r"the diff of blob 'p1' is unknown.*read it directly after backward"):
         net.blobs["p1"].diff  # noqa: B018
     net.backward()
     check_blob(net, "p1", "diff", expected)

@@ -312,3 +312,28 @@ def test_a_diff_that_backward_does_not_write_is_zero_and_reported_once(
     assert caplog.messages == ([
         f"f:1:104: layer 'own': backward of Square does not write {warning} of bottom 'x'; what is not written is "
         "0, as in Caffe: write every element, or set propagate_down: false"] if warning else [])
+
+
+IN_PLACE = """
+import netlib
+
+class Square(netlib.Layer):
+    def reshape(self, bottom, top):
+        pass
+
+    def forward(self, bottom, top):
+        self.x = bottom[0].data.copy()
+        top[0].data[...] = self.x ** 2
+
+    def backward(self, top, propagate_down, bottom):
+        bottom[0].diff[...] = 2 * self.x * top[0].diff
+"""
+
+
+def test_backward_of_a_layer_in_place_reads_the_diff_that_it_overwrites(module: MakeModule) -> None:
+    module("in_place_squares", IN_PLACE)
+    own = python("Square", "in_place_squares").replace('"x"', '"y"')
+    net = net_with('layer { name: "p" type: "Power" bottom: "x" top: "y" }' + own)
+    for _ in range(2):
+        net.forward(x=np.array([1, 2, 3]))
+        assert net.backward(y=np.array([4, 5, 6]))["x"].tolist() == [8, 20, 36]
