@@ -137,6 +137,16 @@ class Layer:
         return axis % n
 
 
+class ZeroGradient(Layer):
+    """Base class of layers whose gradient is 0, or 0 but for what a subclass adds."""
+
+    def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
+        """Set the diffs of the bottoms to 0."""
+        for x, down in zip(bottom, propagate_down):
+            if down:
+                x.diff[...] = 0
+
+
 def check_backward(layer: Layer, propagate_down: Sequence[bool]) -> None:
     """Raise LayerError if the layer has to compute a gradient and its class defines no ``backward``."""
     is_defined = getattr(layer.backward, "__func__", None) is not Layer.backward

@@ -88,7 +88,7 @@ class Solver:
         self.on_start: list[Function] = []
         self.on_gradients_ready: list[Function] = []
         self.on_update: list[Function] = []
-        report.warn_of_no_progress(self)
+        report.warn_of_no_progress(self.net, self.on_step, self.on_gradients_ready)
         self.on_step.append(self._introduce)
         self._lap: tuple[int, float] = (0, time.perf_counter())  # iteration and time of the last display
         self.snapshots = Snapshots(self)
@@ -194,7 +194,7 @@ class Solver:
     def _introduce(self) -> None:
         """Let the ranks compare their trainings before their next step. Raises NetlibError."""
         if self.ranks.count > 1:
-            self.ranks.introduce(facts_of(self))
+            self.ranks.introduce(facts_of(self.param, self.net, self.iter))
         self.on_step.remove(self._introduce)
 
     # ------------------------------------------------------------------------------------------ requests

@@ -15,11 +15,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from layers.common.silence import ZeroGradient
 from netlib import files
 from netlib.blob import Blobs
 from netlib.errors import DataError, reason_of
 from netlib.files import hdf5
+from netlib.layer import ZeroGradient
 from netlib.proto.schema import numbered
 
 NAMES = ("data", "label")

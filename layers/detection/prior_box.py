@@ -28,8 +28,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from layers.common.silence import ZeroGradient
 from netlib.blob import Array, Blobs
+from netlib.layer import ZeroGradient
 from netlib.proto.schema import UInt, numbered
 
 SAME = 1e-6  # ratios that differ by less are the same, as in Caffe

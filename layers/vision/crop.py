@@ -12,8 +12,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from layers.common.silence import ZeroGradient
 from netlib.blob import Blobs
+from netlib.layer import ZeroGradient
 from netlib.proto.schema import UInt, numbered
 
 

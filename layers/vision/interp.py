@@ -30,9 +30,8 @@ from typing import Any
 
 import numpy as np
 
-from layers.common.silence import ZeroGradient
 from netlib.blob import Array, Blobs
-from netlib.layer import warn, warn_of_ignored
+from netlib.layer import ZeroGradient, warn, warn_of_ignored
 from netlib.proto import schema
 from netlib.proto.schema import numbered
 

@@ -18,9 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from layers.common.silence import ZeroGradient
 from layers.vision.roi_pooling import checked_rois, rounded
 from netlib.blob import Array, Blobs
+from netlib.layer import ZeroGradient
 from netlib.proto.schema import Natural, numbered
 
 MIN_SIZE = 0.1  # of a region in the map, as in Caffe

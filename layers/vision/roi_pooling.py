@@ -21,9 +21,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from layers.common.silence import ZeroGradient
 from netlib.blob import Array, Blobs
-from netlib.layer import Layer
+from netlib.layer import Layer, ZeroGradient
 from netlib.proto.schema import UInt, numbered
 
 

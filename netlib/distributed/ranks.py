@@ -16,7 +16,7 @@ import functools
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -26,9 +26,7 @@ from netlib.graph import LayerHook
 from netlib.layer import Layer
 from netlib.net import Net
 from netlib.proto import schema
-
-if TYPE_CHECKING:
-    from netlib.solver import Solver
+from netlib.proto.messages import SolverParameter
 
 Request = Literal["stop", "snapshot"]  # to a solver
 
@@ -152,16 +150,16 @@ ALONE = Ranks()
 latest = ALONE  # the last of several ranks in this process, for layers that read caffe.solver_rank
 
 
-def facts_of(solver: Solver) -> dict[str, Any]:
+def facts_of(param: SolverParameter, net: Net, iteration: int) -> dict[str, Any]:
     """Return the values, by name, that must be equal on all ranks before their first step."""
-    reading = {layer.name: layer.reads() for layer in solver.net.layers if hasattr(layer, "reads")}
+    reading = {layer.name: layer.reads() for layer in net.layers if hasattr(layer, "reads")}
     return {
-        "solver prototxt": zlib.crc32(repr(solver.param).encode()),
-        "net prototxt": zlib.crc32(str(schema.to_tree(solver.net.param)).encode()),
+        "solver prototxt": zlib.crc32(repr(param).encode()),
+        "net prototxt": zlib.crc32(str(schema.to_tree(net.param)).encode()),
         **{f"data in layer {name!r}": reads for name, reads in reading.items() if reads},
-        "engine": solver.engine.name,
-        "iteration": solver.iter,
-        "parameters": checksum(solver.net.learnable),
+        "engine": net.engine.name,
+        "iteration": iteration,
+        "parameters": checksum(net.learnable),
     }
 
 

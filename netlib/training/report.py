@@ -7,7 +7,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any, SupportsFloat
+from typing import Any, SupportsFloat
 
 import numpy as np
 
@@ -15,9 +15,6 @@ from netlib.blob import Array
 from netlib.errors import LayerError, printable
 from netlib.net import Net
 from netlib.proto.prototxt import Message
-
-if TYPE_CHECKING:
-    from netlib.solver import Solver
 
 log = logging.getLogger("netlib")
 
@@ -66,23 +63,29 @@ def lack_of_loss(net: Net) -> Iterator[str]:
     yield f"net {net.name!r} has no loss: no output has a loss_weight, so no weight changes; {advice}"
 
 
-def warn_of_no_progress(solver: Solver, iterations: int = 3) -> None:
-    """Let a solver warn once of a training that changes no weight: its net has no loss, or the gradients of its first
-    iterations are all 0. Those of one batch can be, as of a hinge loss without violations.
+Functions = list[Callable[[], object]]
+
+
+def warn_of_no_progress(
+    net: Net, on_step: Functions, on_gradients_ready: Functions, iterations: int = 3
+) -> None:
+    """Add functions to these lists of a solver that warn once of a training which changes no weight: its net has no
+    loss, or the gradients of its first iterations are all 0. Those of one batch can be, as of a hinge loss without
+    violations.
     """
     left = [iterations]
 
     def warn_of_no_loss() -> None:
-        for message in lack_of_loss(solver.net):
+        for message in lack_of_loss(net):
             log.warning("%s", message)
-        if not solver.net.losses:
+        if not net.losses:
             left[0] = 0
-        solver.on_step.remove(warn_of_no_loss)
+        on_step.remove(warn_of_no_loss)
 
     def warn_of_zeros() -> None:
-        learned = [param for param in solver.net.learnable if param.spec.lr_mult]
+        learned = [param for param in net.learnable if param.spec.lr_mult]
         if not left[0] or not learned or any(param.blob.diff.any() for param in learned):
-            solver.on_gradients_ready.remove(warn_of_zeros)
+            on_gradients_ready.remove(warn_of_zeros)
             return
         left[0] -= 1
         if not left[0]:
@@ -90,8 +93,8 @@ def warn_of_no_progress(solver: Solver, iterations: int = 3) -> None:
                         "changes: check that a loss depends on them (propagate_down, layers of constant output such "
                         "as a ReLU of negative values)", iterations)
 
-    solver.on_step.append(warn_of_no_loss)
-    solver.on_gradients_ready.append(warn_of_zeros)
+    on_step.append(warn_of_no_loss)
+    on_gradients_ready.append(warn_of_zeros)
 
 
 def means_of(
