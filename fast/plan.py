@@ -10,7 +10,6 @@ whole batch. Two optimisations apply to hidden blobs, both exact:
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 
@@ -102,41 +101,14 @@ def _fits(row: list[Connection], at: Connection) -> bool:
 
 def _runs_for(row: list[Connection], users: Mapping[Blob, int], stored: Set[Blob]) -> list[Run]:
     """Plan the runs of a row of layers, in slices if this is faster. ``users`` is the number of users of each blob."""
-    end = _end_of_run(row, users, stored)
-    row, rest = row[:end], row[end:]
     hidden = _hidden_blobs(row, users, stored)
     if all(traits_of(at.layer).elementwise for at in row):  # slices are not faster; includes the empty row
-        return [whole(at) for at in [*row, *rest]]
+        return [whole(at) for at in row]
     order = _pool_first(row, hidden)
     tiles = _agree_on_tiles(order, hidden)
     if row[0].bottom[0].shape[0] == 1 and not tiles:  # one slice saves no memory and copies the parameters
-        return [whole(at) for at in [*row, *rest]]
-    return [Run(row, order, hidden, tiles, sliced=True), *map(whole, rest)]
-
-
-def _end_of_run(row: list[Connection], users: Mapping[Blob, int], stored: Set[Blob]) -> int:
-    """Number of layers at the start of the row that may run in slices.
-
-    A layer that overwrites a stored blob in place must not run twice (the net may compute hidden blobs again), unless
-    the second time changes nothing. The run therefore ends before such a layer, and later layers run on the whole
-    batch. A shorter run has fewer hidden blobs, only those that are unused after its end, so it may end even earlier.
-    """
-    uses = uses_of(row)
-    place = {at: i for i, at in enumerate(row)}
-    last_use: list[int] = []  # per layer: last use of the blobs overwritten up to it
-    for at in row:
-        last = last_use[-1] if last_use else -1
-        if not traits_of(at.layer).monotone:
-            below = set(at.bottom)
-            for blob in (top for top in at.top if top in below):
-                own = uses[blob]
-                outside = len(own) < users[blob] or blob in stored
-                last = max(last, len(row) if outside else place[own[-1].at])
-        last_use.append(last)
-    end = len(row)
-    while (earlier := bisect_left(last_use, end, hi=end)) < end:
-        end = earlier
-    return end
+        return [whole(at) for at in row]
+    return [Run(row, order, hidden, tiles, sliced=True)]
 
 
 def _hidden_blobs(row: list[Connection], users: Mapping[Blob, int], stored: Set[Blob]) -> list[Blob]:
