@@ -57,6 +57,7 @@ docs: .venv/docs
 	NO_MKDOCS_2_WARNING=1 $(RUN) -m mkdocs $(if $(SERVE),serve,build --strict)
 
 lint: .venv/dev
+	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache

@@ -1,7 +1,8 @@
 """The tracker's tuned numbers: how many there are, and the errors on labelled recordings with other values of some.
 
     python -m experiments constants
-    python -m experiments constants --recording take joints.npy --recording other other.npy --seeds 0 1 2 3 4 --mirrored
+    python -m experiments constants --recording take joints.npy --recording other other.npy \\
+        --seeds 0 1 2 3 4 --mirrored
     python -m experiments constants ... --set tracking.hand_track.KEPT=1 tracking.hand_track.NEW=1
 
 Without recordings the tuned numbers that modules of handpose/fit, handpose/tracking and handpose/estimate name are

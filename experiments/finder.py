@@ -1,7 +1,8 @@
 """Recall of the finder of hands, at numbers of false hands a frame, and whether their sides are right.
 
     python -m experiments finder snapshots/finder_iter_18000.caffemodel.h5
-    python -m experiments finder WEIGHTS --recording take left=take_left.npy right=take_right.npy --part odd
+    python -m experiments finder WEIGHTS --recording take left=take_left.npy right=take_right.npy \\
+        --part odd
 
 Synthetic scenes are those of the training's generator with other random numbers ("test"), and frames of synthetic
 recordings with other cameras, of another person each, half of them mirrored ("other"). Labels of a recording are

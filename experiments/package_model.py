@@ -1,7 +1,8 @@
 """Package weights as a small file for fits: rounded, compressed, and with the measured errors of the network.
 
     python -m experiments package_model snapshots/synthetic_iter_80000.caffemodel.h5 \\
-        --model models/synthetic_hand/deploy.prototxt --out models/synthetic_hand/synthetic_hand.caffemodel.h5
+        --model models/synthetic_hand/deploy.prototxt \\
+        --out models/synthetic_hand/synthetic_hand.caffemodel.h5
 
 Measured on training frames of a recipe (listed by tools/make_synthetic.py --help) that the network was not trained on:
 the errors of its angles, which determine further starts of a fit and its prior, and the distribution of the angles,

@@ -1,6 +1,6 @@
 """The gain of each part of fast/, measured by switching it off.
 
-    python -m experiments parts                                     the paper's network and the small nets
+    python -m experiments parts        the paper's network and the small nets
     python -m experiments parts --nets SqueezeNet ResNet-50 --parts Winograd fusing
 
 The net is built with and without a part, and both run alternately on one thread. "time" is the processor time without

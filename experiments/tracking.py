@@ -1,7 +1,8 @@
 """The tracker on synthetic recordings: errors, missed and invented hands, handedness, jitter, lag, speed.
 
     python -m experiments tracking
-    python -m experiments tracking --scripts minute two_hands --cameras nyu kinect2 --seeds 0 1 --frame-by-frame
+    python -m experiments tracking --scripts minute two_hands --cameras nyu kinect2 \\
+        --seeds 0 1 --frame-by-frame
     python -m experiments tracking --scripts moving --rate 60 --seconds 5 --raw --fit accurate
 
 The scripts are those of tools/make_recording.py. There is a row for each of their hands. Joint errors are in mm, over

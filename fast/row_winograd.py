@@ -8,10 +8,12 @@ instead of 2.25 to 9 transformed values for each value of x, so it is faster wit
 
 The points are 0, the pairs a, -a below, and infinity. With q(z) = product of (z - b²) over the other pairs b:
 
-    Bᵀ d at 0         sum of q[i] d[2i],      q over all pairs       Aᵀ at a point p    1  p  p²  p³
-         at a, -a     e ± a o  with  e = sum of q[i] d[2i + 2]           at infinity     0  0  0   1
-                                     o = sum of q[i] d[2i + 1]       G at a point p     (1  p  p² ...) / product of
-         at infinity  sum of q[i] d[2i + 1],  q over all pairs                           (p - other points)
+    Bᵀ d at 0         sum of q[i] d[2i],  q over all pairs
+         at a, -a     e ± a o  with e = sum of q[i] d[2i + 2], o = sum of q[i] d[2i + 1]
+         at infinity  sum of q[i] d[2i + 1],  q over all pairs
+    Aᵀ at a point p   1  p  p²  p³
+       at infinity    0  0  0   1
+    G  at a point p   (1  p  p² ...) / product of (p - other points)
 
 The image is the last axis, so that a tile is some whole vectors, and the rows of a window are adjacent:
 

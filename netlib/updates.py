@@ -3,13 +3,13 @@
 A rule processes one parameter at a time: its value w, gradient g (clipped, averaged, decayed), learning rate r (the
 policy's rate times lr_mult), history h, and t, the number of this update counted from 1.
 
-    SGD       h <- m h + r g                                           w <- w - h
-    Nesterov  h' = m h + r g                                           w <- w - ((1 + m) h' - m h)
-    AdaGrad   h <- h + g²                                              w <- w - r g / (sqrt(h) + d)
-    RMSProp   h <- k h + (1 - k) g²                                    w <- w - r g / (sqrt(h) + d)
+    SGD       h <- m h + r g                                  w <- w - h
+    Nesterov  h' = m h + r g                                  w <- w - ((1 + m) h' - m h)
+    AdaGrad   h <- h + g²                                     w <- w - r g / (sqrt(h) + d)
+    RMSProp   h <- k h + (1 - k) g²                           w <- w - r g / (sqrt(h) + d)
     AdaDelta  h <- m h + (1 - m) g²,  u = g sqrt((q + d) / (h + d)),
-              q <- m q + (1 - m) u²                                    w <- w - r u
-    Adam      h <- m h + (1 - m) g,  q <- n q + (1 - n) g²             w <- w - r c h / (sqrt(q) + d)
+              q <- m q + (1 - m) u²                           w <- w - r u
+    Adam      h <- m h + (1 - m) g,  q <- n q + (1 - n) g²    w <- w - r c h / (sqrt(q) + d)
               c = sqrt(1 - n^t) / (1 - m^t)
 
 m: momentum, n: momentum2, k: rms_decay, d: delta, q: the second history. As in Caffe, the history of SGD includes the

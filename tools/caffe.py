@@ -2,8 +2,10 @@
 """Train, test or time a net: Caffe's command. Flags have one dash or two; the log goes to standard error.
 
     python tools/caffe.py train -solver prototxt/nyu_solver.prototxt
-    python tools/caffe.py train -solver=prototxt/nyu_solver.prototxt -snapshot=snapshots/nyu_iter_2000.solverstate.h5
-    python tools/caffe.py test -model prototxt/nyu_train_test.prototxt -weights snapshots/nyu_iter_2000.caffemodel.h5
+    python tools/caffe.py train -solver=prototxt/nyu_solver.prototxt \\
+        -snapshot=snapshots/nyu_iter_2000.solverstate.h5
+    python tools/caffe.py test -model prototxt/nyu_train_test.prototxt \\
+        -weights snapshots/nyu_iter_2000.caffemodel.h5
     python tools/caffe.py time -model prototxt/nyu_train_test.prototxt -iterations 10
 
 Instead of Caffe's -gpu 0,1, use mpiexec -n 2 python -m mpi4py tools/caffe.py train ...: each process runs the batch on

@@ -2,7 +2,8 @@
 """Compute the mean image of a database or a list of images, for transform_param { mean_file }: Caffe's command.
 
     python tools/compute_image_mean.py train_lmdb mean.binaryproto
-    python tools/compute_image_mean.py -resize_height=256 -resize_width=256 list.txt mean.binaryproto
+    python tools/compute_image_mean.py -resize_height=256 -resize_width=256 \\
+        list.txt mean.binaryproto
 
 INPUT is the folder of an LMDB database, as for a Data layer, or a list, as for an ImageData layer: in each line the
 path of an image, to which -root_folder is prepended, a space, and its label. All images must have the same size, unless

@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 """Export a net to ONNX, for runtimes such as onnxruntime, OpenCV, browsers and phones.
 
-    python tools/export_onnx.py prototxt/nyu_deploy.prototxt snapshots/nyu_iter_1000.caffemodel.h5 hand.onnx
-    python tools/export_onnx.py models/synthetic_hand/deploy.prototxt \
+    python tools/export_onnx.py prototxt/nyu_deploy.prototxt \\
+        snapshots/nyu_iter_1000.caffemodel.h5 hand.onnx
+    python tools/export_onnx.py models/synthetic_hand/deploy.prototxt \\
         models/synthetic_hand/synthetic_hand.caffemodel.h5 hand.onnx --blob DoF --check
 
 The file uses only standard operators, including for the hand model, and accepts batches of any size, but images of one

@@ -2,8 +2,10 @@
 """Fine-tune a classifier for classes of your own: one folder of pictures for each.
 
     python tools/finetune.py deploy.prototxt net.caffemodel pictures/ --mean 104,117,123 --scale 1
-    python tools/finetune.py deploy.prototxt net.caffemodel pictures/ --mean 104,117,123 --scale 1 --freeze conv3
-    python tools/finetune.py deploy.prototxt net.caffemodel pictures/ --mean-file mean.binaryproto --scale 1 --mirror
+    python tools/finetune.py deploy.prototxt net.caffemodel pictures/ \\
+        --mean 104,117,123 --scale 1 --freeze conv3
+    python tools/finetune.py deploy.prototxt net.caffemodel pictures/ \\
+        --mean-file mean.binaryproto --scale 1 --mirror
 
 pictures/ has a folder for each class, called as the class. The last layer is replaced by one for these classes and
 trained; the other layers keep their weights, unless --freeze says otherwise. A part of each folder is held out, and

@@ -2,7 +2,8 @@
 """Generate a synthetic depth recording of moving hands with ground truth, for testing trackers.
 
     python tools/make_recording.py minute --out takes/minute
-    python tools/make_recording.py moving --camera kinect2 --hand left --rate 60 --seconds 10 --seed 3 --out left.npz
+    python tools/make_recording.py moving --camera kinect2 --hand left \\
+        --rate 60 --seconds 10 --seed 3 --out left.npz
 
 SCRIPT is one of
     rest       a hand at rest, so that all changes are noise

@@ -1,11 +1,15 @@
 #!/usr/bin/env python3
 """Run a net on images: print its best classes or its detections, or write blobs as NumPy arrays.
 
-    python tools/run_net.py deploy.prototxt net.caffemodel cat.jpg --mean 104,117,123 --labels synset_words.txt
+    python tools/run_net.py deploy.prototxt net.caffemodel cat.jpg \\
+        --mean 104,117,123 --labels synset_words.txt
     python tools/run_net.py deploy.prototxt net.caffemodel cat.jpg --mean-file mean.binaryproto
-    python tools/run_net.py deploy.prototxt net.caffemodel *.jpg --scale 0.017 --blob fc7 --out features.npz
-    python tools/run_net.py deploy.prototxt net.caffemodel list.txt --root-folder pictures/ --blob fc7 --out fc7.npy
-    python tools/run_net.py ssd.prototxt ssd.caffemodel street.jpg --labels map.prototxt --threshold 0.5 --draw out.jpg
+    python tools/run_net.py deploy.prototxt net.caffemodel *.jpg \\
+        --scale 0.017 --blob fc7 --out features.npz
+    python tools/run_net.py deploy.prototxt net.caffemodel list.txt \\
+        --root-folder pictures/ --blob fc7 --out fc7.npy
+    python tools/run_net.py ssd.prototxt ssd.caffemodel street.jpg \\
+        --labels map.prototxt --threshold 0.5 --draw out.jpg
 
 An IMAGE with the suffix .txt is a list of images, as for an ImageData layer: in each line a path, a space and a label.
 Each image is read in 8 bits, blue first, and resized to the net's input; then the mean is subtracted, and the result

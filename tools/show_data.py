@@ -3,7 +3,8 @@
 
     python tools/show_data.py data/nyu/test.txt --out synthetic.png
     python tools/show_data.py data/nyu/test.txt real_crops/ --out both.png --plain
-    python tools/show_data.py data/person/test.txt --out people.png --skeleton prototxt/body/person.prototxt
+    python tools/show_data.py data/person/test.txt --out people.png \\
+        --skeleton prototxt/body/person.prototxt
 
 Each argument becomes a block of rows: a list of HDF5 files, an HDF5 file with depth and optionally joint, or a folder
 of crops (square 8-bit images of normalised depth). Frames are evenly spaced over each set. Hands are drawn if a data

@@ -3,7 +3,8 @@
 
     python tools/test.py snapshots/nyu_iter_*.caffemodel.h5
 
-    python tools/test.py snapshots/person_iter_20000.caffemodel.h5 --model prototxt/body/person_train_test.prototxt
+    python tools/test.py snapshots/person_iter_20000.caffemodel.h5 \\
+        --model prototxt/body/person_train_test.prototxt
 
     python tools/test.py --joints ...           # also the error per joint of the last snapshot
 

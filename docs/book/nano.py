@@ -49,8 +49,9 @@ def convolution(x, w, b):
 
 def max_pool(x, k):
     """The maximum of each window of k x k; a last window may reach beyond the edge of the map."""
-    elements = [(slice(None), slice(None), slice(i, None, k), slice(j, None, k)) for i, j in np.ndindex(k, k)]
-    padded = np.pad(x, [(0, 0), (0, 0), *((0, -size % k) for size in x.shape[2:])], constant_values=-np.inf)
+    elements = [np.s_[:, :, i::k, j::k] for i, j in np.ndindex(k, k)]
+    beyond = [(0, 0), (0, 0), *((0, -size % k) for size in x.shape[2:])]
+    padded = np.pad(x, beyond, constant_values=-np.inf)
     values = np.stack([padded[element] for element in elements])  # (k k, N, C, rows, columns)
     winner = values.argmax(axis=0)  # the first of equal values
 
@@ -77,7 +78,8 @@ class Skeleton:
 
     def __init__(self, path):
         text = re.sub(r'#.*|"', "", path.read_text(encoding="utf-8"))
-        dofs = [dict(re.findall(r"(\w+): (\S+)", dof)) for dof in re.findall(r"^dof {(.*)}", text, re.M)]
+        blocks = re.findall(r"^dof {(.*)}", text, re.M)
+        dofs = [dict(re.findall(r"(\w+): (\S+)", block)) for block in blocks]
         self.initial = np.array([float(dof["initial"]) for dof in dofs])
         self.lower = np.array([float(dof.get("lower", "-inf")) for dof in dofs])
         self.upper = np.array([float(dof.get("upper", "inf")) for dof in dofs])
@@ -90,7 +92,8 @@ class Skeleton:
             parent = re.search(r"parent: (\w+)", joint)
             self.parent.append(names.index(parent[1]) if parent else -1)  # -1 is the world
             motions = re.findall(r"(translate|rotate) {.*axis: (\w+) dof: (\w+)", joint)
-            self.motions.append([(kind, unit(axis), dof_names.index(dof)) for kind, axis, dof in motions])
+            own = [(kind, unit(axis), dof_names.index(dof)) for kind, axis, dof in motions]
+            self.motions.append(own)
             bone = re.search(r"bone {.*axis: (\w+) length: (\S+)", joint)
             self.bone.append(unit(bone[1]) * float(bone[2]) if bone else np.zeros(3))
         self.order = sorted(range(len(joints)), key=self.depth)  # from the root outwards
@@ -112,7 +115,9 @@ def rotation(axis, angle):
 def hand_model(x, hand):
     """Forward kinematics: from the DoFs x (N, 47) to the positions of the joints (N, 31, 3); backward by torques."""
     theta, N, K = np.where(hand.free, x, 0) + hand.initial, len(x), len(hand.parent)
-    X, frames, axes = np.zeros((N, K + 1, 3)), np.zeros((N, K + 1, 3, 3)) + np.eye(3), {}  # the last is the world
+    X = np.zeros((N, K + 1, 3))  # the last is the world
+    frames = np.zeros((N, K + 1, 3, 3)) + np.eye(3)
+    axes = {}
     for j in hand.order:
         p, F = X[:, hand.parent[j]], frames[:, hand.parent[j]]
         for m, (kind, axis, d) in enumerate(hand.motions[j]):
@@ -130,7 +135,8 @@ def hand_model(x, hand):
             for m, (kind, _, d) in enumerate(hand.motions[j]):
                 a, p = axes[j, m]
                 torque_about_p = torque[:, j] + np.cross(X[:, j] - p, force[:, j])
-                dx[:, d] += (a * (force[:, j] if kind == "translate" else torque_about_p)).sum(axis=1)
+                moved = force[:, j] if kind == "translate" else torque_about_p
+                dx[:, d] += (a * moved).sum(axis=1)
             parent = hand.parent[j]
             force[:, parent] += force[:, j]
             torque[:, parent] += torque[:, j] + np.cross(X[:, j] - X[:, parent], force[:, j])
@@ -149,11 +155,20 @@ def new_network(rng, p):
         return rng.normal(0, std or np.prod(shape[1:]) ** -0.5, shape), np.zeros(shape[0])
 
     return [
-        (convolution, *parameters(8, 1, 5, 5)), (relu,), (max_pool, 4),  # 128 x 128 pixels -> 8 x 31 x 31
-        (convolution, *parameters(8, 8, 5, 5)), (relu,), (max_pool, 2),  # 8 x 14 x 14
-        (convolution, *parameters(8, 8, 3, 3)), (relu,),  # 8 x 12 x 12
-        (inner_product, *parameters(1024, 1152)), (relu,), (dropout, p, rng),
-        (inner_product, *parameters(1024, 1024, std=0.001)), (relu,), (dropout, p, rng),
+        (convolution, *parameters(8, 1, 5, 5)),  # of 128 x 128 pixels
+        (relu,),
+        (max_pool, 4),  # 8 x 31 x 31
+        (convolution, *parameters(8, 8, 5, 5)),
+        (relu,),
+        (max_pool, 2),  # 8 x 14 x 14
+        (convolution, *parameters(8, 8, 3, 3)),
+        (relu,),  # 8 x 12 x 12
+        (inner_product, *parameters(1024, 1152)),
+        (relu,),
+        (dropout, p, rng),
+        (inner_product, *parameters(1024, 1024, std=0.001)),
+        (relu,),
+        (dropout, p, rng),
         (inner_product, *parameters(47, 1024, std=0.001)),  # the DoFs of the hand
     ]
 
@@ -209,7 +224,8 @@ def drawing(X, true, hand, rows=26):
     canvas = np.full((rows, 2 * rows), " ")
     parents = [p if p >= 0 else j for j, p in enumerate(hand.parent)]
     for joints, mark in ((true, "."), (X, "o")):
-        points = np.concatenate([joints + s * (joints[parents] - joints) for s in np.linspace(0, 1, 20)])
+        bones = joints[parents] - joints
+        points = np.concatenate([joints + s * bones for s in np.linspace(0, 1, 20)])
         row, column = np.rint((1 - points[:, 1]) / 2 * rows), np.rint((1 + points[:, 0]) * rows)
         canvas[row.clip(0, rows - 1).astype(int), column.clip(0, 2 * rows - 1).astype(int)] = mark
     return ["".join(line) for line in canvas]
@@ -222,13 +238,15 @@ if __name__ == "__main__":
 
         check_nano.report(frames, hand)
     else:
-        network, depth, joints = new_network(np.random.default_rng(1), p=0.3), frames["depth"] / 127, frames["joints"]
+        network = new_network(np.random.default_rng(1), p=0.3)
+        depth, joints = frames["depth"] / 127, frames["joints"]
         before = drawing(predict(network, hand, depth[:1])[0], joints[0], hand)
         for t, loss in enumerate(train(network, hand, depth[:32], joints[:32], updates=201)):
             if t % 20 == 0:  # the loss is that before the update; the errors are those after it
                 X = predict(network, hand, depth)
                 seen, others = error_mm(X[:32], joints[:32]), error_mm(X[32:], joints[32:])
-                print(f"update {t:3}   loss {loss:5.2f}   error {seen:5.1f} mm, in 32 other frames {others:5.1f} mm")
+                print(f"update {t:3}   loss {loss:5.2f}   error {seen:5.1f} mm", end="")
+                print(f", in 32 other frames {others:5.1f} mm")
         print("the first frame before and after: the true hand as dots, the predicted one as o")
         for line in zip(before, drawing(X[0], joints[0], hand)):
             print(*line, sep="|")

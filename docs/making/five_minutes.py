@@ -1,8 +1,9 @@
 """Chapter 0's second training: the paper's network on frames that are rendered first, in about five minutes.
 
-python -m docs.making.five_minutes                                 4,096 frames; the picture is five_minutes.svg
-python -m docs.making.five_minutes --frames 64 --out by_heart.svg  so few that the network learns them by heart
-python -m docs.making.five_minutes --book                          both; draws learned.svg and by_heart.svg of the book
+python -m docs.making.five_minutes            4,096 frames; the picture is five_minutes.svg
+python -m docs.making.five_minutes --frames 64 --out by_heart.svg
+                                              so few that the network learns them by heart
+python -m docs.making.five_minutes --book     both; draws learned.svg and by_heart.svg of the book
 
 The errors are those of 256 held-out frames and of up to 256 training frames.
 """

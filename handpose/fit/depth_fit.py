@@ -3,9 +3,11 @@
 The fit halves the error of the network. What remains is judged by the image: ``pose_confidence``.
 
 fitter = DepthFitter(CapsuleModel(skeleton, CUBE_MM / 2), errors)
-seen = observe(crops, center_uvd, camera, CUBE_MM, plan.points)   # plan: search.FAST or search.ACCURATE
-found = fitter.fit(seen, starts, plan)   # starts: the network's predictions, one per quarter turn of the plan
-found.joints                             # (N, K, 3) mm from the crops' centres
+# plan: search.FAST or search.ACCURATE
+seen = observe(crops, center_uvd, camera, CUBE_MM, plan.points)
+# starts: the network's predictions, one per quarter turn of the plan
+found = fitter.fit(seen, starts, plan)
+found.joints  # (N, K, 3) mm from the crops' centres
 """
 
 from __future__ import annotations

@@ -4,7 +4,8 @@ Joints predicted one by one are more accurate than those of predicted angles, bu
 So the body with the predicted angles is moved to the predicted joints of its palm (Kabsch), and the start is the x that
 minimises, with x_0 from the predicted angles and size,
 
-    |X(x) - joints|^2 / JOINT_MM^2  +  sum over limbs of (x - x_0)^2 / LIMB^2  +  (log size - log size_0)^2 / SIZE_STD^2
+    |X(x) - joints|^2 / JOINT_MM^2  +  sum over limbs of (x - x_0)^2 / LIMB^2
+        +  (log size - log size_0)^2 / SIZE_STD^2
 
 by Levenberg-Marquardt. The result depends little on these constants. Without the alignment, Levenberg-Marquardt
 converges slowly where the predicted rotation is far off: after twice as many steps it is farther from the joints.

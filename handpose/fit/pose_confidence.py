@@ -30,7 +30,8 @@ because the palm or another finger hides it, because it is in empty space, or be
 over the finger's PIP joint, DIP joint and tip (of the thumb: MCP joint, IP joint and tip), the logarithm of a finger's
 error in mm is taken to be normally distributed, with the deviation FINGER_SPREAD and the mean
 
-    mean = FINGER_WEIGHTS · (log whole, log(1 + behind), log(1 + before), log(1 + lag), 1 - seen) + FINGER_CONSTANT
+    mean = FINGER_WEIGHTS · (log whole, log(1 + behind), log(1 + before), log(1 + lag), 1 - seen)
+           + FINGER_CONSTANT
 
     behind, before  mm, by which the joints are behind and in front of the readings (``support.joint_depths``)
     lag             mm, distance of the reported joints from those of the fit

@@ -13,8 +13,8 @@ for Real-Time Hand Tracking, 2015). Both are residuals, and both are 0 on the su
 Spheres. Surface points attract capsules to observed depth, but do not keep a limb out of empty space. Spheres at the
 capsules' ends do. A sphere of radius r at c, which projects to (column, row) of the crop,
 
-    leaves the silhouette by            F(column, row) z / z_0 + r       F: mm outside, at the centre's depth
-    is in front of the surface by       nearest(column, row) - (z - r)
+    leaves the silhouette by        F(column, row) z / z_0 + r, with F in mm at the centre's depth
+    is in front of the surface by   nearest(column, row) - (z - r)
 
 Each is a residual where it exceeds a slack, otherwise 0. F is interpolated between pixels, and so is its slope.
 

@@ -2,7 +2,7 @@
 
 with open_recording("my_frames") as recording:     # handpose.frames.formats
     for frame in recording:
-        frame.time, frame.depth                    # s; (height, width) in mm, 0 where there is no reading
+        frame.time, frame.depth              # s; (height, width) in mm, 0 where there is no reading
 
 What is known of its camera is ``CameraInfo``: from the user, the file itself, or a camera.json, by order of precedence.
 

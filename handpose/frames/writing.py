@@ -1,6 +1,7 @@
 """Recordings that can be replayed: a folder, or one .npz, by the name's ending.
 
-with RecordingWriter(Path("take.npz"), recording.camera, recording.unit_mm, recording.rate) as writer:
+path = Path("take.npz")
+with RecordingWriter(path, recording.camera, recording.unit_mm, recording.rate) as writer:
     for frame in recording:
         writer.write(frame)
 

@@ -1,6 +1,7 @@
 """Scores of a track against the truth: errors, missed and false hands, identities, sides, jitter, lag.
 
-scores = score(tracker.header, tracker.follow(recording), recording.truths())  # of a SyntheticRecording
+# recording: a SyntheticRecording
+scores = score(tracker.header, tracker.follow(recording), recording.truths())
 scores.hands[0].lag_ms
 """
 

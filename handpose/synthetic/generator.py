@@ -2,10 +2,11 @@
 
 A frame is made in four steps, each described by one dataclass of numbers:
 
-    PosePrior    poses: rotations, bent limbs, place, bone lengths (``prior_file``, ``pose_prior``)
-    SurfacePrior surfaces: thickness, limbs, sleeve (``surface_prior``); the capsules are the skeleton file's
-    render       the depth image, along the rays of the crop's pixels (``handpose.body.render``)
-    Sensor       the errors of a depth camera (``sensor``)
+    PosePrior     poses: rotations, bent limbs, place, bone lengths (``prior_file``, ``pose_prior``)
+    SurfacePrior  surfaces: thickness, limbs, sleeve (``surface_prior``); the capsules are the
+                  skeleton file's
+    render        the depth image, along the rays of the crop's pixels (``handpose.body.render``)
+    Sensor        the errors of a depth camera (``sensor``)
 
 A ``Recipe`` holds the numbers of all four; ``recipes`` has the named ones.
 

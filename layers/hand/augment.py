@@ -7,7 +7,7 @@ top[0], top[1]    same shapes, may be the same blobs
 TRAIN, with a random angle a (counter-clockwise), factor s, shift (u right, v down) and step d per item:
 
     a pixel at (c, r) from the centre moves to  s (c cos a + r sin a, r cos a - c sin a) + (u, v)
-    its depth z becomes                         s z + d             clipped to [-1, 1]; background is unchanged
+    its depth z becomes                         s z + d, clipped to [-1, 1], except background
     a joint (x, y, z) moves to                  s (x cos a - y sin a, x sin a + y cos a, z) + (u', -v', d)
 
 with u' = u / (S/2), v' = v / (S/2), because a half-cube has S/2 pixels. Joints are clipped to [-1, 1], as in the data.

@@ -4,7 +4,7 @@ From the root outwards, parents before children, each joint j starts from its pa
 F = world_from_parent, a 3 x 3 rotation, and applies in order
 
     translations  p <- p + F e_axis theta          for each ``translate``
-    rotations     F <- F R_axis(theta)             for each ``rotate``; the result is world_from_joint
+    rotations     F <- F R_axis(theta)             for each ``rotate``; gives world_from_joint
     its bone      X_j = p + F e_axis length
 
 This is the product of 4 x 4 transforms in Eq. 4 of the paper, from root to tip. theta is the input plus a constant, so

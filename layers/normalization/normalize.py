@@ -4,7 +4,8 @@ bottom[0]  x      (N, C, ...)
 params[0]  scale  (C,), or () with ``channel_shared``; initially 1
 top[0]     y      same shape, may be the same blob
 
-u  = x / s        s = sqrt(sum of x² + eps), over the channels at each position; with ``across_spatial`` over the item
+u  = x / s        s = sqrt(sum of x² + eps), over the channels at each position;
+                  with ``across_spatial`` over the item
 y  = scale u
 dx = (g - u * sum of (u g)) / s        with g = scale dy and the sum as in s
 dscale = sum of u dy over the other axes

@@ -3,7 +3,7 @@ r"""Convolution: weighted sums of the windows of an image, with one small kernel
 bottom[i]  x  (N, C, H, W)
 params[0]  w  (O, C / group, kh, kw)
 params[1]  b  (O,)            unless ``bias_term: false``
-top[i]     y  (N, O, Ho, Wo)  Ho = floor((H + 2 pad - dilation (kh - 1) - 1) / stride) + 1, same for Wo
+top[i]     y  (N, O, Ho, Wo)  Ho = floor((H + 2 pad - dilation (kh - 1) - 1) / stride) + 1; also Wo
 
 The axes after ``axis``, the channels, are spatial: H and W of an image, or any other number of axes, each with its own
 kernel size. The axes before ``axis`` count items.

@@ -4,7 +4,7 @@ bottom[0]  x     any shape
 bottom[1]  size  same number of axes; only its shape is read
 top[0]     y     the axes of x before ``axis``, then those of size
 
-y  = x from ``offset`` on, along ``axis`` and all later axes; one number for all of them or one each, default 0
+y  = x from ``offset`` on (default 0; one number, or one per axis), along ``axis`` and later axes
 dx = dy where y came from, 0 elsewhere        the gradient of size is 0
 """
 

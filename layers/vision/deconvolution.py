@@ -7,7 +7,8 @@ top[i]     y  (N, O, Ho, Wo)  Ho = stride (H - 1) + dilation (kh - 1) + 1 - 2 pa
 
 Every value of x adds a kernel, scaled by this value, to y:
 
-y              = b[o] + every x[n, c, h, w] w[c, o, i, j], added at n, o, h stride + i dilation - pad, w stride + ...
+y              = b[o] + every x[n, c, h, w] w[c, o, i, j], added at
+                 n, o, h stride + i dilation - pad, w stride + ...
 dx[n, c, h, w] = sum over o, i, j of  w[c, o, i, j] dy[n, o, h stride + i dilation - pad, w stride + ...]
 dw[c, o, i, j] = sum over n, h, w of  x[n, c, h, w] dy[n, o, h stride + i dilation - pad, w stride + ...]
 db[o]          = sum over n, h, w of dy

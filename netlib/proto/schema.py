@@ -3,11 +3,13 @@
 A message is a frozen dataclass. Each field is one line with its type, its number in binary files, its default (none if
 it is required) and its meaning. ``read`` fills one from a tree and reports every mistake with its position.
 
-    str, bool               as in Python         int, UInt, Int64  of 32 bits, of 32 bits without sign, of 64 bits
+    str, bool               as in Python
+    int, UInt, Int64        of 32 bits, of 32 bits without sign, of 64 bits
     Natural                 an int that may not be negative
     float                   rounded to 32 bits, as in protobuf       Double   not rounded
     Literal["MAX", "AVE"]   an enum, by name or by number, counted from 0
-    OneBased[Literal[...]]  an enum counted from 1    Annotated[str, ("MAX", "AVE")]  the same as Literal
+    OneBased[Literal[...]]  an enum counted from 1
+    Annotated[str, ("MAX", "AVE")]  the same as Literal
     Floats, Doubles         a repeated float or double in one array; bytes: a string that need not be text
     tuple[X, ...]           a repeated field     X | None          an optional field
     a dataclass             a nested message     Message           a nested message, left as a tree

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -321,6 +320,9 @@ def test_the_ratios_of_a_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, k
     base = parts.Measured(NETS["LeNet"], tmp_path)
     base.peak = 100
     monkeypatch.setattr(base, "_peak_of", lambda engine: 150)
-    seconds: Callable[[Workload, int], float] = lambda work, calls: 1.0 if work is base.work else 2.0  # noqa: E731
+
+    def seconds(work: Workload, calls: int) -> float:
+        return 1.0 if work is base.work else 2.0
+
     monkeypatch.setattr(parts, "_seconds", seconds)
     assert base.without("fusing", parts.parts_of_fast()["fusing"], 3, 0.1) == (2.0, 1.5)

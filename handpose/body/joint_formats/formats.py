@@ -5,7 +5,8 @@
     mano       the 16 joints of MANO in its order, then the five fingertips on the skin, from the thumb on
     nyu        the 14 joints on which the NYU data set is evaluated, in the order of its papers
 
-found = formatted("mano", skeleton, "left", xyz)  # xyz (K, 3) mm, camera axes: of a track, a prediction, a data set
+# xyz (K, 3) mm, camera axes: of a track, a prediction, a data set
+found = formatted("mano", skeleton, "left", xyz)
 found.positions
 """
 

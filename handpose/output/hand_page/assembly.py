@@ -3,8 +3,8 @@
 The sources in this folder are ECMAScript modules. In the one file each becomes a function that is called once, in the
 order in which they import each other:
 
-    import { add } from "./vectors.js";         const { add } = modules.vectors;
-    export function forward(skeleton) {         function forward(skeleton) {   ...   return { forward };
+    import { add } from "./vectors.js";    const { add } = modules.vectors;
+    export function forward(skeleton) {    function forward(skeleton) {   ...   return { forward };
 
 A Content-Security-Policy allows only this script and this style, by their hashes, and no requests. The data are JSON
 with all characters escaped that are special in HTML. Lengths are in half-cubes, angles in radians, unless they say mm:
