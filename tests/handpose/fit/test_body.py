@@ -50,7 +50,7 @@ def test_variables_of_the_hand(model: CapsuleModel) -> None:
     used = np.unique(np.concatenate([model.surface.start, model.surface.end]))
     rigid = {model.whole.joint_names[j] for j in used[model.rigid]}
     knuckles = {f"{finger}_mcp" for finger in ("little", "ring", "middle", "index", "thumb")}
-    assert rigid == {"palm", "wrist_left", "wrist_middle", "forearm"} | knuckles
+    assert rigid == {"wrist_left", "wrist_middle", "forearm"} | knuckles
 
 
 def test_there_and_back(model: CapsuleModel) -> None:
