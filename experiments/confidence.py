@@ -8,8 +8,9 @@ Labels are those of ``python -m experiments constants``, of the only hand in vie
 are known. Each recording is tracked as it is and mirrored, by earlier frames only, and every pose counts, however sure.
 The logarithms of the errors are then explained by the signs that handpose/fit/pose_confidence.py describes, first of
 hands, then of fingers. All recordings have the same total weight, no weight of a sign is below 0, and weights are drawn
-towards those in use (--keep). What is tracked in addition to the labelled hand is as wrong as a lost one and counts a
-tenth. The packaged network, its fit and the weights in use must be those for which the confidence is computed.
+towards those in use (--keep). What is tracked in addition to the labelled hand, and a pose at each other place that the
+finder takes for a hand, is as wrong as a lost hand and counts a tenth. The packaged network, its fit and the weights in
+use must be those for which the confidence is computed.
 
 A row has the poses, those with a confidence of 90% or more, the share of these that is more than 30 mm off, the
 correlation of expected and true error, and both in mm; for the weights in use, for the new ones, and for those fitted
@@ -19,6 +20,7 @@ without this recording. No weight is fitted to the recordings --apart.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import functools
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -29,7 +31,7 @@ from scipy.optimize import least_squares
 
 from experiments.constants import OFF_MM, SURE, TrackedLabels, labels_of, tracked_labels
 from handpose import CAMERAS, open_recording
-from handpose.body.model import Fingers, Surface
+from handpose.body.model import FINGERS, Fingers, Surface
 from handpose.fit.body import CapsuleModel
 from handpose.fit.pose_confidence import (
     FINGER_SIGNS,
@@ -98,18 +100,34 @@ class Labelled(NamedTuple):
 
 def poses_of(name: str, frames: Iterator[TrackedLabels]) -> Poses:
     """The poses that are tracked in labelled frames. Raises DataError if there is none."""
-    evidence, errors, fingers = [], [], []
+    evidence, fingers = [], []
+    lost = np.full(len(FINGERS), np.nan)
     for frame in frames:
-        model = frame.tracker.estimator.model
-        means = [float(apart.mean()) for apart in frame.apart]
-        for hand, apart, error in zip(frame.hands, frame.apart, means):
-            is_labelled = error == min(means) and error < LOST_MM
-            evidence.append(evidence_of_track(frame.tracker.known[hand.id], model))
-            errors.append(error if is_labelled else LOST_MM)
-            fingers.append(apart.mean(axis=1) if is_labelled else np.full(len(apart), np.nan))
+        nearest = min((apart.mean() for apart in frame.apart), default=np.inf)
+        for hand, apart in zip(frame.hands, frame.apart):
+            is_labelled = apart.mean() == nearest < LOST_MM
+            evidence.append(evidence_of_track(frame.tracker.known[hand.id], frame.tracker.estimator.model))
+            fingers.append(apart.mean(axis=1) if is_labelled else lost)
+        others = evidence_of_others(frame)
+        evidence += others
+        fingers += [lost] * len(others)
     if np.isnan(fingers).all():
         raise DataError(f"{name}: no hand is tracked in any labelled frame")
-    return Poses(name, Evidence.concatenate(evidence), np.array(errors), np.array(fingers))
+    of_fingers = np.array(fingers)
+    error = of_fingers.mean(axis=1)
+    return Poses(name, Evidence.concatenate(evidence), np.where(np.isnan(error), LOST_MM, error), of_fingers)
+
+
+def evidence_of_others(frame: TrackedLabels) -> list[Evidence]:
+    """What an image shows of poses at the places that the finder takes for hands, away from the only one."""
+    predictor, middle, found = frame.tracker.predictor, frame.label.mean(axis=(0, 1)), []
+    for other in frame.tracker.finder.hands(frame.depth, predictor.camera):
+        with contextlib.suppress(DataError):  # the pose leads out of the image
+            hand = predictor.in_frame(frame.depth, predictor.camera.project(other.middle))
+            if min(np.linalg.norm(place - middle) for place in (other.middle, hand.center_mm)) > LOST_MM:
+                assert hand.evidence is not None
+                found.append(hand.evidence)
+    return found
 
 
 def evidence_of_track(track: HandTrack, model: CapsuleModel) -> Evidence:

@@ -46,6 +46,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from netlib import files
 from netlib.blob import Array
@@ -173,11 +174,15 @@ class TrackedLabels(NamedTuple):
     """A labelled frame after the tracker has seen it, and how far its hands are from the labels.
 
     tracker  that has seen this frame last
-    hands    that it reports
+    depth    (height, width) mm, the frame
+    label    (5, 3, 3) mm, PIP, DIP and tip of each finger, y up
+    hands    that the tracker reports
     apart    of each of these: mm (5, 3), distances of PIP, DIP and tip of each finger from the labels
     """
 
     tracker: Tracker
+    depth: NDArray[np.float32]
+    label: Array
     hands: Sequence[TrackedHand]
     apart: Sequence[Array]
 
@@ -201,10 +206,12 @@ def tracked_labels(
     for frame, label in itertools.zip_longest(recording, labels):
         if frame is None or label is None:
             raise DataError(f"{recording.name}: expected as many frames as labels, {len(labels)}")
-        hands = tracker.step(frame._replace(depth=frame.depth[:, ::flip])).hands
+        frame, label = frame._replace(depth=frame.depth[:, ::flip]), label * (flip, 1, 1)
+        hands = tracker.step(frame).hands
         if not np.isnan(label).any():
-            off = [fingers.joints(hand.xyz[None])[0] - label * (flip, 1, 1) for hand in hands]
-            yield TrackedLabels(tracker, hands, [np.linalg.norm(one, axis=-1) for one in off])
+            off = [fingers.joints(hand.xyz[None])[0] - label for hand in hands]
+            apart = [np.linalg.norm(one, axis=-1) for one in off]
+            yield TrackedLabels(tracker, frame.depth, label, hands, apart)
 
 
 def followed(source: str, labels: Array, seed: int, mirrored: bool) -> Iterator[Seen | None]:

@@ -10,8 +10,10 @@ import pytest
 
 from experiments.confidence import Poses, cells_of, evidence_of_track, fitted, poses_of, text_of, true_labels
 from experiments.constants import tracked_labels
+from handpose.estimate.finder import FoundHand
 from handpose.estimate.packaged import SYNTHETIC_HAND
 from handpose.fit.pose_confidence import (
+    LOST_MM,
     PACKAGED,
     SIGNS,
     Evidence,
@@ -27,6 +29,7 @@ from handpose.frames.cameras import ICVL
 from handpose.sequences.recordings import SyntheticRecording
 from netlib.errors import DataError
 from netlib.files.paths import ROOT
+from tests.handpose.estimate.conftest import Said
 from tests.support.labelled_recordings import write_labelled
 from tests.support.running import run_tool
 
@@ -97,6 +100,19 @@ def test_what_is_seen_of_tracked_poses(mirrored: bool) -> None:
     made = poses_of("rest", iter(frames))
     assert made.evidence.signs.shape == (recording.count, len(SIGNS)) and made.error_mm.mean() < 25
     assert made.share.sum() == pytest.approx(1)
+
+
+def test_other_places_that_look_like_hands() -> None:
+    """A pose at a place beside the labelled hand is as wrong as a lost hand, and counts a tenth."""
+    recording = SyntheticRecording("rest", ICVL, rate=5, seconds=0.2, seed=1)
+    [frame] = tracked_labels(recording, true_labels(recording), 0, False, min_confidence=0)
+    middle, pixels = frame.label.mean(axis=(0, 1)), np.zeros(frame.depth.shape, bool)
+    places = (middle, middle + (40, 0, 0), middle + (-200, 0, 0))
+    frame.tracker.finder = Said(*(FoundHand(0.9, place, 0.5, pixels) for place in places))
+    found = poses_of("rest", iter([frame]))
+    assert len(found.error_mm) == 2 and found.error_mm[0] < 25 and found.error_mm[1] == LOST_MM
+    assert np.isnan(found.fingers_mm).any(axis=1).tolist() == [False, True]
+    assert found.share == pytest.approx([10 / 11, 1 / 11])
 
 
 def test_labels_of_nothing() -> None:
