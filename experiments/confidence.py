@@ -12,9 +12,10 @@ towards those in use (--keep). What is tracked in addition to the labelled hand,
 finder takes for a hand, is as wrong as a lost hand and counts a tenth. The packaged network, its fit and the weights in
 use must be those for which the confidence is computed.
 
-A row has the poses, those with a confidence of 90% or more, the share of these that is more than 30 mm off, the
-correlation of expected and true error, and both in mm; for the weights in use, for the new ones, and for those fitted
-without this recording. No weight is fitted to the recordings --apart.
+A row has the labelled hands, those with a confidence of 90% or more, the share of these that is more than 30 mm off,
+the correlation of expected and true error, both in mm; then the other poses, and those of 30% or more, which would have
+joints. Rows are for the weights in use, for the new ones, and for those fitted without the recording. No weight is
+fitted to the recordings --apart.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from experiments.constants import OFF_MM, SURE, TrackedLabels, labels_of, tracked_labels
@@ -48,7 +50,7 @@ from handpose.fit.pose_confidence import (
 )
 from handpose.frames.recording import Recording
 from handpose.sequences.recordings import SCRIPTS, SyntheticRecording
-from handpose.tracking.hand_track import HandTrack
+from handpose.tracking.hand_track import ENOUGH, HandTrack
 from handpose.tracking.output import variables_of
 from netlib.blob import Array
 from netlib.errors import DataError
@@ -64,7 +66,9 @@ KEEP = 0.3  # of 0, 0.3, 1, 3 and 10; up to 1 they are alike when a recording is
 COMMENT = """Weights of the confidence of poses: handpose/fit/pose_confidence.py has the formulas.
 Fitted by `python -m experiments confidence` to {count} poses of {names},
 each as it is and mirrored; --seed {seed} --keep {keep:g}."""
-HEAD = ["recording", "poses", "sure", "off", "correlation", "expected", "true"]
+HEAD = [
+    "recording", "hands", "sure", "off", "correlation", "expected", "true", "others", "with joints",
+]
 
 
 class Poses(NamedTuple):
@@ -83,8 +87,13 @@ class Poses(NamedTuple):
     @property
     def share(self) -> Array:
         """The weight (N,) of each pose; their sum is 1."""
-        weight = np.where(np.isnan(self.fingers_mm[:, 0]), OTHERS, 1.0)
+        weight = np.where(self.is_hand, 1.0, OTHERS)
         return np.asarray(weight / weight.sum())
+
+    @property
+    def is_hand(self) -> NDArray[np.bool_]:
+        """True (N,) for the labelled hand."""
+        return np.isfinite(self.fingers_mm[:, 0])
 
 
 class Labelled(NamedTuple):
@@ -203,12 +212,15 @@ def text_of(weights: Weights, comment: str) -> str:
 
 def cells_of(name: str, takes: Sequence[Poses], weights: Weights) -> list[str]:
     """The columns of recordings, judged by these weights."""
-    expected, confidence, _ = judged(Evidence.concatenate([take.evidence for take in takes]), weights)
-    error = np.concatenate([take.error_mm for take in takes])
-    sure = confidence >= SURE
+    found = judged(Evidence.concatenate([take.evidence for take in takes]), weights)
+    is_hand = np.concatenate([take.is_hand for take in takes])
+    error, expected = np.concatenate([take.error_mm for take in takes])[is_hand], found.error_mm[is_hand]
+    sure, others = found.confidence[is_hand] >= SURE, found.confidence[~is_hand]
     off = f"{(error[sure] > OFF_MM).mean():.1%}" if sure.any() else ""
     correlation = f"{np.corrcoef(expected, error)[0, 1]:.2f}" if len(error) > 1 else ""
-    return [name, str(len(error)), str(sure.sum()), off, correlation, f"{expected.mean():.1f}", f"{error.mean():.1f}"]
+    means = f"{expected.mean():.1f}", f"{error.mean():.1f}"
+    of_others = str(len(others)), str((others >= ENOUGH).sum())
+    return [name, str(len(error)), str(sure.sum()), off, correlation, *means, *of_others]
 
 
 def compared(takes: Sequence[Poses], apart: Sequence[Poses], new: Weights, keep: float) -> Iterator[list[str]]:

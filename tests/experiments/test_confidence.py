@@ -73,8 +73,13 @@ def test_weights_are_drawn_towards_those_in_use() -> None:
 
 def test_the_columns() -> None:
     made = poses("a", IN_USE, seed=3)
-    name, count, sure, off, correlation, expected, true = cells_of("a", [made], IN_USE)
-    assert (name, count, off) == ("a", "400", "0.0%") and 0 < int(sure) < 400 and float(correlation) > 0.7
+    made.fingers_mm[:40] = np.nan  # no hands
+    made.error_mm[:40] = LOST_MM
+    name, count, sure, off, correlation, expected, true, *others = cells_of("a", [made], IN_USE)
+    confidence = judged(made.evidence).confidence[:40]
+    assert (name, count, off, *others) == ("a", "360", "0.0%", "40", str((confidence >= 0.3).sum()))
+    assert 0 < int(sure) < 360 and float(correlation) > 0.7
+    made = made._replace(evidence=made.evidence.take(slice(40, None)), error_mm=made.error_mm[40:])
     assert float(expected) == pytest.approx(judged(made.evidence).error_mm.mean(), abs=0.06)
     assert float(true) == pytest.approx(made.error_mm.mean(), abs=0.06)
 
@@ -148,7 +153,7 @@ def test_synthetic_recordings() -> None:
     words = ["confidence", "--synthetic", "rest", "--cameras", "icvl", "--seconds", "0.2"]
     done = run_tool("experiments.__main__", *words)
     head, *rows = done.out.splitlines()
-    assert head.split()[:3] == ["recording", "poses", "sure"] and rows[0].startswith("synthetic rest of icvl, in use")
+    assert head.split()[:3] == ["recording", "hands", "sure"] and rows[0].startswith("synthetic rest of icvl, in use")
     assert "hand {" in rows and "finger {" in rows
 
 
