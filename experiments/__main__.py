@@ -18,7 +18,8 @@ from tools.common.console import DONE, guarded
 
 PROGRAM = "python -m experiments"
 USAGE = 2
-NAMES = ("table1", "bench", "parts", "fit", "tracking", "constants", "gestures", "finder", "package_model")
+NAMES = ("table1", "bench", "parts", "fit", "tracking", "constants", "gestures", "finder", "package_model",
+         "confidence")
 
 
 class Parser(argparse.ArgumentParser):

@@ -40,15 +40,15 @@ import ast
 import dataclasses
 import importlib
 import io
+import itertools
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.body.model import FINGERS
 from netlib import files
 from netlib.blob import Array
 from netlib.errors import DataError
@@ -56,6 +56,11 @@ from netlib.files.paths import ROOT
 from tools.common.arguments import seed
 from tools.common.console import DONE, aligned, say
 from tools.common.progress import ProgressBar
+
+if TYPE_CHECKING:
+    from handpose.frames.recording import Recording
+    from handpose.tracking.track import TrackedHand
+    from handpose.tracking.tracker import Tracker
 
 ROOMS = ("fit", "tracking", "estimate")
 # Numbers that are not tuned: indices, units, and what a measure or a format is by definition; bounds of rounding and of
@@ -166,35 +171,59 @@ def labels_of(path: Path) -> Array:
     return np.asarray(values[:, :, 1:] * (1, -1, 1))
 
 
+class TrackedLabels(NamedTuple):
+    """A labelled frame after the tracker has seen it, and how far its hands are from the labels.
+
+    tracker  that has seen this frame last
+    depth    (height, width) mm, the frame
+    label    (5, 3, 3) mm, PIP, DIP and tip of each finger, y up
+    hands    that the tracker reports
+    apart    of each of these: mm (5, 3), distances of PIP, DIP and tip of each finger from the labels
+    """
+
+    tracker: Tracker
+    depth: NDArray[np.float32]
+    label: Array
+    hands: Sequence[TrackedHand]
+    apart: Sequence[Array]
+
+
+def tracked_labels(
+    recording: Recording, labels: Array, seed: int, mirrored: bool, **options: Any
+) -> Iterator[TrackedLabels]:
+    """Track a recording, or its mirror image; yields its labelled frames. Raises DataError, NetlibError.
+
+    labels   (frames, 5, 3, 3) of PIP, DIP and tip, y up
+    options  of the tracker
+    """
+    from handpose.tracking.tracker import load_tracker  # imported here, after constants are set
+
+    camera, flip = recording.camera, -1 if mirrored else 1
+    if mirrored:
+        camera = dataclasses.replace(camera, u0=camera.width - 1 - camera.u0)
+    tracker = load_tracker(camera, seed=seed, **options)
+    fingers = tracker.estimator.model.fingers
+    assert fingers is not None  # the packaged body is a hand
+    for frame, label in itertools.zip_longest(recording, labels):
+        if frame is None or label is None:
+            raise DataError(f"{recording.name}: expected as many frames as labels, {len(labels)}")
+        frame, label = frame._replace(depth=frame.depth[:, ::flip]), label * (flip, 1, 1)
+        hands = tracker.step(frame).hands
+        if not np.isnan(label).any():
+            off = [fingers.joints(hand.xyz[None])[0] - label for hand in hands]
+            apart = [np.linalg.norm(one, axis=-1) for one in off]
+            yield TrackedLabels(tracker, frame.depth, label, hands, apart)
+
+
 def followed(source: str, labels: Array, seed: int, mirrored: bool) -> Iterator[Seen | None]:
     """Track a recording; for every labelled frame its nearest hand, None without one. Raises NetlibError."""
     from handpose.frames.formats import open_recording  # imported here, after constants are set
-    from handpose.tracking.tracker import load_tracker
 
     with open_recording(source) as recording:
-        camera, flip = recording.camera, -1 if mirrored else 1
-        if mirrored:
-            camera = dataclasses.replace(camera, u0=camera.width - 1 - camera.u0)
-        tracker = load_tracker(camera, seed=seed)
-        joints = _rows(tracker.predictor.skeleton.joint_names)
-        for frame, label in zip(recording, labels):
-            hands = tracker.step(frame._replace(depth=frame.depth[:, ::flip])).hands
-            if np.isnan(label).any():
-                continue
-            near = [(_error(hand.xyz, joints, label * (flip, 1, 1)), hand) for hand in hands]
+        for found in tracked_labels(recording, labels, seed, mirrored):
+            near = [(float(apart.mean()), hand) for apart, hand in zip(found.apart, found.hands)]
             error, hand = min(near, key=lambda one: one[0], default=(np.nan, None))
             yield Seen(error, hand.confidence, hand.hand == ("left" if mirrored else "right")) if hand else None
-
-
-def _rows(names: Sequence[str]) -> NDArray[np.int_]:
-    """The indices (5, 3, 2) of joints whose means are PIP, DIP and tip."""
-    pip = [("thumb_pip", "thumb_pip"), *((f"{finger}_pip_a", f"{finger}_pip_b") for finger in FINGERS[1:])]
-    rows = [[one, (f"{finger}_dip",) * 2, (f"{finger}_tip",) * 2] for finger, one in zip(FINGERS, pip)]
-    return np.array([[[names.index(name) for name in pair] for pair in finger] for finger in rows])
-
-
-def _error(xyz: Array, rows: NDArray[np.int_], label: Array) -> float:
-    return float(np.linalg.norm(xyz[rows].mean(axis=2) - label, axis=-1).mean())
 
 
 def cells_of(runs: list[list[Seen | None]]) -> list[str]:

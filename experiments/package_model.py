@@ -45,6 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--recipe", choices=recipes.NAMES, default="people", help="default: %(default)s")
     parser.add_argument("--frames", type=count, default=8192, metavar="N",
                         help="rounded up to a multiple of 64 (default: %(default)s)")
+    parser.add_argument("--without-poses", action="store_true",
+                        help="leave out natural poses: fits are drawn to the network's poses only")
     parser.add_argument("--seed", type=seed, default=1000, metavar="N",
                         help="seed of the frames, unlike that of the training (default: %(default)s)")
 
@@ -84,7 +86,8 @@ def _measure(net: Net, args: argparse.Namespace) -> None:
         exact = measured()
         _round(net, args.bits)
         found = measured()
-    write_model(net, NetworkErrors(covariance(found.limbs), Poses.of(found.poses)), args.out)
+    poses = None if args.without_poses else Poses.of(found.poses)
+    write_model(net, NetworkErrors(covariance(found.limbs), poses), args.out)
     say(f"{len(found.network)} frames of the recipe {args.recipe}: network {exact.network.mean():.2f} mm, with "
         f"{args.bits} bits {found.network.mean():.2f} mm")
 

@@ -10,40 +10,44 @@ joints may be in empty space, and the reported pose may be smoothed. So it is ju
     penetration  mm, mean over the capsules of how deep another part penetrates them
     guessed      share of the fingers' own surface towards the camera that was not seen, mean over the fingers
 
-The logarithm of the error in mm is taken to be normally distributed, with the deviation SPREAD. Its mean is
+The logarithm of the error in mm is taken to be normally distributed, with the deviation ``spread``. Its mean is
 
-    mean = log √(fit² + lag² + before²)        log fit = Σ WEIGHTS log(1 + sign) + CONSTANT
+    mean = log √(fit² + lag² + before²)        log fit = Σ weight log(1 + sign) + constant
 
 with the lag, the mean distance in mm of the reported joints from those of the fit, because no reported pose can be
 better than that. So
 
-    whole = exp(mean + SPREAD² / 2)        confidence = P(error < 30 mm) = Φ((log 30 - mean) / SPREAD)
+    whole = exp(mean + spread² / 2)        confidence = P(error < 30 mm) = Φ((log 30 - mean) / spread)
 
 Where less of the hand's own surface was seen at its place, the rest is a guess, whatever the signs: UNSEEN. The
 expected error of a hand is the geometric mean of ``whole`` and of the mean of its fingers' expected errors, because
 what is wrong with a hand that is found is mostly a finger; without fingers it is ``whole``. It is at least 30 mm times
-the probability of a larger one (Markov's inequality). docs/fit.md has the recordings from which the weights were
-computed, and the results on others. The weights of the fingers, below, are older.
+the probability of a larger one (Markov's inequality).
 
 The error of a hand is a mean over its joints, and a hand that is right as a whole may have a finger that is a guess:
 because the palm or another finger hides it, because it is in empty space, or because the smoothed pose lags. With means
 over the finger's PIP joint, DIP joint and tip (of the thumb: MCP joint, IP joint and tip), the logarithm of a finger's
-error in mm is taken to be normally distributed, with the deviation FINGER_SPREAD and the mean
+error in mm is taken to be normally distributed, too, with the mean
 
-    mean = FINGER_WEIGHTS · (log whole, log(1 + behind), log(1 + before), log(1 + lag), 1 - seen)
-           + FINGER_CONSTANT
+    mean = weights · (log whole, log(1 + behind), log(1 + before), log(1 + lag), 1 - seen)
+           + constant
 
     behind, before  mm, by which the joints are behind and in front of the readings (``support.joint_depths``)
     lag             mm, distance of the reported joints from those of the fit
     seen            share of the finger's own surface that was seen at its place; 0 if the hand itself covers all of it
 
-so that the expected error is exp(mean + FINGER_SPREAD² / 2), at most LOST_MM. The weights are those of a regression on
-the sequences P1, P4 and hpx, tracked as recorded and mirrored, in which these joints are labelled.
+so that the expected error is exp(mean + spread² / 2), at most LOST_MM.
+
+Weights, constants and spreads are data, in ``PACKAGED``. ``python -m experiments confidence`` fits them to recordings
+with labelled joints; the model card says to which, and docs/fit.md has the results on others.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -55,22 +59,93 @@ from handpose.fit.depth_fit import DepthFit
 from handpose.fit.support import JointDepths, Support, joint_depths, support_of_parts
 from handpose.frames.cameras import Camera
 from netlib.blob import Array
+from netlib.errors import PrototxtError
+from netlib.files.paths import ROOT
+from netlib.proto import prototxt, schema
+from netlib.proto.schema import Double
 
+PACKAGED = ROOT / "models" / "synthetic_hand" / "confidence.prototxt"
 GOOD_MM = 30.0  # a pose with a larger error has failed
 LOST_MM = 150.0  # upper bound of expected errors: then the hand is elsewhere
 SIGNS = ("surface", "outline", "front", "prior", "moved", "behind", "before", "penetration", "guessed")
-WEIGHTS = np.array([0.31, 0.0, 0.04, 0.0, 0.60, 0.03, 0.01, 0.60, 0.52])
-CONSTANT = -0.53
-SPREAD = 0.42  # the deviation in the regression
+FINGER_SIGNS = ("whole", "behind", "before", "lag", "unseen")
 # Share of the surface that faces the camera and was not seen at its place; factors of confidence and expected error.
+# Chosen, as the next two, on recordings of which a part of the hand was covered.
 UNSEEN, UNSEEN_CONFIDENCE, UNSEEN_ERROR = (0.15, 0.3, 0.45, 0.6), (1.0, 0.7, 0.3, 0.1), (1.0, 1.3, 2.0, 3.0)
 COVERED, MIN_COVERED = 2.0, 0.1  # covered or unread shares above it count three times: other poses explain the rest
-FINGER_WEIGHTS = np.array([0.327, 0.270, 0.118, 0.095, 0.291])  # of whole, behind, before, lag, 1 - seen
-FINGER_CONSTANT, FINGER_SPREAD = 0.715, 0.443
-# The side of a hand is judged by the log-ratio of the costs of the fits as either side.
+# The side of a hand is judged by the log-ratio of the costs of the fits as either side; chosen on P3, P7 and hpx.
 MAX_RATIO = 0.5  # maximum contribution of one frame
 SIDE_SLOPE = 8.0  # of the log-odds of a side by the mean ratio
 MAX_SIGN = 1e6  # instead of the infinite signs of an empty crop
+
+
+@dataclass(frozen=True)
+class HandParameter:
+    """The ``hand { ... }`` of a file of weights."""
+
+    surface: Double
+    outline: Double
+    front: Double
+    prior: Double
+    moved: Double
+    behind: Double
+    before: Double
+    penetration: Double
+    guessed: Double
+    constant: Double
+    spread: Double
+
+
+@dataclass(frozen=True)
+class FingerParameter:
+    """The ``finger { ... }`` of a file of weights."""
+
+    whole: Double
+    behind: Double
+    before: Double
+    lag: Double
+    unseen: Double
+    constant: Double
+    spread: Double
+
+
+@dataclass(frozen=True)
+class WeightsParameter:
+    """A whole file of weights."""
+
+    hand: HandParameter
+    finger: FingerParameter
+
+
+class Regression(NamedTuple):
+    """Weights (S,) of signs, the constant, and the deviation of the logarithm of the error in mm."""
+
+    weights: Array
+    constant: float
+    spread: float
+
+
+class Weights(NamedTuple):
+    """The regressions of hands, by ``SIGNS``, and of fingers, by ``FINGER_SIGNS``."""
+
+    hand: Regression
+    finger: Regression
+
+
+@functools.lru_cache(maxsize=4)
+def read_weights(path: Path = PACKAGED) -> Weights:
+    """The weights in a file. Raises PrototxtError."""
+    read = schema.read(prototxt.parse_file(path), WeightsParameter, f"weights {path}")
+    return Weights(_regression(read.hand, SIGNS), _regression(read.finger, FINGER_SIGNS))
+
+
+def _regression(read: HandParameter | FingerParameter, signs: Sequence[str]) -> Regression:
+    for name in (*signs, "constant", "spread"):
+        value = getattr(read, name)
+        if not np.isfinite(value) or (value <= 0 and name == "spread"):
+            expected = "a number above 0" if name == "spread" else "a finite number"
+            raise PrototxtError(schema.position_of(read, name), f"{name}: {value:g}; expected {expected}")
+    return Regression(np.array([getattr(read, sign) for sign in signs]), read.constant, read.spread)
 
 
 def pose_signs(fit: Array, depths: JointDepths, penetration_mm: Array, guessed: Array) -> Array:
@@ -78,9 +153,9 @@ def pose_signs(fit: Array, depths: JointDepths, penetration_mm: Array, guessed: 
     return np.minimum(np.column_stack([fit, depths.behind, depths.before, penetration_mm, guessed]), MAX_SIGN)
 
 
-def mean_log_error(signs: Array, lag_mm: Array) -> Array:
+def mean_log_error(signs: Array, lag_mm: Array, hand: Regression) -> Array:
     """The mean (N,) of the logarithm of the error in mm, of poses with these signs (N, 9)."""
-    fit = np.exp(np.log1p(signs) @ WEIGHTS + CONSTANT)
+    fit = np.exp(np.log1p(signs) @ hand.weights + hand.constant)
     return np.asarray(np.log(np.sqrt(fit**2 + lag_mm**2 + signs[:, SIGNS.index("before")] ** 2)))
 
 
@@ -94,14 +169,17 @@ def unknown_finger_errors() -> Array:
     return np.full(len(FINGERS), np.nan)
 
 
-def finger_errors(whole_mm: Array, behind: Array, before: Array, lag_mm: Array, seen: Array) -> Array:
-    """The expected errors (N, 5) in mm of the fingers of N hands with these errors (N,) in mm as wholes.
+def finger_signs(whole_mm: Array, evidence: Evidence) -> Array:
+    """The signs (N, 5, 5), in the order of ``FINGER_SIGNS``, of the fingers of hands with these errors (N,) in mm."""
+    whole = np.broadcast_to(np.log(whole_mm)[:, None], evidence.seen.shape)
+    depths = np.log1p(evidence.behind), np.log1p(evidence.before)
+    return np.stack([whole, *depths, np.log1p(evidence.finger_lag_mm), 1 - evidence.seen], axis=-1)
 
-    behind, before, lag_mm, seen  (N, 5) of the fingers
-    """
-    whole = np.broadcast_to(np.log(whole_mm)[:, None], seen.shape)
-    signs = np.stack([whole, np.log1p(behind), np.log1p(before), np.log1p(lag_mm), 1 - seen], axis=-1)
-    return np.minimum(np.exp(signs @ FINGER_WEIGHTS + FINGER_CONSTANT + FINGER_SPREAD**2 / 2), LOST_MM)
+
+def finger_errors(signs: Array, finger: Regression) -> Array:
+    """The expected errors (N, 5) in mm of fingers with these signs (N, 5, 5)."""
+    mean = signs @ finger.weights + finger.constant
+    return np.minimum(np.exp(mean + finger.spread**2 / 2), LOST_MM)
 
 
 class Evidence(NamedTuple):
@@ -110,7 +188,7 @@ class Evidence(NamedTuple):
     signs    (N, 9), those of ``SIGNS``
     lag_mm   (N,) distance of the joints from those of the fit
     unseen   (N,) share of the hand's surface that was not seen at its place; what is covered or unread counts more
-    behind, before, finger_lag_mm, seen  (N, 5) of the fingers (``finger_errors``); (N, 0) of bodies without fingers
+    behind, before, finger_lag_mm, seen  (N, 5) of the fingers (``finger_signs``); (N, 0) of bodies without fingers
     """
 
     signs: Array
@@ -152,20 +230,26 @@ class Judged(NamedTuple):
     finger_error_mm: Array
 
 
-def judged(evidence: Evidence) -> Judged:
-    """Errors and confidence of N poses of which this is seen."""
+def judged_as_wholes(evidence: Evidence, hand: Regression) -> tuple[Array, Array]:
+    """Expected errors (N,) in mm and confidence (N,) of N poses of which this is seen, whatever their fingers show."""
     from scipy.special import ndtr as normal  # the distribution function Φ, imported here: few programs need it
 
-    signs, lag_mm, unseen, *fingers = evidence
-    mean = mean_log_error(signs, lag_mm)
-    whole = np.exp(mean + SPREAD**2 / 2) * np.interp(unseen, UNSEEN, UNSEEN_ERROR)
-    confidence = normal((np.log(GOOD_MM) - mean) / SPREAD) * np.interp(unseen, UNSEEN, UNSEEN_CONFIDENCE)
-    least = least_error(confidence)
-    whole = np.clip(whole, least, LOST_MM)
+    mean = mean_log_error(evidence.signs, evidence.lag_mm, hand)
+    confidence = normal((np.log(GOOD_MM) - mean) / hand.spread)
+    confidence *= np.interp(evidence.unseen, UNSEEN, UNSEEN_CONFIDENCE)
+    error = np.exp(mean + hand.spread**2 / 2) * np.interp(evidence.unseen, UNSEEN, UNSEEN_ERROR)
+    return np.clip(error, least_error(confidence), LOST_MM), confidence
+
+
+def judged(evidence: Evidence, weights: Weights | None = None) -> Judged:
+    """Errors and confidence of N poses of which this is seen, by the packaged weights if there are no others."""
+    hand, finger = weights or read_weights()
+    whole, confidence = judged_as_wholes(evidence, hand)
     if not evidence.seen.size:
-        return Judged(whole, confidence, np.tile(unknown_finger_errors(), (len(signs), 1)))
-    of_fingers = finger_errors(whole, *fingers)
-    return Judged(np.maximum(np.sqrt(whole * of_fingers.mean(axis=1)), least), confidence, of_fingers)
+        return Judged(whole, confidence, np.tile(unknown_finger_errors(), (len(whole), 1)))
+    of_fingers = finger_errors(finger_signs(whole, evidence), finger)
+    error = np.sqrt(whole * of_fingers.mean(axis=1))
+    return Judged(np.maximum(error, least_error(confidence)), confidence, of_fingers)
 
 
 def unseen_share(support: Support) -> Array:

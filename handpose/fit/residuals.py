@@ -29,7 +29,7 @@ itself. Their weighted products, summed for each capsule to an 8 x 8 matrix G_m,
     A  =  sum over capsules of  B_m^T G_m B_m        B_m = (dE_i/dx; dE_j/dx; 1 for size and thickness), 7 x V
     b  =  sum over capsules of  B_m^T g_m            g_m the last column of G_m
 
-There are several hundred residuals and 37 capsules: this takes a third of the time of the full Jacobian. Every point
+There are several hundred residuals, but few capsules: this takes a third of the time of the full Jacobian. Every point
 has two residuals, which share its capsule and place.
 """
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
@@ -15,11 +14,10 @@ from experiments.finder import Answer, Labelled, judged, labels_of, recalls_of, 
 from handpose.estimate.finder import FoundHand
 from handpose.estimate.packaged import HAND_FINDER
 from handpose.frames import camera_file
-from handpose.frames.cameras import ICVL, NYU
+from handpose.frames.cameras import NYU
 from handpose.frames.recording import CameraInfo
-from handpose.sequences.acts import Act
-from handpose.sequences.recordings import Script, SyntheticRecording
 from netlib.errors import DataError
+from tests.support.labelled_recordings import write_labelled
 from tests.support.running import run_tool
 
 PLACE = np.array([10.0, 20.0, 700.0])
@@ -35,7 +33,7 @@ def test_few_numbers_are_tuned() -> None:
     """A new one replaces another; what is listed as not tuned exists."""
     assert {"ENOUGH", "SURE"} <= set(constants.tuned()["tracking.hand_track"])
     assert all(set(names) <= set(constants.constants()[module]) for module, names in constants.NOT_TUNED.items())
-    assert sum(map(len, constants.tuned().values())) <= 105
+    assert sum(map(len, constants.tuned().values())) <= 99
 
 
 @pytest.mark.parametrize(("text", "line"), [
@@ -73,18 +71,17 @@ def test_the_columns() -> None:
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_a_recording_is_scored(tmp_path: Path, mirrored: bool) -> None:
     """A frame without a label is left out; labels are those of the joints that the tracker reports."""
-    recording = SyntheticRecording(Script(0.8, {"right": (Act("rest", 1),)}), ICVL, rate=15, seed=2)
-    labels = np.full((4, 5, 4, 3), np.nan)
-    rows = constants._rows(recording.header.skeleton.joint_names)
-    for n in range(4):
-        cv2.imwrite(str(tmp_path / f"{n}.png"), recording.frame(n).depth.astype(np.uint16))
-        if n != 1:
-            labels[n] = 0
-            labels[n, :, 1:] = recording.truth(n).hands[0].xyz[rows].mean(axis=2) * (1, -1, 1)
-    camera_file.write(tmp_path / "camera.json", CameraInfo(ICVL))
-    np.save(tmp_path / "labels.npy", labels)
-    seen = list(followed(str(tmp_path), constants.labels_of(tmp_path / "labels.npy"), 0, mirrored))
+    source, labels = write_labelled(tmp_path, unlabelled=[1])
+    seen = list(followed(str(source), constants.labels_of(labels), 0, mirrored))
     assert len(seen) == 3 and all(one is not None and one.is_right_side and one.error_mm < 20 for one in seen[1:])
+
+
+def test_labels_of_another_recording(tmp_path: Path) -> None:
+    source, path = write_labelled(tmp_path)
+    labels = constants.labels_of(path)
+    for others in (labels[1:], np.repeat(labels, 2, axis=0)):
+        with pytest.raises(DataError, match=f"take: expected as many frames as labels, {len(others)}"):
+            list(followed(str(source), others, 0, False))
 
 
 def hand(presence: float, off: float, right: float = 0.9) -> FoundHand:

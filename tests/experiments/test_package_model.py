@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
+import h5py
 import numpy as np
+import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 import netlib
+from experiments import fit
 from experiments.package_model import rounded, write_model
-from handpose.estimate.packaged import HAND_FINDER
+from handpose.estimate.packaged import HAND_FINDER, PAPER_HAND, SYNTHETIC_HAND, read_card
 from handpose.fit.body import CapsuleModel
 from handpose.fit.network_errors import NetworkErrors, read_errors
-from layers.hand import skeleton
+from handpose.synthetic import generator
+from netlib.files.paths import ROOT
+from tests.support.packaged_hand import SKELETON
+from tests.support.running import run_tool
 
 
 @example(12.0, 0, False)
@@ -39,6 +46,45 @@ def test_a_model_file(tmp_path: Path) -> None:
     for name, blobs in net.params.items():
         for one, other in zip(blobs, again.params[name]):
             np.testing.assert_array_equal(one.data, other.data)
-    np.testing.assert_array_equal(read_errors(path, CapsuleModel(skeleton.load(), 150.0)).limbs, errors.limbs)
+    np.testing.assert_array_equal(read_errors(path, CapsuleModel(SKELETON, 150.0)).limbs, errors.limbs)
     numbers = sum(blob.count for blobs in net.params.values() for blob in blobs)
     assert numbers > 10_000 and path.stat().st_size < 0.7 * 4 * numbers
+
+
+def command_of(folder: Path) -> list[str]:
+    """The words of the packaging command in a model's card, from ``package_model`` on."""
+    text = (folder / "readme.md").read_text(encoding="utf-8").replace("\\\n", " ")
+    [line] = [line for line in text.splitlines() if line.startswith("python -m experiments package_model")]
+    return shlex.split(line)[3:]
+
+
+def structure_of(path: Path) -> dict[str, object]:
+    """The groups, data sets and attributes of an HDF5 file, without their values."""
+    with h5py.File(path) as file:
+        found: dict[str, object] = {"/": dict(file.attrs)}
+
+        def add(name: str, item: h5py.Group | h5py.Dataset) -> None:
+            found[name] = dict(item.attrs)
+            if isinstance(item, h5py.Dataset):
+                stored = item.chunks, item.compression, item.compression_opts, item.shuffle
+                found[name] = item.shape, item.dtype, stored, dict(item.attrs)
+
+        file.visititems(add)
+    return found
+
+
+@pytest.mark.parametrize("folder", [SYNTHETIC_HAND, PAPER_HAND, HAND_FINDER], ids=lambda folder: folder.name)
+def test_the_command_of_a_card_makes_its_file(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Names, shapes, types and attributes are those of the packaged file; so are the weights, which are rounded."""
+    for module in (generator, fit):
+        monkeypatch.setattr(module, "BLOCK", 24)
+    card, words = read_card(folder), command_of(folder)
+    model, out = words.index("--model") + 1, words.index("--out") + 1
+    assert (ROOT / words[model], ROOT / words[out]) == (card.net, card.weights)
+    words[1], words[model], words[out] = str(card.weights), str(card.net), str(tmp_path / "made.h5")
+    run_tool("experiments.__main__", *words, "--frames", "1")
+    assert structure_of(tmp_path / "made.h5") == structure_of(card.weights)
+    packaged, made = (netlib.Net(card.net, path, netlib.TEST) for path in (card.weights, tmp_path / "made.h5"))
+    for name, blobs in packaged.params.items():
+        for one, other in zip(blobs, made.params[name], strict=True):
+            np.testing.assert_array_equal(one.data, other.data)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from handpose.fit.body import CapsuleModel
-from layers.hand import skeleton
+from tests.support.packaged_hand import SKELETON
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data"  # real frames, on machines that have them
 
@@ -22,5 +22,5 @@ def nyu_data() -> Path:
 
 @pytest.fixture(scope="session")
 def model() -> CapsuleModel:
-    """The packaged hand in NYU's cube."""
-    return CapsuleModel(skeleton.load(), 150.0)
+    """The packaged hand, which is fitted by default: capsules, and flat parts between them."""
+    return CapsuleModel(SKELETON, 150.0)

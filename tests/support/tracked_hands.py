@@ -13,10 +13,10 @@ from handpose.body.sides import Side, mirror_of
 from handpose.fit.body import CapsuleModel
 from handpose.frames.cameras import Camera
 from handpose.tracking.track import TrackedHand, TrackHeader, joints_of
-from layers.hand import skeleton
+from tests.support.packaged_hand import SKELETON
 
 CAMERA = Camera("small", 147.0, 147.0, 80.0, 60.0, 160, 120)
-HEADER = TrackHeader("a recording", CAMERA, skeleton.load())
+HEADER = TrackHeader("a recording", CAMERA, SKELETON)
 _MODEL = CapsuleModel(HEADER.skeleton, HEADER.unit_mm)
 
 
@@ -25,14 +25,24 @@ def tracked(
 ) -> TrackedHand:
     """Return an open hand at a position in mm, camera axes."""
     sk, origin = HEADER.skeleton, np.array(at, dtype=np.float64)
-    x, side = np.zeros((1, _MODEL.variables)), mirror_of(hand)
+    inputs, side = _stretched(), mirror_of(hand)
+    x = _MODEL.variables_of(inputs[None])
     a, b, *radii = _MODEL.capsules(x, np.zeros((1, 3)))
-    inputs = _MODEL.inputs_of(x)[0, : len(sk.initial)]
     return TrackedHand(
         id, hand, confidence, 8.0, inputs, sk.bones, origin,
         joints_of(sk, HEADER.unit_mm, hand, inputs, sk.bones, origin),
         CAMERA.project(origin), CUBE_MM, Capsules(a * side + origin, b * side + origin, *radii),
     )
+
+
+def _stretched() -> NDArray[np.float64]:
+    """The inputs (D,) of a hand with straight fingers and its thumb out."""
+    sk = HEADER.skeleton
+    bent = [name.endswith(("_base_rot_x", "_pip_rot_x", "_dip_rot_x")) for name in sk.dof_names]
+    inputs = np.where(bent, -sk.initial, 0.0)
+    thumb = sk.dof_names.index("thumb_pip_rot_z")
+    inputs[thumb] = sk.lower[thumb]
+    return inputs
 
 
 def seen(hands: Sequence[TrackedHand], camera: Camera = CAMERA) -> NDArray[np.float32]:

@@ -17,16 +17,18 @@ from handpose.fit.depth_fit import DepthFit
 from handpose.fit.observation import HandCrops
 from handpose.fit.search import FAST
 from handpose.frames.cameras import NYU
-from handpose.synthetic.generator import Generator, Scene
+from handpose.synthetic.generator import Generator, Recipe, Scene, View
 from netlib.net import Net
 from tests.handpose.estimate.conftest import NetOf
+from tests.support.packaged_hand import EXACT
 
 HEADS = """
 layer { name: "data" type: "Input" top: "depth" input_param { shape { dim: 1 dim: 1 dim: 128 dim: 128 } } }
 layer { name: "DoF" type: "InnerProduct" bottom: "depth" top: "DoF" inner_product_param { num_output: 47 } }
 layer { name: "size" type: "InnerProduct" bottom: "depth" top: "size" inner_product_param { num_output: 1 } }
 layer { name: "joints" type: "InnerProduct" bottom: "depth" top: "joints" inner_product_param { num_output: 93 } }
-layer { name: "hand" type: "HandModel" bottom: "DoF" bottom: "size" top: "pred" }
+layer { name: "hand" type: "HandModel" bottom: "DoF" bottom: "size" top: "pred"
+        hand_model_param { skeleton: "prototxt/hand/people.prototxt" } }
 """
 
 
@@ -38,8 +40,8 @@ def predictor() -> Predictor:
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    """Some synthetic frames."""
-    return Generator(9).scene(0)
+    """Some synthetic frames of NYU's camera."""
+    return Generator(9, recipe=Recipe(EXACT, views=(View(NYU, None),))).scene(0)
 
 
 def fits(predictor: Predictor, scene: Scene, count: int, **options: Any) -> DepthFit:

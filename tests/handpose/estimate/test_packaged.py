@@ -40,6 +40,12 @@ def test_the_packaged_models(folder: Path, megabytes: int) -> None:
     assert not ignored and not missing
 
 
+def test_the_hand_of_the_unit_tests_is_the_packaged_one(model: CapsuleModel) -> None:
+    fitter = load_predictor().fitter
+    assert fitter is not None and fitter.model.skeleton.param == model.skeleton.param
+    assert fitter.model.unit_mm == model.unit_mm
+
+
 def test_the_errors_of_the_packaged_network_are_known(model: CapsuleModel) -> None:
     errors = read_errors(checked_content(read_card(SYNTHETIC_HAND)), model)
     assert errors.is_measured and errors.poses is not None

@@ -16,20 +16,17 @@ from handpose.estimate.pipeline import MAX_MOVE_MM, palm_frame, recenter
 from handpose.estimate.predictor import PALM_MM, Predictor, depth_around
 from handpose.frames.cameras import KINECT2, NYU, Camera
 from handpose.frames.crops import clear_crop, crop_pixels
-from handpose.synthetic import prior_file
 from handpose.synthetic.pose_prior import BodySampler
-from layers.hand import skeleton
 from layers.hand.skeleton import Skeleton
 from layers.hand.skeleton_file import SkeletonParameter
 from netlib.errors import DataError, NetlibError
 from netlib.proto import prototxt, schema
 from tests.handpose.estimate.conftest import some_crop
 from tests.support.bad_input import bad_inputs
+from tests.support.packaged_hand import EXACT, SKELETON
 
-HAND = skeleton.load()
-EXACT = prior_file.load().but(
-    center_jitter=0, center_jitter_wide=0, scale_std=0, bone_std=0
-)  # all centres at one place of a palm
+HAND = SKELETON
+CENTRED = EXACT.but(center_jitter=0, center_jitter_wide=0)  # all centres at one place of a palm
 
 
 def test_a_hand_behind_the_camera(fixed: Callable[..., netlib.Net], frame: np.ndarray) -> None:
@@ -176,7 +173,7 @@ def test_where_no_hand_can_be(given, rejected):
 @pytest.fixture(scope="module")
 def hands():
     """Inputs (N, 47) of hands as in training crops, their crop centres (N, 3) in mm, and the sampler."""
-    sampler, rng = BodySampler(prior=EXACT), np.random.default_rng(7)
+    sampler, rng = BodySampler(prior=CENTRED), np.random.default_rng(7)
     return sampler.draw(rng, 16).inputs, NYU.unproject(sampler.centers(rng, 16, NYU)), sampler
 
 

@@ -14,13 +14,9 @@ from handpose.estimate.packaged import load_predictor
 from handpose.estimate.predictor import Predictor, depth_around
 from handpose.frames.cameras import KINECT2, NYU, Camera
 from handpose.frames.images import UnitError
-from layers.hand import skeleton
 from netlib.errors import DataError, NetlibError
 from tests.handpose.estimate.conftest import NET, NetOf, Said, found_at, some_crop
 from tests.support.bad_input import bad_inputs
-
-HAND = skeleton.load()
-
 
 # ------------------------------------------------------------------------------------------------- crops
 
@@ -121,7 +117,7 @@ def test_a_confidence_that_was_not_measured_is_not_below(seeing: netlib.Net) -> 
     **{f"center {center}": ((lambda frame: frame, KINECT2, center), f"center {center}, expected two or three finite "
                             "numbers: u, v in px or u, v, d in px, px, mm")
        for center in ((np.nan, 200), (300,), (1, 2, 3, 4), (1, 2, np.inf), "palm", ((1, 2), (3, 4)))},
-    **{f"metres, {center}": ((lambda frame: frame * 0.001, KINECT2, center), UnitError, "depths from 0.579 to 1.5, ...")
+    **{f"metres, {center}": ((lambda frame: frame * 0.001, KINECT2, center), UnitError, "depths from 0.583 to 1.5, ...")
        for center in (None, (260, 210, 700))},
     "nothing": ((np.zeros_like, KINECT2, (260, 210)), "no depth around pixel 260, 210"),
     "another camera": ((lambda frame: frame, NYU, (260, 210)),

@@ -11,8 +11,8 @@ from handpose.fit.body import SIZE, THICKNESS, CapsuleModel, Posed
 from handpose.fit.observation import Observation, observe
 from handpose.fit.residuals import Residuals
 from handpose.frames.cameras import NYU
-from handpose.synthetic import prior_file
 from handpose.synthetic.generator import Generator, Recipe, View
+from tests.support.packaged_hand import EXACT
 
 
 class Scene(NamedTuple):
@@ -28,8 +28,7 @@ class Scene(NamedTuple):
 @pytest.fixture(scope="session")
 def scene(model: CapsuleModel) -> Scene:
     """Twelve hands with the packaged bones, without noise."""
-    exact = prior_file.load().but(scale_std=0, bone_std=0)
-    drawn = Generator(5, "train", Recipe(prior=exact, views=(View(NYU, None),))).scene(0)
+    drawn = Generator(5, "train", Recipe(prior=EXACT, views=(View(NYU, None),))).scene(0)
     crops, uvd = drawn.depth[:12], drawn.center_uvd[:12]
     truth = model.variables_of(drawn.bodies.inputs[:12])
     return Scene(crops, uvd, truth, drawn.bodies.joints[:12] * 150, observe(crops, uvd, NYU, 300.0))

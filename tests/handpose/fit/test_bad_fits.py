@@ -23,7 +23,7 @@ from tests.handpose.fit.test_body import body
 from tests.handpose.fit.test_residuals import PIPE
 from tests.support.bad_input import bad_inputs
 
-HAND = skeleton.load()
+NYU = skeleton.load()  # joints that are fitted are NYU's labels
 ROOT = (
     "skeleton 'made up': its root does not translate along x, y, z and turn about three axes, by a free DoF each, ..."
 )
@@ -32,7 +32,7 @@ PARTS = ("X Y", "Z X Y"), ("X Y Y", "Z X Y"), ("X Y Z", "Z X"), ("X Y Z", "Z X Z
 
 
 def poses(*shape: int, value: float = 0, joints: Any = None) -> Callable[[], object]:
-    return lambda: fit_joints(HAND, np.full(shape, value), joints)
+    return lambda: fit_joints(NYU, np.full(shape, value), joints)
 
 
 @bad_inputs(DataError, {

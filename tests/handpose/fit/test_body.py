@@ -50,7 +50,7 @@ def test_variables_of_the_hand(model: CapsuleModel) -> None:
     used = np.unique(np.concatenate([model.surface.start, model.surface.end]))
     rigid = {model.whole.joint_names[j] for j in used[model.rigid]}
     knuckles = {f"{finger}_mcp" for finger in ("little", "ring", "middle", "index", "thumb")}
-    assert rigid == {"palm", "wrist_left", "wrist_middle", "forearm"} | knuckles
+    assert rigid == {"wrist_left", "wrist_middle", "forearm"} | knuckles
 
 
 def test_there_and_back(model: CapsuleModel) -> None:
@@ -77,3 +77,14 @@ def test_capsules_for_the_renderer(model: CapsuleModel) -> None:
     capsules = model.capsules(x, np.array([[1.0, 2, 700]]))
     np.testing.assert_allclose(capsules.radius_a[0], model.radii[:, 0] * 1.2, rtol=1e-6)
     np.testing.assert_allclose(capsules.a[0] - (1, 2, 700), model.posed(x).ends[0, model.start], atol=1e-4)
+
+
+def test_flat_parts_for_the_renderer(model: CapsuleModel) -> None:
+    """Each wedge of the skeleton file is flat between the spheres at its joints, also of a mirrored hand."""
+    capsules = model.capsules(np.zeros((1, model.variables)), np.zeros((1, 3)))
+    flesh, names = model.skeleton.param.flesh, model.whole.joint_names
+    assert flesh is not None and flesh.wedge
+    ends = np.stack([model.surface.start, model.surface.end], axis=1).reshape(-1)
+    corners = [[names[joint] for joint in ends[spheres]] for spheres in capsules.facets]
+    assert corners == [list(wedge.joint) for wedge in flesh.wedge]
+    np.testing.assert_array_equal(capsules.mirrored(np.array([-1.0, 1, 1])).facets, capsules.facets)

@@ -2,29 +2,35 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 
 from handpose.fit.pose_confidence import (
-    CONSTANT,
-    FINGER_SPREAD,
+    FINGER_SIGNS,
     LOST_MM,
+    PACKAGED,
     SIGNS,
-    SPREAD,
-    WEIGHTS,
     Evidence,
     finger_errors,
+    finger_signs,
     judged,
     pose_signs,
+    read_weights,
     side_chance,
     side_evidence,
     unknown_finger_errors,
     unseen_share,
 )
 from handpose.fit.support import JointDepths, Support
+from netlib.errors import PrototxtError
+from tests.support.bad_input import bad_inputs
 
+HAND, FINGER = read_weights()
 NONE = np.zeros(1)  # no lag
-FINGERS = {"behind": np.zeros((1, 5)), "before": np.zeros((1, 5)), "lag_mm": np.zeros((1, 5)), "seen": np.ones((1, 5))}
+FINGERS = {"behind": np.zeros((1, 5)), "before": np.zeros((1, 5)), "lag": np.zeros((1, 5)), "seen": np.ones((1, 5))}
 NO_FINGERS = dict.fromkeys(FINGERS, np.zeros((1, 0)))
 
 
@@ -42,18 +48,18 @@ def of(
 def test_worked_by_hand() -> None:
     """All signs 0: the mean of the logarithm is the constant. One sign of e - 1 adds its weight."""
     error, confidence = of(0.0)
-    assert error == pytest.approx(np.exp(CONSTANT + SPREAD**2 / 2)) and confidence == pytest.approx(1)
-    for name, weight, signs in zip(SIGNS, WEIGHTS, (np.e - 1) * np.eye(len(SIGNS)), strict=True):
-        fit = np.exp(CONSTANT + weight)
+    assert error == pytest.approx(np.exp(HAND.constant + HAND.spread**2 / 2)) and confidence == pytest.approx(1)
+    for name, weight, signs in zip(SIGNS, HAND.weights, (np.e - 1) * np.eye(len(SIGNS)), strict=True):
+        fit = np.exp(HAND.constant + weight)
         expected = np.hypot(fit, np.e - 1) if name == "before" else fit
-        assert of(signs)[0] == pytest.approx(expected * np.exp(SPREAD**2 / 2))
-    assert (WEIGHTS >= 0).all()
+        assert of(signs)[0] == pytest.approx(expected * np.exp(HAND.spread**2 / 2))
+    assert (HAND.weights >= 0).all() and (FINGER.weights >= 0).all()
 
 
 def test_half_at_thirty_millimetres() -> None:
     """The confidence is 50% where the median error is 30 mm, for instance for a pose smoothed by that much."""
-    error, confidence = of(0.0, lag=np.array([np.sqrt(30**2 - np.exp(2 * CONSTANT))]))
-    assert confidence == pytest.approx(0.5) and error == pytest.approx(30 * np.exp(SPREAD**2 / 2))
+    error, confidence = of(0.0, lag=np.array([np.sqrt(30**2 - np.exp(2 * HAND.constant))]))
+    assert confidence == pytest.approx(0.5) and error == pytest.approx(30 * np.exp(HAND.spread**2 / 2))
 
 
 def test_less_in_sight() -> None:
@@ -68,7 +74,7 @@ def test_a_hand_whose_fingers_are_in_doubt() -> None:
     whole, confidence = of(0.0)
     for behind in (0.0, 90.0):
         fingers = FINGERS | {"behind": behind * (np.arange(5) == 2)[None]}
-        expected = np.sqrt(whole * finger_errors(np.array([whole]), **fingers).mean())
+        expected = np.sqrt(whole * errors_of(whole, fingers).mean())
         assert of(0.0, fingers=fingers) == pytest.approx((expected, confidence))
 
 
@@ -92,20 +98,53 @@ def test_the_side_by_its_cost() -> None:
     assert side_chance(side_evidence(80, 400)) == side_chance(side_evidence(80, np.inf)) < 0.99
 
 
+def errors_of(whole: float, fingers: dict[str, np.ndarray]) -> np.ndarray:
+    """The expected errors (1, 5) of the fingers of a hand with this error in mm as a whole."""
+    signs = np.zeros((1, len(SIGNS)))
+    return finger_errors(finger_signs(np.array([whole]), Evidence(signs, NONE, NONE, *fingers.values())), FINGER)
+
+
 def test_finger_errors_worked_by_hand() -> None:
     """A seen finger of a hand with 1 mm has the constant; each sign adds its weight, of its finger alone."""
-    hand, constant = np.ones(1), np.exp(0.715 + FINGER_SPREAD**2 / 2)
-    np.testing.assert_allclose(finger_errors(hand, **FINGERS), [[constant] * 5])
-    np.testing.assert_allclose(finger_errors(hand * np.e, **FINGERS), [[constant * np.exp(0.327)] * 5])
-    weights = {"behind": 0.270, "before": 0.118, "lag_mm": 0.095, "seen": 0.291}
-    for sign, weight in weights.items():
+    constant = np.exp(FINGER.constant + FINGER.spread**2 / 2)
+    whole, *weights = FINGER.weights
+    np.testing.assert_allclose(errors_of(1.0, FINGERS), [[constant] * 5])
+    np.testing.assert_allclose(errors_of(np.e, FINGERS), [[constant * np.exp(whole)] * 5])
+    for sign, weight in zip(FINGERS, weights, strict=True):
         change = -1 if sign == "seen" else np.e - 1
         worse = FINGERS | {sign: FINGERS[sign] + change * (np.arange(5) == 2)}
-        np.testing.assert_allclose(finger_errors(hand, **worse)[0], constant * np.exp([0, 0, weight, 0, 0]))
+        np.testing.assert_allclose(errors_of(1.0, worse)[0], constant * np.exp([0, 0, weight, 0, 0]))
 
 
 def test_finger_errors_are_bounded() -> None:
     """The largest error is that of a lost hand, and without knowledge it is NaN."""
     lost = FINGERS | {"behind": np.full((1, 5), 1e6)}
-    assert finger_errors(np.array([LOST_MM]), **lost) == pytest.approx(LOST_MM)
+    assert errors_of(LOST_MM, lost) == pytest.approx(LOST_MM)
     assert np.isnan(unknown_finger_errors()).all() and unknown_finger_errors().shape == (5,)
+
+
+def test_weights_belong_to_their_signs(tmp_path: Path) -> None:
+    """Each name of a file gives its own number, in the order of the signs."""
+    path, values = tmp_path / "w.prototxt", iter(range(1, 99))
+    names = {"hand": SIGNS, "finger": FINGER_SIGNS}
+    text = {part: " ".join(f"{name}: {next(values)}" for name in (*signs, "constant", "spread"))
+            for part, signs in names.items()}
+    path.write_text("\n".join(f"{part} {{ {fields} }}" for part, fields in text.items()))
+    hand, finger = read_weights(path)
+    assert (hand.weights.tolist(), hand.constant, hand.spread) == ([*range(1, 10)], 10, 11)
+    assert (finger.weights.tolist(), finger.constant, finger.spread) == ([*range(12, 17)], 17, 18)
+
+
+@bad_inputs(PrototxtError, {
+    name: (change, f"...w.prototxt:{line}") for name, change, line in (
+        ("missing", ("  surface: 0.31\n", ""), "2:6: error: missing required field 'surface' in hand"),
+        ("unknown", ("surface:", "surfaces:"), "3:3: error: unknown field 'surfaces' (did you mean 'surface'?)"),
+        ("spread", ("spread: 0.42", "spread: 0"), "13:3: error: spread: 0; expected a number above 0"),
+        ("nan", ("whole: 0.327", "whole: nan"), "16:3: error: whole: nan; expected a finite number"),
+    )
+})
+def test_weights_with_something_wrong(tmp_path: Path, given: tuple[str, str], rejected: Any) -> None:
+    path = tmp_path / "w.prototxt"
+    path.write_text(PACKAGED.read_text().replace(*given))
+    with rejected:
+        read_weights(path)

@@ -140,6 +140,7 @@ def test_spheres_before_a_plate(model: CapsuleModel) -> None:
     shown = (np.abs([x, y]) < 120).all(axis=0)
     assert expected[shown].max() > 10
     np.testing.assert_allclose(found.value[0, 1, shown], expected[shown], atol=1e-3)
+    np.testing.assert_array_equal(found.capsule, spheres[None])
     assert (found.value[:, 0] == 0).all() and (found.place == 1).all()  # the plate fills the picture
 
 

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from handpose.fit.body import CapsuleModel
-from handpose.fit.support import FAR_MM, Support, joint_depths, support, support_of_parts
+from handpose.fit.support import FAR_MM, Samples, Support, joint_depths, support, support_of_parts
 from handpose.frames.cameras import KINECT2
 from handpose.sequences.recordings import render_image
+from tests.handpose.fit.test_body import body
 
 CAMERA = replace(KINECT2, width=512, height=424)
 CENTER = np.array([[0.0, 0.0, 500.0]])
@@ -55,6 +56,40 @@ def test_parts(model: CapsuleModel, image: np.ndarray) -> None:
     assert whole == support(capsules, model.surface.limbs, covered, CAMERA)
     assert parts[0].hidden[0] > 0.5 > 0.2 > parts[1].hidden[0]
     assert min(part.seen[0] for part in parts) < whole.seen[0] < max(part.seen[0] for part in parts)
+
+
+WEB = """name: "web" dof { name: "x" } joint { name: "a" translate { axis: X dof: "x" } }
+joint { name: "b" parent: "a" bone { axis: X length: 10 } } joint { name: "c" parent: "a" bone { axis: Y length: 10 } }
+flesh { wedge { joint: "a" joint: "b" joint: "c" radius: 0.1 } }
+"""
+
+
+def test_flat_parts_are_sampled_at_their_middles(model: CapsuleModel) -> None:
+    """The last spheres are those of the wedges of the skeleton file, each with the area of its triangle."""
+    x = np.zeros((1, model.variables))
+    flesh, names = model.skeleton.param.flesh, model.whole.joint_names
+    assert flesh is not None and flesh.wedge
+    pose = model.surface.kinematics.forward(model.whole_inputs_of(x))
+    ends = model.surface.ends(pose)[0] * model.unit_mm + CENTER
+    corners = np.array([[ends[names.index(joint)] for joint in wedge.joint] for wedge in flesh.wedge])
+    a, b, c = corners.swapaxes(0, 1)
+    samples, flat = Samples.of(model.capsules(x, CENTER)), len(corners)
+    np.testing.assert_allclose(samples.center[0, -flat:], corners.mean(axis=1), atol=1e-3)
+    np.testing.assert_allclose(samples.area[0, -flat:], np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2, rtol=1e-4)
+
+
+def test_a_flat_part_between_thin_edges() -> None:
+    """Covered in its middle, a web of 5,000 mm2 is hidden but for its edges; a part without an edge has no web."""
+    web = body(WEB)
+    capsules, none = web.capsules(np.zeros((1, web.variables)), CENTER), np.zeros(3, bool)
+    edges = 2 * (100 + 100 + np.hypot(100, 100))  # mm2: 2 mm wide
+    readings = np.full((CAMERA.height, CAMERA.width), 500.0)
+    u, v, _ = np.rint(CAMERA.project(CENTER[0] + (100 / 3, 100 / 3, 0))).astype(int)
+    readings[v, u] = 300
+    whole, part = support_of_parts(capsules, none, [np.array([False, True, True])], readings, CAMERA)
+    hidden = 5000 / (5000 + edges)
+    assert (whole.hidden[0], whole.seen[0]) == pytest.approx((hidden, 1 - hidden))
+    assert (part.hidden[0], part.seen[0]) == (0, 1)
 
 
 def test_elsewhere(model: CapsuleModel, image: np.ndarray) -> None:

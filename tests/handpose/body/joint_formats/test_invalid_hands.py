@@ -52,13 +52,13 @@ def with_value(value: float) -> Array:
     return xyz
 
 
-POSITION = "joint 'ring_tip' at [4.4..., {}, 554...]; expected finite numbers of mm, at most 1e+06"
+POSITION = "joint 'ring_tip' at [-0.24..., {}, 574...]; expected finite numbers of mm, at most 1e+06"
 
 
 @pytest.mark.parametrize("call", CALLS)
 @bad_inputs(DataError, {
     **{str(value): (with_value(value), POSITION.format(value)) for value in (np.nan, np.inf, 1e300)},
-    **{name: (xyz, f"joints of shape {np.shape(xyz)}; expected (31, 3), those of skeleton 'nyu'")
+    **{name: (xyz, f"joints of shape {np.shape(xyz)}; expected (31, 3), those of skeleton 'people'")
        for name, xyz in (("short", XYZ[:-1]), ("2-D", XYZ[:, :2]), ("batch", XYZ[None]), ("flat", XYZ.ravel()),
                          ("None", None), ("empty", np.zeros((0, 3))))},
     **{text: (xyz, f"joints are not numbers: could not convert string to float: {text!r}")

@@ -15,7 +15,7 @@ from layers.hand.bodies import kinematics_of
 from netlib.errors import DataError
 from tests.support.bad_input import bad_inputs
 
-SKELETON = skeleton.load()
+NYU_HAND = skeleton.load()  # the labels that are fitted are of NYU's joints
 PACKAGED_BONES = prior_file.load().but(scale_std=0, bone_std=0)
 FRAMES = 6
 SEEN_MM = 130.5  # half a cube
@@ -25,9 +25,9 @@ SEEN_MM = 130.5  # half a cube
 def source(tmp_path):
     """data/part.h5 with frames of hands; the first hand is partly outside its cube, where joints are clipped."""
     inputs = BodySampler(PACKAGED_BONES).draw(np.random.default_rng(3), FRAMES).inputs
-    inputs[0, SKELETON.dof_names.index("palm_y")] += 0.6
+    inputs[0, NYU_HAND.dof_names.index("palm_y")] += 0.6
     write(
-        tmp_path / "data" / "part.h5", joint=np.clip(kinematics_of(SKELETON).joints(inputs), -1, 1).reshape(FRAMES, 93)
+        tmp_path / "data" / "part.h5", joint=np.clip(kinematics_of(NYU_HAND).joints(inputs), -1, 1).reshape(FRAMES, 93)
     )
     return tmp_path / "data" / "part.h5"
 
@@ -43,7 +43,7 @@ def write(path, **arrays):
         file.attrs["made_from"] = "a test"
 
 
-def fitted(source, hand=SKELETON, **options):
+def fitted(source, hand=NYU_HAND, **options):
     """The path of the companion angles/part.h5, and the residuals."""
     target = source.parent.parent / "angles" / "part.h5"
     companions.fit_file(source, target, hand, **options)
@@ -73,7 +73,7 @@ def test_the_angles_put_the_joints_where_they_are(source):
     with h5py.File(target) as file:
         dof = file["dof"][...]
     assert (dof.dtype, dof.shape, residuals.shape) == (np.float32, (FRAMES, 47), (FRAMES, 31))
-    cut, joints = (np.abs(truth) >= 1).any(axis=2), kinematics_of(SKELETON).joints(dof)
+    cut, joints = (np.abs(truth) >= 1).any(axis=2), kinematics_of(NYU_HAND).joints(dof)
     assert 0 < cut[0].sum() < 20 and not cut[1:].any()
     assert np.array_equal(np.isnan(residuals), cut)
     assert np.abs((joints - truth)[~cut]).max() < 1e-5
@@ -108,7 +108,7 @@ def test_a_list_of_companions_reads_like_the_list_of_the_data(source, tmp_path, 
         assert (sorted(file), file.attrs["rest_in"]) == (["dof", "residual_mm"], "../data/part.h5")
 
 
-LONGER = [replace(j, bone=j.bone and replace(j.bone, length=1.1 * j.bone.length)) for j in SKELETON.param.joint]
+LONGER = [replace(j, bone=j.bone and replace(j.bone, length=1.1 * j.bone.length)) for j in NYU_HAND.param.joint]
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ LONGER = [replace(j, bone=j.bone and replace(j.bone, length=1.1 * j.bone.length)
         lambda source, target: os.utime(source, ns=(1, 1)) or {},
         lambda source, target: {"limits": False},
         lambda source, target: {"ridge": 1e-3},
-        lambda source, target: {"hand": skeleton.Skeleton(replace(SKELETON.param, joint=tuple(LONGER)))},
+        lambda source, target: {"hand": skeleton.Skeleton(replace(NYU_HAND.param, joint=tuple(LONGER)))},
         lambda source, target: target.write_bytes(target.read_bytes()[:200]) and {},
     ],
     ids=["nothing", "the file", "limits", "ridge", "another hand of this name", "a broken companion"],

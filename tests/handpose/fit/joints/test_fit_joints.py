@@ -15,7 +15,7 @@ from layers.hand import skeleton as skeletons
 from layers.hand.bodies import kinematics_of
 from tests.support.made_tracks import skeleton_of
 
-SKELETON = skeletons.load()
+NYU_HAND = skeletons.load()  # the labels that are fitted are of NYU's joints
 
 
 def joints_of(body, inputs):
@@ -32,9 +32,9 @@ def inputs():
 @pytest.mark.parametrize("limits", [True, False])
 def test_all_joints_give_the_pose_back(inputs, limits):
     """31 joints are fitted to 1e-5 half-cubes, and the median error of canonical angles is below 0.01 degrees."""
-    found = fit_joints(SKELETON, joints_of(SKELETON, inputs), limits=limits, starts=32)
+    found = fit_joints(NYU_HAND, joints_of(NYU_HAND, inputs), limits=limits, starts=32)
     assert found.residuals.max() < 1e-5
-    errors = angles.angle_errors(SKELETON, found.inputs, inputs)
+    errors = angles.angle_errors(NYU_HAND, found.inputs, inputs)
     assert np.median(errors.max(axis=1)) < 0.01
 
 
@@ -63,47 +63,47 @@ def test_a_root_that_turns_about_two_axes(rng, limits):
 
 def test_joints_that_are_not_known(inputs):
     """Frames with missing joints are fitted to the others, and the positions of nearby joints are recovered."""
-    targets = joints_of(SKELETON, inputs)
+    targets = joints_of(NYU_HAND, inputs)
     hidden = targets.copy()
     hidden[::2, [0, 5, 28]] = np.nan  # tips and a joint of the thumb
     hidden[3, 7, 1] = np.nan  # one missing coordinate makes the joint unknown
-    found = fit_joints(SKELETON, hidden, starts=32)
+    found = fit_joints(NYU_HAND, hidden, starts=32)
     assert np.isnan(found.residuals[::2, [0, 5, 28]]).all() and np.isnan(found.residuals[3, 7])
     assert np.nanmax(found.residuals) < 1e-5
-    assert np.abs(joints_of(SKELETON, found.inputs)[:, [1, 6, 29]] - targets[:, [1, 6, 29]]).max() < 1e-4
+    assert np.abs(joints_of(NYU_HAND, found.inputs)[:, [1, 6, 29]] - targets[:, [1, 6, 29]]).max() < 1e-4
 
 
 def test_joints_at_absolute_positions(inputs):
     """Each hand is fitted in its own unit, about its own centre, to within 0.01 mm; residuals are in mm."""
     half = np.array([150.0, 130.5, 150.0])
-    xyz = joints_of(SKELETON, inputs[:3]) * half[:, None, None] + (20, -30, 800)
+    xyz = joints_of(NYU_HAND, inputs[:3]) * half[:, None, None] + (20, -30, 800)
     for off in (0, 10):
         xyz[:, 0, 0] += off
-        found, center = fit_absolute(SKELETON, xyz, half, range(31), starts=4)
-        placed = joints_of(SKELETON, found.inputs) * half[:, None, None] + center[:, None]
+        found, center = fit_absolute(NYU_HAND, xyz, half, range(31), starts=4)
+        placed = joints_of(NYU_HAND, found.inputs) * half[:, None, None] + center[:, None]
         assert (np.abs(placed - xyz).max() < 0.01) == (off == 0)
         assert found.residuals == pytest.approx(np.linalg.norm(placed - xyz, axis=2), abs=1e-6)
 
 
 def test_limits_hold(inputs, rng):
     """With limits no input exceeds them, and without limits the residual is lower."""
-    targets = joints_of(SKELETON, inputs)[:20, EVALUATION_JOINTS] + rng.normal(0, 0.05, (20, 14, 3))
+    targets = joints_of(NYU_HAND, inputs)[:20, EVALUATION_JOINTS] + rng.normal(0, 0.05, (20, 14, 3))
     inside, free = (
-        fit_joints(SKELETON, targets, EVALUATION_JOINTS, limits=limits, starts=4) for limits in (True, False)
+        fit_joints(NYU_HAND, targets, EVALUATION_JOINTS, limits=limits, starts=4) for limits in (True, False)
     )
-    assert (inside.inputs >= SKELETON.lower - 1e-12).all() and (inside.inputs <= SKELETON.upper + 1e-12).all()
-    assert (free.inputs[:, SKELETON.fixed] == 0).all()
+    assert (inside.inputs >= NYU_HAND.lower - 1e-12).all() and (inside.inputs <= NYU_HAND.upper + 1e-12).all()
+    assert (free.inputs[:, NYU_HAND.fixed] == 0).all()
     assert (free.residuals**2).sum() < (inside.residuals**2).sum()
-    assert (free.inputs > SKELETON.upper).any()
+    assert (free.inputs > NYU_HAND.upper).any()
 
 
 def test_ridge_pulls_to_the_initial_pose(inputs, rng):
     """A larger ridge gives smaller angles and a larger residual."""
-    targets = joints_of(SKELETON, inputs)[:20, EVALUATION_JOINTS] + rng.normal(0, 0.02, (20, 14, 3))
-    fingers = np.setdiff1d(angles.rotations(SKELETON), (3, 4, 5))
+    targets = joints_of(NYU_HAND, inputs)[:20, EVALUATION_JOINTS] + rng.normal(0, 0.02, (20, 14, 3))
+    fingers = np.setdiff1d(angles.rotations(NYU_HAND), (3, 4, 5))
     sizes, residuals = [], []
     for ridge in (0, 3e-3, 0.1):
-        found = fit_joints(SKELETON, targets, EVALUATION_JOINTS, ridge=ridge, starts=4)
+        found = fit_joints(NYU_HAND, targets, EVALUATION_JOINTS, ridge=ridge, starts=4)
         sizes.append((found.inputs[:, fingers] ** 2).sum())
         residuals.append((found.residuals**2).sum())
     assert sizes[0] > sizes[1] > sizes[2] and residuals[0] < residuals[1] < residuals[2]
@@ -111,13 +111,13 @@ def test_ridge_pulls_to_the_initial_pose(inputs, rng):
 
 def test_the_result_is_a_minimum(inputs, rng):
     """No small step of an angle lowers the cost, as computed from the joints, without the fit's own derivative."""
-    targets = joints_of(SKELETON, inputs)[:5, EVALUATION_JOINTS] + rng.normal(0, 0.02, (5, 14, 3))
-    found = fit_joints(SKELETON, targets, EVALUATION_JOINTS, limits=False)
+    targets = joints_of(NYU_HAND, inputs)[:5, EVALUATION_JOINTS] + rng.normal(0, 0.02, (5, 14, 3))
+    found = fit_joints(NYU_HAND, targets, EVALUATION_JOINTS, limits=False)
 
     def cost(x):
-        return ((joints_of(SKELETON, x)[:, EVALUATION_JOINTS] - targets) ** 2).sum(axis=(1, 2))
+        return ((joints_of(NYU_HAND, x)[:, EVALUATION_JOINTS] - targets) ** 2).sum(axis=(1, 2))
 
-    for dof in np.unique(SKELETON.driven):
+    for dof in np.unique(NYU_HAND.driven):
         for step in (1e-2, -1e-2):
             moved = found.inputs.copy()
             moved[:, dof] += step
@@ -127,12 +127,12 @@ def test_the_result_is_a_minimum(inputs, rng):
 def test_threads_change_nothing(inputs, rng, monkeypatch):
     """Results for one and two threads are equal bit for bit."""
     monkeypatch.setattr("handpose.fit.joints.fit_joints.CHUNK", 8)
-    targets = joints_of(SKELETON, inputs)[:20, EVALUATION_JOINTS] + rng.normal(0, 0.02, (20, 14, 3))
+    targets = joints_of(NYU_HAND, inputs)[:20, EVALUATION_JOINTS] + rng.normal(0, 0.02, (20, 14, 3))
     before, results = netlib.threads(), []
     try:
         for count in (1, 2):
             netlib.set_threads(count)
-            results.append(fit_joints(SKELETON, targets, EVALUATION_JOINTS, starts=2).inputs)
+            results.append(fit_joints(NYU_HAND, targets, EVALUATION_JOINTS, starts=2).inputs)
     finally:
         netlib.set_threads(before)
     assert np.array_equal(*results)
@@ -145,6 +145,6 @@ def test_published_predictions_lie_on_the_model(nyu_data):
     half = cube_of_test_frame(np.arange(0, 8252, 160))[:, None, None] / 2
     xyz = NYU.unproject(uvd)
     found = fit_joints(
-        SKELETON, (xyz - xyz.mean(axis=1, keepdims=True)) / half, EVALUATION_JOINTS, limits=False, starts=64
+        NYU_HAND, (xyz - xyz.mean(axis=1, keepdims=True)) / half, EVALUATION_JOINTS, limits=False, starts=64
     )
     assert (found.residuals * half[:, :, 0]).mean(axis=1).max() < 0.001

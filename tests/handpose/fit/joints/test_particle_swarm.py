@@ -12,17 +12,17 @@ from layers.hand.bodies import kinematics_of
 from netlib.errors import DataError
 from tests.support.made_tracks import skeleton_of
 
-SKELETON = skeletons.load()
+NYU_HAND = skeletons.load()  # the labels that are fitted are of NYU's joints
 
 
 def test_swarm_comes_near_but_fit_comes_nearer():
     """For three hands the swarm's error is below 0.15 half-cubes, and never below that of ``fit_joints``."""
     inputs = BodySampler().draw(np.random.default_rng(7), 40).inputs[:3]
-    targets = kinematics_of(SKELETON).joints(inputs)[:, EVALUATION_JOINTS]
-    swarm = fit_joints_by_swarm(SKELETON, targets, EVALUATION_JOINTS, particles=64, generations=150)
-    best = fit_joints(SKELETON, targets, EVALUATION_JOINTS)
-    assert (swarm.inputs >= np.maximum(SKELETON.lower, -20)).all() and (
-        swarm.inputs <= np.minimum(SKELETON.upper, 20)
+    targets = kinematics_of(NYU_HAND).joints(inputs)[:, EVALUATION_JOINTS]
+    swarm = fit_joints_by_swarm(NYU_HAND, targets, EVALUATION_JOINTS, particles=64, generations=150)
+    best = fit_joints(NYU_HAND, targets, EVALUATION_JOINTS)
+    assert (swarm.inputs >= np.maximum(NYU_HAND.lower, -20)).all() and (
+        swarm.inputs <= np.minimum(NYU_HAND.upper, 20)
     ).all()
     assert best.residuals.mean() <= swarm.residuals.mean() < 0.15
 

@@ -10,12 +10,12 @@ from handpose.fit.body import CapsuleModel
 from handpose.frames.cameras import NYU, Camera
 from handpose.output.drawing import hands
 from handpose.output.drawing.surface import over_crop, paint
-from layers.hand import skeleton
+from tests.support.packaged_hand import SKELETON
 
 
 def test_surface_over_its_own_picture() -> None:
     """The surface is skin-coloured over the crop, reddish where nothing was seen; the rest of the crop is unchanged."""
-    model, uvd = CapsuleModel(skeleton.load(), 150.0), np.array([[320.0, 240, 700]])
+    model, uvd = CapsuleModel(SKELETON, 150.0), np.array([[320.0, 240, 700]])
     x = np.zeros((1, model.variables))
     depth = render_crop(model.capsules(x, NYU.unproject(uvd)), uvd, 300.0)
     crop = normalise_depth(depth, uvd[:, 2], 300.0)[0]
