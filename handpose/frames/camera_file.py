@@ -264,7 +264,8 @@ ALIASES = {key.replace("_", ""): key for key in KNOWN} | {alias: key for key, al
     "name": "cameraname",
 }.items() for alias in (key, *aliases.split())}
 IN_METRES, PER_METRE = 0.01, 100.0  # a depth scale below, and from here on
-OF_DEPTH, OF_COLOUR = re.compile(r"depth|infra|(?<![a-z])ir(?![a-z])", re.I), re.compile(r"colou?r|rgb", re.I)
+KINDS = [re.compile(kind, re.I) for kind in ("depth", "infra|(?<![a-z])ir(?![a-z])", "colou?r|rgb")]
+UNNAMED = 2  # rank of a camera whose names say no kind, before colour
 MAX_NAMES = 8  # of unused keys that are named
 
 
@@ -324,13 +325,19 @@ def is_known(name: str) -> bool:
 
 
 def _chosen(document: Any) -> list[_Chain]:
-    """The cameras of depth; if none is called so, those that are not of colour, or all."""
+    """The cameras of depth; without one those of infrared, then those that are not of colour, then all."""
     cameras = [chain for chain in _objects(document, ()) if has_camera(chain[-1][1])]
-    names = [_name_of(chain) for chain in cameras]
-    of_depth = [bool(OF_DEPTH.search(name)) for name in names]
-    others = [not OF_COLOUR.search(name) for name in names]
-    wanted = of_depth if any(of_depth) else others if any(others) else [True] * len(names)
-    return [chain for chain, is_wanted in zip(cameras, wanted) if is_wanted]
+    ranks = [_rank(chain) for chain in cameras]
+    return [chain for chain, rank in zip(cameras, ranks) if rank == min(ranks)]
+
+
+def _rank(chain: _Chain) -> int:
+    """The place of a camera in KINDS, by the innermost name that says its kind."""
+    for name, _ in reversed(chain):
+        for rank, kind in enumerate(KINDS):
+            if kind.search(name):
+                return rank if rank < UNNAMED else rank + 1
+    return UNNAMED
 
 
 def _name_of(chain: _Chain) -> str:

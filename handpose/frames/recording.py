@@ -28,6 +28,10 @@ RATE = 30.0  # frames per second, if unknown
 MAX_UINT16 = 65535  # maximum of 16 bits
 
 
+class NotDepthError(DataError):
+    """The values of a file are whole, and cannot be depths."""
+
+
 class DepthFrame(NamedTuple):
     """One frame without lens distortion.
 
@@ -223,9 +227,9 @@ def sized(camera: Camera | View, shape: tuple[int, ...], where: str) -> Camera:
 
 
 def check_values(dtype: np.dtype[Any], where: str) -> None:
-    """Raise DataError unless values of this type can be depths."""
+    """Raise NotDepthError unless values of this type can be depths."""
     if dtype.kind not in "uif" or dtype.itemsize < 2:
-        raise DataError(f"{where}: values of type {dtype}; expected depths, of 16 bits or more")
+        raise NotDepthError(f"{where}: values of type {dtype}; expected depths, of 16 bits or more")
 
 
 def size_of(shape: tuple[int, ...]) -> str:
