@@ -86,6 +86,7 @@ NOT_TUNED = {module: names.split() for module, names in {
     "estimate.predictor": "CROP_DEPTH_MM MOST MAX_REFINE",
 }.items()}
 SURE, OFF_MM = 0.9, 30.0
+NUMERIC = (ast.Constant, ast.UnaryOp, ast.BinOp, ast.operator, ast.unaryop)  # nodes of a value that is one number
 
 
 class Seen(NamedTuple):
@@ -138,15 +139,59 @@ def set_constants(texts: Sequence[str]) -> None:
         module, _, constant = name.rpartition(".")
         if constant not in constants().get(module, ()):
             raise DataError(f"--set {text}: no such constant; python -m experiments constants lists them")
+        if place := bound_at_import(module, constant):
+            raise DataError(f"--set {text}: {place} uses its value on import, so setting it would not suffice; edit it")
         try:
             number = float(value)
         except ValueError:
             raise DataError(f"--set {text}: {value!r} is no number") from None
-        setattr(importlib.import_module(f"handpose.{module}"), constant, number)
-        own = {f"handpose.{other}" for other, names in constants().items() if constant in names}
-        for other, loaded in list(sys.modules.items()):  # those that an earlier one has loaded, and that import it
-            if other.startswith("handpose.") and other not in own and constant in vars(loaded):
-                setattr(loaded, constant, number)
+        for owner in [module, *importers(module, constant)]:
+            setattr(importlib.import_module(f"handpose.{owner}"), constant, number)
+
+
+def importers(module: str, constant: str) -> list[str]:
+    """The modules that import a constant, by their names after ``handpose.``."""
+    found = []
+    for path in sorted((ROOT / "handpose").rglob("*.py")):
+        imports = [
+            node
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            if isinstance(node, ast.ImportFrom) and node.module == f"handpose.{module}"
+        ]
+        if constant in [alias.name for node in imports for alias in node.names]:
+            found.append(".".join(path.relative_to(ROOT / "handpose").with_suffix("").parts))
+    return found
+
+
+def bound_at_import(module: str, constant: str) -> str:
+    """The file and line where a constant is used while modules are imported, or empty.
+
+    What was made of it, as a default argument or another constant, does not change when it is set. A value that is
+    more than one number is such a use.
+    """
+    for owner in [module, *importers(module, constant)]:
+        path = (ROOT / "handpose" / owner.replace(".", "/")).with_suffix(".py")
+        for node in _evaluated(ast.parse(path.read_text(encoding="utf-8"))):
+            is_use = isinstance(node, ast.Name) and node.id == constant and isinstance(node.ctx, ast.Load)
+            is_other_value = (
+                isinstance(node, ast.Assign)
+                and constant in [target.id for target in node.targets if isinstance(target, ast.Name)]
+                and not all(isinstance(part, NUMERIC) for part in ast.walk(node.value))
+            )
+            if isinstance(node, ast.stmt | ast.expr) and (is_use or is_other_value):
+                return f"{path.relative_to(ROOT)}:{node.lineno}"
+    return ""
+
+
+def _evaluated(node: ast.AST) -> Iterator[ast.AST]:
+    """The nodes of a module that are evaluated on import: not those in functions, but the defaults of arguments."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)):
+            for default in (*child.args.defaults, *child.args.kw_defaults):
+                yield from ast.walk(default) if default else ()
+        else:
+            yield child
+            yield from _evaluated(child)
 
 
 def array_in(path: Path) -> object:
