@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose import Recording
-from handpose.frames import camera_file
+from handpose.frames.camera_places import places_next_to
 from handpose.frames.formats import PICTURES
 from handpose.frames.formats.folder import FolderRecording
 from handpose.output.drawing.strokes import ContactSheet
@@ -101,7 +101,7 @@ def refuse_inputs(args: argparse.Namespace, recording: Recording) -> None:
     """
     source, own = Path(args.source), [args.camera] if isinstance(args.camera, Path) else []
     frames = recording.folder if isinstance(recording, FolderRecording) else None
-    inputs = [source, *camera_file.places_next_to(frames or source), *own]
+    inputs = [source, *places_next_to(frames or source), *own]
     for name in _given(args, *FILES, *DRAWN, "look", "addresses"):
         outputs.refuse_inputs(name, inputs)
         place = real(name)

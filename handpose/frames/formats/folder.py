@@ -33,8 +33,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.frames import camera_file
 from handpose.frames.camera_file import FRAMES, TICKS, since_1970
+from handpose.frames.camera_places import next_to
 from handpose.frames.cameras import Camera
 from handpose.frames.formats import CONVERTED, OF_ONE_FRAME, RAW, STACKS, conversion, is_pattern
 from handpose.frames.formats.stack import arrays_in, not_used, parameters_in
@@ -62,7 +62,7 @@ class FolderRecording(Recording):
 
     def __init__(self, source: Path, given: CameraInfo = UNKNOWN) -> None:
         self.folder, names = _frames_in(source)
-        camera_json = camera_file.next_to(self.folder)
+        camera_json = next_to(self.folder, given.camera is None)
         known = given.or_else(camera_json)
         self._given = known.camera
         self._size = _size_of(given, camera_json)
@@ -200,8 +200,9 @@ def _no_frames(folder: Path) -> str:
     """The error for a folder without frames, with what it contains."""
     names = sorted(name for name in names_in(folder) if not name.startswith("."))
     shown = f"{', '.join(names[:MAX_SHOWN])}{' ...' * (len(names) > MAX_SHOWN)}" or "nothing"
-    inner = next((folder / name for name in names if "depth" in name.lower() and (folder / name).is_dir()), None)
-    other = next((folder / name for name in names if PurePath(name).suffix.lower() in CONVERTED), None)
+    paths = [folder / name for name in names]
+    inner = next((path for path in paths if "depth" in path.name.lower() and path.is_dir()), None)
+    other = next((path for path in paths if path.suffix.lower() in CONVERTED), None)
     advice = f"; name the folder of the frames, as '{inner}'" if inner else ""
     if other is not None:
         advice = f"; {other}: {conversion(other)}"

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from handpose.frames import camera_file
 from handpose.frames.camera_file import FRAMES, TICKS, since_1970
+from handpose.frames.camera_places import next_to
 from handpose.frames.images import errors_of
 from handpose.frames.recording import (
     RATE,
@@ -58,8 +59,9 @@ class StackRecording(Recording):
     def __init__(self, path: Path, given: CameraInfo = UNKNOWN) -> None:
         self._frames = frames = arrays_in(path)
         self.name, self.count = where, count = str(path), frames.shape[0]
-        camera_json, others = camera_file.next_to(path), frames.others
+        others = frames.others
         own, fields, taken = parameters_in(others, where, given)
+        camera_json = next_to(path, given.camera is None and own.camera is None)
         self._times, times = None, _name_of_times(others, count)
         if times is not None:
             numbers = _checked(others[times], count, f"{where}: {times}")
@@ -189,17 +191,19 @@ def _last(name: str) -> str:
     return name.rpartition(".")[2]
 
 
-def _checked_shape(
-    shape: tuple[int, ...], dtype: np.dtype[Any], where: str, is_single: bool
-) -> tuple[int, ...]:
+def _checked_shape(shape: tuple[int, ...], dtype: np.dtype[Any], where: str, is_single: bool) -> tuple[int, ...]:
     """The shape (frames, height, width) of an array. Raises NotDepthError unless it may be frames, or a single one."""
     found, advice = shape, ""
-    if is_single:
-        one = shape[1:] if len(shape) == 3 and shape[0] == 1 else shape[:2] if shape[2:] == (1,) else shape
-        found = (1, *one) if len(shape) in (2, 3) else ()
+    if is_single and len(shape) == 2:
+        found = (1, *shape)
+    elif is_single and shape[2:] == (1,):
+        found = (1, *shape[:2])
+    elif is_single and shape[:1] != (1,):
+        found = ()
     elif len(shape) == 3 and 4 * shape[2] < min(shape[:2]):
         advice = ": np.moveaxis(array, 2, 0)"
-    if advice or len(found) != 3 or min(found) < 1 or math.prod(found[1:]) > MAX_PIXELS:
+    is_image = len(found) == 3 and min(found) > 0 and math.prod(found[1:]) <= MAX_PIXELS
+    if advice or not is_image:
         raise NotDepthError(f"{where}: an array of shape {shape}; expected {AXES[is_single]}{advice}")
     check_values(dtype, where)
     return found
