@@ -20,12 +20,13 @@ which programs write parameters, lines of keys and values, sections, or tables o
     depth_scale     of a stored value of 1: m, if it is less than 0.01; otherwise mm; from 100 on stored values per m
 
 They may lie within other objects and lists, and have names such as Camera.fx. Of several cameras that of the depth is
-taken, by the names around it, and of several modes of it that of the frames' size.
+taken, by the names around it and the texts in it, and of several modes of it that of the frames' size.
 """
 
 from __future__ import annotations
 
 import codecs
+import contextlib
 import json
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -120,6 +121,9 @@ def parse_document(text: str, where: str) -> Any:
         return _value(f"[{plain}]")
     if JSON.match(text):
         return parsed(text, where)
+    if text.lstrip().startswith("{'"):  # a dictionary as Python prints it
+        with contextlib.suppress(DataError):
+            return parsed(text.replace("'", '"'), where)
     if text.lstrip().startswith(("<?xml", "<opencv")):
         raise DataError(f"{where}: XML; expected JSON or YAML, which OpenCV's FileStorage writes, too")
     plain = PRINTED.sub(AS_PAIRS, PRODUCT.sub(", ", plain))
@@ -287,7 +291,7 @@ def find(document: Any, where: str, is_replaced: bool = False) -> Found:
         is_sized = len(numbers) == 6  # fx, fy, cx, cy, width, height
         document = {"matrix": numbers[:4], "size": numbers[4:]} if is_sized else {"matrix": document}
     chains = [chain for chain in _objects(document, ()) if has_camera(chain[-1][1])]
-    ranks = [rank_of(*(name for name, _ in chain)) for chain in chains]
+    ranks = [rank_of(*(name for name, _ in chain), *map(str, chain[-1][1].values())) for chain in chains]
     chosen = [chain for chain, rank in zip(chains, ranks) if rank == min(ranks)] or [(("", document),)]
     found = [Found(chain, where, is_replaced) for chain in chosen]
     if len({one.info for one in found}) > 1:

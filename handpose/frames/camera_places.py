@@ -18,8 +18,8 @@ from netlib.files.paths import exists, names_in, real
 
 # Names of files without their suffix, and of folders, that may hold a camera.
 NAMES = re.compile(
-    r".*(intrin|calib).*|(scene|depth|ir)?cam(era)?s?(info|matrix|mat|param\w*|k|depth|ir|data)?"
-    r"|k|ost|sensor|info|meta(data)?|transforms|param(eter)?s|config|.*(rsenumerate|realsense|kinect|orbbec).*",
+    r".*(intrin|calib|camchain).*|(scene|depth|ir)?cam(era)?s?(info|matrix|mat|param\w*|k|depth|ir|data|\d)?"
+    r"|k(depth|ir)?|ost|sensor|info|meta(data)?|transforms|param(eter)?s|config|.*(rsenumerate|realsense|kinect|orbbec).*",
     re.I,
 )
 TEXTS = (

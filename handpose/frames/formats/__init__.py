@@ -23,7 +23,7 @@ EXPECTED = (
 
 # Of several streams of 16 bits, infrared is one. tools/record.py once wrote a camera.json as a tag CAMERA.
 _FROM_VIDEO = (
-    "a video; expected 16-bit PNG or an .npz",
+    "a video, which PyAV reads (pip install av); expected 16-bit PNG or an .npz",
     "import av, cv2, os, sys; v = av.open(sys.argv[1]); "
     "grey = [s for s in v.streams.video if 'gray16' in s.format.name] or sys.exit('no stream of 16-bit grey values'); "
     "depth = min(grey, key=lambda s: 'DEPTH' not in s.metadata.get('title', '').upper()); os.mkdir('frames'); "

@@ -278,6 +278,14 @@ def test_the_depth_camera_among_others() -> None:
     assert (found.camera, found.lens, found.unit_mm, found.rate) == (SIZED, Lens(), 1.0, 30)
 
 
+def test_the_depth_camera_in_a_list() -> None:
+    """By the texts in it, if its names say nothing."""
+    cameras = [{"name": kind, "K": [60 + i, 0, 31.5, 0, 61, 23.5, 0, 0, 1], "width": 64, "height": 48}
+               for i, kind in ((2, "rgb"), (0, "depth"), (1, "left infrared"))]
+    found = camera_file.parse(json.dumps({"cameras": cameras}), "x")
+    assert found.camera == replace(SIZED, name="depth")
+
+
 @pytest.mark.parametrize(("name", "value", "unit"), [
     ("depth_scale", 0.00025, 0.25), ("depth_scale", 1000.0, 1.0), ("png_depth_scale", 5000, 0.2),
     ("depth_scale", 0.1, 0.1), ("DepthMapFactor", 5000.0, 0.2), ("depth_units", 0.000125, 0.125),
@@ -424,6 +432,8 @@ LENS = Lens((0.1, -0.2, 0.01, 0.02, 0.0))
     ("{'fx': 60.0, 'fy': 61.0, 'ppx': 31.5, 'ppy': 23.5, 'width': 64, 'height': 48}", None),
     ("{'K': array([[60. ,  0. , 31.5],\n       [ 0. , 61. , 23.5],\n       [ 0. ,  0. ,  1. ]]), 'size': [64, 48]}",
      None),
+    ("{'color': {'fx': 1, 'fy': 2, 'cx': 3, 'cy': 4}, 'depth': {'fx': 60, 'fy': 61.0, 'cx': 31.5, 'cy': 23.5, "
+     "'width': 64, 'height': 48, 'model': 'Brown Conrady', 'coeffs': [0.1, -0.2, 0.01, 0.02, 0.0]}}", LENS),
     ("<OBCameraIntrinsic fx=60 fy=61.0 cx=31.5 cy=23.5 width=64 height=48>", None),
     ("resolution width: 64\nresolution height: 48\nprincipal point x: 31.5\nprincipal point y: 23.5\n"
      "focal length x: 60\nfocal length y: 61\nradial distortion coefficients:\nk1: 0.1\nk2: -0.2\nk3: 0\n"

@@ -159,7 +159,7 @@ def test_videos_are_converted(
     """The stream of depth, every value, the times to 1 ms, and the camera in a tag, as tools/record.py once wrote."""
     monkeypatch.chdir(tmp_path)
     depth = write_video(Path(name), (0, 33, 100), titles, CAMERA=camera_file.to_text(GIVEN))
-    converted(name, "a video; ")
+    converted(name, "a video, ")
     with open_recording("frames") as recording:
         assert (recording.camera, recording.unit_mm) == (GIVEN.camera, GIVEN.unit_mm)
         assert [frame.time for frame in recording] == pytest.approx([0, 0.033, 0.1])
@@ -169,7 +169,7 @@ def test_videos_are_converted(
 def test_a_video_of_colours_is_not_converted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     write_video(Path("take.mkv"), (0, 33), ("COLOR",))
-    assert converted("take.mkv", "a video; ", status=1) == "no stream of 16-bit grey values\n"
+    assert converted("take.mkv", "a video, ", status=1) == "no stream of 16-bit grey values\n"
     assert not Path("frames").exists()
 
 
