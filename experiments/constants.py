@@ -37,11 +37,13 @@ from __future__ import annotations
 import argparse
 import ast
 import dataclasses
+import dis
 import importlib
 import io
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from types import CodeType, ModuleType
 from typing import NamedTuple
 
 import numpy as np
@@ -86,7 +88,6 @@ NOT_TUNED = {module: names.split() for module, names in {
     "estimate.predictor": "CROP_DEPTH_MM MOST MAX_REFINE",
 }.items()}
 SURE, OFF_MM = 0.9, 30.0
-NUMERIC = (ast.Constant, ast.UnaryOp, ast.BinOp, ast.operator, ast.unaryop)  # nodes of a value that is one number
 
 
 class Seen(NamedTuple):
@@ -139,59 +140,42 @@ def set_constants(texts: Sequence[str]) -> None:
         module, _, constant = name.rpartition(".")
         if constant not in constants().get(module, ()):
             raise DataError(f"--set {text}: no such constant; python -m experiments constants lists them")
-        if place := bound_at_import(module, constant):
-            raise DataError(f"--set {text}: {place} uses its value on import, so setting it would not suffice; edit it")
         try:
             number = float(value)
         except ValueError:
             raise DataError(f"--set {text}: {value!r} is no number") from None
-        for owner in [module, *importers(module, constant)]:
-            setattr(importlib.import_module(f"handpose.{owner}"), constant, number)
+        owner = importlib.import_module(f"handpose.{module}")
+        if not isinstance(vars(owner)[constant], (int, float)):
+            raise DataError(f"--set {text}: its value is more than a number; edit {owner.__file__}")
+        for loaded in [owner, *_importers(owner.__name__, constant)]:
+            used = [step.argval for step in _steps(_code_of(loaded)) if step.opname == "LOAD_NAME"]
+            if constant in used:
+                raise DataError(f"--set {text}: {loaded.__file__} has used its value on import; edit it there")
+            setattr(loaded, constant, number)
 
 
-def importers(module: str, constant: str) -> list[str]:
-    """The modules that import a constant, by their names after ``handpose.``."""
+def _importers(owner: str, constant: str) -> list[ModuleType]:
+    """The loaded modules that import a constant from its module."""
     found = []
-    for path in sorted((ROOT / "handpose").rglob("*.py")):
-        imports = [
-            node
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-            if isinstance(node, ast.ImportFrom) and node.module == f"handpose.{module}"
-        ]
-        if constant in [alias.name for node in imports for alias in node.names]:
-            found.append(".".join(path.relative_to(ROOT / "handpose").with_suffix("").parts))
+    for module in [loaded for name, loaded in sys.modules.items() if name.startswith("handpose.")]:
+        source = ""
+        for step in _steps(_code_of(module)):
+            source = step.argval if step.opname == "IMPORT_NAME" else source
+            if step.opname == "IMPORT_FROM" and (source, step.argval) == (owner, constant):
+                found.append(module)
     return found
 
 
-def bound_at_import(module: str, constant: str) -> str:
-    """The file and line where a constant is used while modules are imported, or empty.
-
-    What was made of it, as a default argument or another constant, does not change when it is set. A value that is
-    more than one number is such a use.
-    """
-    for owner in [module, *importers(module, constant)]:
-        path = (ROOT / "handpose" / owner.replace(".", "/")).with_suffix(".py")
-        for node in _evaluated(ast.parse(path.read_text(encoding="utf-8"))):
-            is_use = isinstance(node, ast.Name) and node.id == constant and isinstance(node.ctx, ast.Load)
-            is_other_value = (
-                isinstance(node, ast.Assign)
-                and constant in [target.id for target in node.targets if isinstance(target, ast.Name)]
-                and not all(isinstance(part, NUMERIC) for part in ast.walk(node.value))
-            )
-            if isinstance(node, ast.stmt | ast.expr) and (is_use or is_other_value):
-                return f"{path.relative_to(ROOT)}:{node.lineno}"
-    return ""
+def _code_of(module: ModuleType) -> CodeType:
+    """What Python runs to import a module: in it and in its classes, but not in functions, names are LOAD_NAME."""
+    return compile(files.read_text(str(module.__file__), "the module"), str(module.__file__), "exec")
 
 
-def _evaluated(node: ast.AST) -> Iterator[ast.AST]:
-    """The nodes of a module that are evaluated on import: not those in functions, but the defaults of arguments."""
-    for child in ast.iter_child_nodes(node):
-        if isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)):
-            for default in (*child.args.defaults, *child.args.kw_defaults):
-                yield from ast.walk(default) if default else ()
-        else:
-            yield child
-            yield from _evaluated(child)
+def _steps(code: CodeType) -> Iterator[dis.Instruction]:
+    yield from dis.get_instructions(code)
+    for inner in code.co_consts:
+        if isinstance(inner, CodeType):
+            yield from _steps(inner)
 
 
 def array_in(path: Path) -> object:

@@ -16,10 +16,15 @@ from handpose.frames.recording import CameraInfo
 from netlib.errors import DataError
 from netlib.files.paths import exists, names_in, real
 
-# Names of files without their suffix, and of folders, that may hold a camera.
-NAMES = re.compile(
-    r".*(intrin|calib|camchain).*|(scene|depth|ir)?cam(era)?s?(info|matrix|mat|param\w*|k|depth|ir|data|\d)?"
-    r"|k(depth|ir)?|ost|sensor|info|meta(data)?|transforms|param(eter)?s|config|.*(rsenumerate|realsense|kinect|orbbec).*",
+# Names of files, without their suffix, that tell of a camera, and others that may hold one near the frames. Folders
+# with such a name may hold one in any text.
+CERTAIN = re.compile(
+    r".*(intrin|calib|camchain|rsenumerate).*|(scene|depth|ir)?cam(era)?s?(info|matrix|mat|param\w*|k)|ost",
+    re.I,
+)
+POSSIBLE = re.compile(
+    r"(scene|depth|ir)?cam(era)?s?(depth|ir|data|\d)?|k(depth|ir)?|sensor|info|meta(data)?|transforms|param(eter)?s|config"
+    r"|.*(realsense|kinect|orbbec).*",
     re.I,
 )
 TEXTS = (
@@ -70,43 +75,38 @@ def _own_places(source: Path) -> list[Path]:
 def _levels(source: Path) -> Iterator[list[Path]]:
     """The files that may hold a camera, from the nearest folder to the farthest."""
     if not source.is_dir():
-        yield _named(source.parent)
+        yield _named(source.parent, CERTAIN, POSSIBLE)
         return
     above = source.parent if source.name else real(source).parent
-    yield _named(source)
-    yield _named(above)
+    yield _named(source, CERTAIN, POSSIBLE)
+    yield _named(above, CERTAIN, POSSIBLE)
     yield [path for folder in (source, above) for path in _in_folders_of(folder, source)]
 
 
-def _named(folder: Path) -> list[Path]:
-    """The files of a folder that are named as if they held a camera; not the camera.json of another recording."""
-    return [
-        folder / name
-        for name in sorted(names_in(folder))
-        if _is_named(name) and (folder / name).is_file()
-    ]
+def _named(folder: Path, *kinds: re.Pattern[str]) -> list[Path]:
+    """The files of a folder with a name of one of these kinds; not the camera.json of a file, NAME.camera.json."""
+    names = [name for name in sorted(names_in(folder)) if _is_named(name, *kinds)]
+    return [folder / name for name in names if (folder / name).is_file()]
 
 
-def _is_named(name: str) -> bool:
+def _is_named(name: str, *kinds: re.Pattern[str]) -> bool:
     stem, _, suffix = name.rpartition(".")
+    plain = re.sub(r"[\W_]", "", stem or suffix)
     is_picture = name.lower().endswith(PICTURES) or name.startswith(".")
-    return not is_picture and bool(NAMES.fullmatch(re.sub(r"[\W_]", "", stem or suffix)))
+    return not is_picture and any(kind.fullmatch(plain) for kind in kinds)
 
 
 def _in_folders_of(folder: Path, source: Path) -> Iterator[Path]:
-    """Files in the folders of a folder, except in those of frames, which are other recordings."""
+    """Files in the folders of a folder, except in those with frames, which are other recordings."""
     inner = [folder / name for name in sorted(names_in(folder)) if not name.startswith(".")]
     for beside in [path for path in inner if path.is_dir() and path != source][:MAX_FOLDERS]:
-        names = names_in(beside)
-        if not any(name.lower().endswith(FRAMES) for name in names):
-            yield from _named(beside)
-            if _is_named(beside.name):
-                texts = [
-                    name
-                    for name in sorted(names)
-                    if name.lower().endswith(TEXTS) and not _is_named(name)
-                ]
-                yield from (beside / name for name in texts)
+        names = sorted(names_in(beside))
+        if _is_named(beside.name, CERTAIN, POSSIBLE):
+            yield from _named(beside, CERTAIN, POSSIBLE)
+            others = [name for name in names if not _is_named(name, CERTAIN, POSSIBLE)]
+            yield from (beside / name for name in others if name.lower().endswith(TEXTS))
+        elif not any(name.lower().endswith(FRAMES) for name in names):
+            yield from _named(beside, CERTAIN)
 
 
 def _best(places: list[Path], doubts: list[str]) -> CameraInfo | None:

@@ -37,8 +37,13 @@ _FROM_HDF5 = (
     "d.update({k: v[()]} if hasattr(v, 'shape') else {}, **{f'{k}/{a}': x for a, x in v.attrs.items()})); "
     "numpy.savez(open('frames.npz', 'xb'), **{k.replace('/', '.'): v for k, v in d.items()})",
 )
+_FROM_PGM = (
+    "PGM; expected 16-bit PNG (those of libfreenect's fakenect have exchanged bytes: add .byteswap() after -1))",
+    "import cv2, os, pathlib, sys; os.mkdir('frames'); [cv2.imwrite(f'frames/{p.stem}.png', cv2.imread(str(p), -1)) "
+    "for p in pathlib.Path(sys.argv[1]).parent.glob('*.pgm')]",
+)
 # Kinds of files that are not read: what they are, and the Python statement that converts the file in sys.argv[1].
-CONVERTED = {".mkv": _FROM_VIDEO, ".avi": _FROM_VIDEO, ".h5": _FROM_HDF5, ".hdf5": _FROM_HDF5}
+CONVERTED = {".mkv": _FROM_VIDEO, ".avi": _FROM_VIDEO, ".h5": _FROM_HDF5, ".hdf5": _FROM_HDF5, ".pgm": _FROM_PGM}
 
 
 def conversion(path: Path) -> str:

@@ -73,6 +73,8 @@ def test_the_camera_json_of_a_recording() -> None:
         ),
         ("depth/ost.txt", "camera matrix\n60 0 31.5\n0 61 23.5\n0 0 1\n"),
         ("depth/calib/depth.ini", "fx=60\nfy=61\ncx=31.5\ncy=23.5\n"),
+        ("realsense/camera_intrinsic.json", OPEN3D),
+        ("any/camera_intrinsic.json", OPEN3D),
         ("meta/camera_info.yaml", "K: [60, 0, 31.5, 0, 61, 23.5, 0, 0, 1]\n"),
         ("depth/camera.yaml", OPEN3D),
         ("depth/calibration.json", OPEN3D),
@@ -130,7 +132,14 @@ def test_the_mode_of_the_frames_size(depth: Path) -> None:
 
 @pytest.mark.parametrize(
     "name",
-    ["other/camera.json", "wave.camera.json", "wave.truth.json", "camera_pose.txt", "notes.txt"],
+    [
+        "other/camera.json",
+        "others/camera.json",
+        "wave.camera.json",
+        "wave.truth.json",
+        "camera_pose.txt",
+        "notes.txt",
+    ],
 )
 def test_files_of_other_recordings_are_not_used(depth: Path, name: str) -> None:
     """A camera.json among frames is theirs; so is NAME.camera.json; and not every text is looked at."""

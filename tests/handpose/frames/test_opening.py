@@ -215,6 +215,19 @@ def test_two_depth_cameras_of_an_hdf5_file(tmp_path: Path, monkeypatch: pytest.M
         open_recording("frames.npz", GIVEN)
 
 
+def test_pgm_is_converted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every file of the folder under its name, so that order, times and kinds are those of the names."""
+    monkeypatch.chdir(tmp_path)
+    for number in range(12):
+        put(Path(f"a take/d-{number}.pgm"), hand_sized(distance=1000 + number))
+        put(Path(f"a take/ir-{number}.pgm"), hand_sized(distance=3000))
+    converted("a take", r"holds no depth frames .*; a take/d-0\.pgm: PGM; ")
+    with pytest.raises(DataError, match="holds 2 sequences"):
+        open_recording("frames", GIVEN)
+    frames = open_recording("frames/d-*.png", GIVEN)
+    assert [frame.depth[20, 30] for frame in frames] == [500 + number / 2 for number in range(12)]
+
+
 def test_a_folder_with_a_file_to_convert(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("take").mkdir()
