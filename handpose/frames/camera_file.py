@@ -317,7 +317,7 @@ def _of_modes(chains: list[_Chain], infos: list[CameraInfo], where: str) -> Came
             raise DataError(f"{width} x {height} pixels; {where} has a camera for {known}")
         return modes[width, height]
 
-    return replace(infos[0], camera=View("own", at), lens=infos[0].lens or Lens())
+    return replace(infos[0], camera=View("own", at, tuple(modes)), lens=infos[0].lens or Lens())
 
 
 def _objects(value: Any, outer: _Chain, name: str = "") -> Iterator[_Chain]:

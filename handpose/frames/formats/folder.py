@@ -20,6 +20,7 @@ it.
 from __future__ import annotations
 
 import fnmatch
+import glob
 import itertools
 import re
 from collections import defaultdict
@@ -35,7 +36,7 @@ from numpy.typing import NDArray
 
 from handpose.frames.camera_file import FRAMES, TICKS, since_1970
 from handpose.frames.camera_places import next_to
-from handpose.frames.cameras import Camera
+from handpose.frames.cameras import Camera, View
 from handpose.frames.formats import CONVERTED, OF_ONE_FRAME, RAW, STACKS, conversion, is_pattern
 from handpose.frames.formats.stack import arrays_in, not_used, parameters_in
 from handpose.frames.images import read_picture, stored_depth
@@ -65,7 +66,7 @@ class FolderRecording(Recording):
         camera_json = next_to(self.folder, given.camera is None)
         known = given.or_else(camera_json)
         self._given = known.camera
-        self._size = _size_of(given, camera_json)
+        self._sizes = _sizes_of(given, camera_json)
         self._names, self._reading = in_order(names, str(self.folder), known.time_unit)
         self._remarks: tuple[str, ...] = ()
         _, path, raw = next(self._whole_frames())
@@ -119,33 +120,33 @@ class FolderRecording(Recording):
             (values,) = arrays_in(path, is_single=True)
             return values
         if suffix == RAW:
-            return _raw(path, self._size)
+            return _raw(path, self._sizes)
         return stored_depth(read_picture(path), self._given, path)
 
 
-def _size_of(*infos: CameraInfo) -> tuple[int, int] | None:
-    """The height and width in px that the first camera with a size has."""
+def _sizes_of(*infos: CameraInfo) -> list[tuple[int, int]]:
+    """The widths and heights in px that the first camera with a size may have."""
     for info in infos:
+        if isinstance(info.camera, View) and info.camera.sizes:
+            return list(info.camera.sizes)
         if isinstance(info.camera, Camera) and info.camera.width:
-            return info.camera.height, info.camera.width
-    return None
+            return [(info.camera.width, info.camera.height)]
+    return []
 
 
-def _raw(path: Path, size: tuple[int, int] | None) -> NDArray[np.uint16]:
+def _raw(path: Path, sizes: Sequence[tuple[int, int]]) -> NDArray[np.uint16]:
     """The values of a file without a header. Raises NotDepthError for another number of bytes, and DataError."""
     content = files.read_bytes(path, "the frame")
-    if size is None:
+    if not sizes:
         raise NotDepthError(
             f"{path}: {len(content)} bytes without a header, of unknown height and width; give them in a camera.json "
             "in the folder, with fx, fy, u0 and v0, or write PNG (rs-convert -p)"
         )
-    height, width = size
-    expected = BYTES * height * width
-    if len(content) != expected:
-        raise NotDepthError(
-            f"{path}: {len(content)} bytes; expected {expected}, {width} x {height} depths of 16 bits without a header"
-        )
-    return np.frombuffer(content, "<u2").reshape(size)
+    expected = {BYTES * width * height: (height, width) for width, height in sizes}
+    if len(content) not in expected:
+        known = ", ".join(f"{count}, {width} x {height}" for count, (height, width) in expected.items())
+        raise NotDepthError(f"{path}: {len(content)} bytes; expected {known} depths of 16 bits without a header")
+    return np.frombuffer(content, "<u2").reshape(expected[len(content)])
 
 
 def _frames_in(source: Path) -> tuple[Path, list[str]]:
@@ -384,5 +385,6 @@ def _pattern(names: list[str]) -> str:
     if columns and not any(changes):
         changes[-1] = True
     numbers = ["*" if change else column[0] for change, column in zip(changes, columns)]
-    parts = itertools.zip_longest(NUMBER.split(path.stem), numbers, fillvalue="")
+    texts = [glob.escape(text) for text in NUMBER.split(path.stem)]
+    parts = itertools.zip_longest(texts, numbers, fillvalue="")
     return "".join(itertools.chain(*parts)) + path.suffix

@@ -92,6 +92,16 @@ def test_where_programs_put_the_camera(depth: Path, name: str, text: str) -> Non
     assert next_to(depth, is_needed=False) == UNKNOWN
 
 
+def test_the_folder_in_the_error_is_that_of_the_frames() -> None:
+    """As for the folder of Open3D's recorder, whose camera is then found."""
+    wrote("camera_intrinsic.json")
+    put(Path("take/color/000000.jpg"), np.zeros((48, 64, 3), np.uint8))
+    with pytest.raises(DataError, match=r"found camera_intrinsic\.json, color, depth; name the") as raised:
+        open_recording("take")
+    folder = str(raised.value).partition("name the folder of the frames, as '")[2].removesuffix("'")
+    assert open_recording(folder).camera == CAMERA
+
+
 def test_from_within_the_folder(depth: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     wrote("camera_intrinsic.json")
     monkeypatch.chdir(depth)
@@ -128,6 +138,9 @@ def test_the_mode_of_the_frames_size(depth: Path) -> None:
     recording = open_recording(depth)
     assert recording.camera == CAMERA
     assert not any("field of view" in remark for remark in recording.remarks)
+    for number in range(3):
+        hand_sized(distance=1000 + number).tofile(wrote(f"raw/{number}.raw"))
+    assert [frame.depth[20, 30] for frame in open_recording("take/raw")] == [1000, 1001, 1002]
 
 
 @pytest.mark.parametrize(

@@ -110,6 +110,19 @@ def test_another_kind_of_picture_is_no_damage(folder: Path, given: np.ndarray, r
         list(FolderRecording(folder, GIVEN))
 
 
+@pytest.mark.parametrize("form", ["{}_{}.png", "{} ({}).png", "[{}] {}.png", "{}[{}].tif", "what?{}*{}.png"])
+def test_the_pattern_in_the_error_names_the_depth(tmp_path: Path, form: str) -> None:
+    """Of names without leading zeros, with infrared beside, in a folder with special characters."""
+    for number in range(12):
+        put(tmp_path / "a [b]" / form.format("depth", number), hand_sized(distance=1000 + number))
+        put(tmp_path / "a [b]" / form.format("ir", number), hand_sized(distance=3000))
+    with pytest.raises(DataError, match="holds 2 sequences") as raised:
+        FolderRecording(tmp_path / "a [b]", GIVEN)
+    pattern = str(raised.value).partition("; name one, as '")[2].removesuffix("'")
+    recording = FolderRecording(Path(pattern), GIVEN)
+    assert [frame.depth[20, 30] for frame in recording] == [500 + number / 2 for number in range(12)]
+
+
 def test_the_packing_of_nyu(tmp_path: Path) -> None:
     image = pack_depth(np.full((480, 640), 700))
     for name in ("depth_1_0000001", "rgb_1_0000001"):
