@@ -4,7 +4,8 @@ FolderRecording(Path("frames"), given)          # all frames in it, which must b
 FolderRecording(Path("frames/left_*.png"), given)    # those of one
 
     .png .tif       16-bit grey images
-    .npy .npz       an array (height, width), in an .npz called depth or the only one; its other arrays as in ``stack``
+    .npy .npz       an array (height, width), in an .npz called depth or the only one; its other arrays, of which those
+                    with the time of a frame count if the names have none, as in ``stack``
     .raw            16-bit values of the camera's size without a header, the low byte first
 
     000000033333us.png                      us, ms or ns as named, as ``tools/record.py`` writes
@@ -19,6 +20,7 @@ it.
 
 from __future__ import annotations
 
+import contextlib
 import fnmatch
 import glob
 import itertools
@@ -38,7 +40,14 @@ from handpose.frames.camera_file import FRAMES, TICKS, since_1970
 from handpose.frames.camera_places import next_to
 from handpose.frames.cameras import Camera, View
 from handpose.frames.formats import CONVERTED, OF_ONE_FRAME, RAW, STACKS, conversion, is_pattern
-from handpose.frames.formats.stack import arrays_in, not_used, parameters_in
+from handpose.frames.formats.stack import (
+    arrays_in,
+    checked_times,
+    name_of_times,
+    not_used,
+    parameters_in,
+    unit_of_times,
+)
 from handpose.frames.images import read_picture, stored_depth
 from handpose.frames.recording import (
     UNKNOWN,
@@ -77,7 +86,13 @@ class FolderRecording(Recording):
         if path.suffix.lower() in STACKS:
             first = arrays_in(path, is_single=True)
             own, fields, taken = parameters_in(first.others, where, given)
-            self.warnings = not_used([name for name in first.names if name not in fields])
+            timed = name_of_times(first.others, 1)
+            self.warnings = not_used([name for name in first.names if name not in fields and name != timed])
+            if timed is not None:
+                in_names = in_order(names, str(self.folder))  # a given unit is that of the arrays
+                if not in_names[1].ticks:
+                    self._names, self._reading = in_names
+                    self._reading = self._timed_by(timed, given, own, camera_json)
         self._decode = decode = DepthDecoder(raw.shape, raw.dtype, where, given, own, camera_json)
         self.name, self.count, self.rate = str(source), len(names), decode.rate
         self.camera, self.unit_mm = decode.camera, decode.unit_mm
@@ -86,6 +101,21 @@ class FolderRecording(Recording):
             self.rate, assumed = decode.paced()
             remarks += assumed
         self.remarks = self._remarks = tuple(remarks)
+
+    def _timed_by(self, name: str, given: CameraInfo, own: CameraInfo, camera_json: CameraInfo) -> Reading:
+        """The times in an array of each file, in the order of the names. Raises DataError unless they ascend."""
+        found: dict[int, NDArray[Any]] = {}
+        for number, file in enumerate(self._names):
+            with contextlib.suppress(DataError):  # of a damaged frame, which is left out
+                found[number] = arrays_in(self.folder / file, is_single=True).others.get(name, np.zeros(0))
+        where = f"{self.folder}: {name}"
+        numbers = checked_times(np.concatenate([values.ravel() for values in found.values()]), len(found), where)
+        unit, how = unit_of_times(name, numbers, str(self.folder), given.time_unit, own, camera_json)
+        ticks = 0 if unit == FRAMES else NANO
+        steps = np.rint((numbers - numbers[0]) * (ticks / TICKS[unit] if ticks else 1)).astype(int).tolist()
+        times = dict(zip(found, steps))
+        in_place = [times.get(number, 0) for number in range(len(self._names))]
+        return self._reading._replace(times=in_place, ticks=ticks, how=f"times from {name!r} of each frame, {how}")
 
     def __iter__(self) -> Iterator[DepthFrame]:
         """The frames that can be read. Raises DataError for one of another size or kind, and for a system error."""

@@ -62,10 +62,10 @@ class StackRecording(Recording):
         others = frames.others
         own, fields, taken = parameters_in(others, where, given)
         camera_json = next_to(path, given.camera is None and own.camera is None)
-        self._times, times = None, _name_of_times(others, count)
+        self._times, times = None, name_of_times(others, count)
         if times is not None:
-            numbers = _checked(others[times], count, f"{where}: {times}")
-            unit, how = _unit_of_times(times, numbers, where, given.time_unit, own, camera_json)
+            numbers = checked_times(others[times], count, f"{where}: {times}")
+            unit, how = unit_of_times(times, numbers, where, given.time_unit, own, camera_json)
             rate = given.or_else(own).or_else(camera_json).rate or RATE
             self._times = numbers / (rate if unit == FRAMES else TICKS[unit])
             taken.append(f"times from {times!r}, {how}")
@@ -272,7 +272,7 @@ def _plain(value: NDArray[Any], where: str) -> Any:
     return plain.decode("utf-8", "replace") if isinstance(plain, bytes) else plain
 
 
-def _name_of_times(found: Mapping[str, NDArray[Any]], count: int) -> str | None:
+def name_of_times(found: Mapping[str, NDArray[Any]], count: int) -> str | None:
     """The array of times: ``time``, otherwise the first whose name has a unit, otherwise the first.
 
     A single number may be the date of the recording, and a ``t`` of another length a translation.
@@ -288,7 +288,7 @@ def _ending(name: str) -> str | None:
     return ENDINGS[match[1].lower()] if match and match[1] else None
 
 
-def _checked(times: NDArray[Any], count: int, where: str) -> NDArray[np.float64]:
+def checked_times(times: NDArray[Any], count: int, where: str) -> NDArray[np.float64]:
     """Times of the frames. Raises DataError for others than one ascending number for each."""
     if times.size != count or times.squeeze().ndim > 1 or times.dtype.kind not in "iuf":
         raise DataError(f"{where} is {times.dtype} {times.shape}, expected ({count},): a time for each frame")
@@ -300,7 +300,7 @@ def _checked(times: NDArray[Any], count: int, where: str) -> NDArray[np.float64]
     return numbers
 
 
-def _unit_of_times(
+def unit_of_times(
     name: str, times: NDArray[np.float64], where: str, given: str | None, own: CameraInfo, camera_json: CameraInfo
 ) -> tuple[str, str]:
     """The unit of times, and how it is known. Raises DataError if it is unknown."""

@@ -218,6 +218,45 @@ def test_what_the_archives_of_frames_hold(tmp_path: Path) -> None:
     assert FolderRecording(tmp_path, CameraInfo(replace(CAMERA, fx=70.0))).camera.fx == 70
 
 
+@pytest.mark.parametrize(("name", "values", "unit", "times"), [
+    ("timestamp_ms", (7, 40, 106), None, [0, 0.033, 0.099]),
+    ("timestamp", (1616799936.125, 1616799936.25, 1616799936.5), None, [0, 0.125, 0.375]),
+    ("time", np.array([[7.5], [8.5], [9.0]]), None, [0, 1, 1.5]),
+    ("timestamp", (7.5, 8.5, 9.0), "s", [0, 1, 1.5]),
+    ("t", (3, 4, 6), "frames", [0, 0.1, 0.3]),
+])
+def test_times_in_the_archives_of_frames(
+    tmp_path: Path, name: str, values: Any, unit: str | None, times: list[float]
+) -> None:
+    """If the names have none; also if a frame is damaged, which is left out."""
+    for number, time in enumerate(values):
+        put_array(tmp_path / f"{number + 8}.npz", hand_sized(distance=1000 + number), **{name: time})
+    given = replace(GIVEN, time_unit=unit)
+    recording = FolderRecording(tmp_path, given)
+    assert [frame.time for frame in recording] == pytest.approx(times)
+    assert [frame.depth[20, 30] for frame in recording] == [500, 500.5, 501]
+    assert recording.remarks[0].startswith(f"times from '{name}' of each frame, ")
+    assert recording.warnings == ()
+    (tmp_path / "9.npz").write_bytes(b"")
+    assert [frame.time for frame in FolderRecording(tmp_path, given)] == pytest.approx(times[::2])
+    for number, time in enumerate(values):
+        put_array(tmp_path / f"{(number + 1) * 100}us.npz", hand_sized(), **{name: time})
+    assert [frame.time for frame in FolderRecording(tmp_path / "*us.npz", GIVEN)] == pytest.approx([0, 1e-4, 2e-4])
+
+
+@bad_inputs(DataError, {
+    "descending": ((2, 1), "...: timestamp_ms[1] is 1; expected finite times, each after the one before"),
+    "of another length": ((1, [2, 3]), "...: timestamp_ms is int64 (3,), expected (2,): a time for each frame"),
+    "missing": ((1, None), "...: timestamp_ms is float64 (1,), expected (2,): a time for each frame"),
+})
+def test_times_in_archives_that_do_not_fit(tmp_path: Path, given: tuple[Any, Any], rejected: Any) -> None:
+    for number, time in enumerate(given):
+        others = {} if time is None else {"timestamp_ms": time}
+        put_array(tmp_path / f"{number}.npz", hand_sized(), **others)
+    with rejected:
+        FolderRecording(tmp_path, GIVEN)
+
+
 def test_raw_values_have_the_size_of_the_camera(tmp_path: Path) -> None:
     """By camera.json next to them, also if the user gives focal lengths alone."""
     put_array(tmp_path / "1.raw", hand_sized())
