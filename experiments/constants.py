@@ -38,12 +38,14 @@ from __future__ import annotations
 import argparse
 import ast
 import dataclasses
+import dis
 import importlib
 import io
 import itertools
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from types import CodeType, ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -148,11 +150,38 @@ def set_constants(texts: Sequence[str]) -> None:
             number = float(value)
         except ValueError:
             raise DataError(f"--set {text}: {value!r} is no number") from None
-        setattr(importlib.import_module(f"handpose.{module}"), constant, number)
-        own = {f"handpose.{other}" for other, names in constants().items() if constant in names}
-        for other, loaded in list(sys.modules.items()):  # those that an earlier one has loaded, and that import it
-            if other.startswith("handpose.") and other not in own and constant in vars(loaded):
-                setattr(loaded, constant, number)
+        owner = importlib.import_module(f"handpose.{module}")
+        if not isinstance(vars(owner)[constant], (int, float)):
+            raise DataError(f"--set {text}: its value is more than a number; edit {owner.__file__}")
+        for loaded in [owner, *_importers(owner.__name__, constant)]:
+            used = [step.argval for step in _steps(_code_of(loaded)) if step.opname == "LOAD_NAME"]
+            if constant in used:
+                raise DataError(f"--set {text}: {loaded.__file__} has used its value on import; edit it there")
+            setattr(loaded, constant, number)
+
+
+def _importers(owner: str, constant: str) -> list[ModuleType]:
+    """The loaded modules that import a constant from its module."""
+    found = []
+    for module in [loaded for name, loaded in sys.modules.items() if name.startswith("handpose.")]:
+        source = ""
+        for step in _steps(_code_of(module)):
+            source = step.argval if step.opname == "IMPORT_NAME" else source
+            if step.opname == "IMPORT_FROM" and (source, step.argval) == (owner, constant):
+                found.append(module)
+    return found
+
+
+def _code_of(module: ModuleType) -> CodeType:
+    """What Python runs to import a module: in it and in its classes, but not in functions, names are LOAD_NAME."""
+    return compile(files.read_text(str(module.__file__), "the module"), str(module.__file__), "exec")
+
+
+def _steps(code: CodeType) -> Iterator[dis.Instruction]:
+    yield from dis.get_instructions(code)
+    for inner in code.co_consts:
+        if isinstance(inner, CodeType):
+            yield from _steps(inner)
 
 
 def array_in(path: Path) -> object:

@@ -6,6 +6,10 @@ r"""Score published predictions: errors in mm, success rates, errors per joint, 
 
 Files are text with one frame per line and three numbers per joint: u v d (px, px, mm) or x y z (mm, camera axes: x
 right, y up, z away). NYU has 14 joints: annotated 0, 3, 6, 9, 12, 15, 18, 21, 24, 25, 27, 30, 31, 32. ICVL has its 16.
+HANDS 2017 (also BigHand2.2M) has 21, as x y z with y down after the name of the image, by which frames are matched:
+
+    python tools/evaluate.py hands2017 --groundtruth labels.txt --predictions Mine=result.txt
+
 Several NAME=FILE are compared in one table and one figure. Errors are distances between absolute positions, independent
 of crop centres and cubes.
 
@@ -55,8 +59,8 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--groundtruth", metavar="FILE", required=True, help="annotated joints")
     parser.add_argument("--predictions", metavar="NAME=FILE", required=True, nargs="+", action="extend",
                         type=_named_file, help="predicted joints of each method")
-    parser.add_argument("--format", choices=FORMATS, default="uvd", help="of predictions (default: %(default)s)")
-    parser.add_argument("--groundtruth-format", choices=FORMATS, default="uvd", help="default: %(default)s")
+    parser.add_argument("--format", choices=FORMATS, help="of predictions (default: uvd; xyz for hands2017)")
+    parser.add_argument("--groundtruth-format", choices=FORMATS, help="likewise")
     parser.add_argument("--plot", metavar="FILE", type=name_in(*PICTURES),
                         help=f"draw curves and bars to this file ({', '.join(PICTURES)})")
     parser.add_argument("--angles", action="store_true", help="also compare joint angles of the fitted hand (NYU)")
@@ -75,17 +79,20 @@ def run(args: argparse.Namespace) -> int:
     if args.plot:
         outputs.refuse_inputs(args.plot, [args.groundtruth, *(path for _, path in args.predictions)])
     benchmark = BENCHMARKS[args.dataset]
-    truth = published.read_joints(args.groundtruth, len(benchmark.joints), args.groundtruth_format, benchmark.camera)
+    count, camera, is_y_down = len(benchmark.joints), benchmark.camera, benchmark.is_y_down
+    fmt, true_fmt = args.format or benchmark.format, args.groundtruth_format or benchmark.format
+    true_names, truth = published.read_frames(args.groundtruth, count, true_fmt, camera, is_y_down)
     scores, predictions = {}, {}
     for name, path in args.predictions:
-        predicted = published.read_joints(path, len(benchmark.joints), args.format, benchmark.camera)
+        names, predicted = published.read_frames(path, count, fmt, camera, is_y_down)
+        predicted = published.in_order(names, predicted, true_names, path)
         if len(predicted) != len(truth):
             raise DataError(f"{path}: {len(predicted)} frames, the ground truth {args.groundtruth} has {len(truth)}")
         predictions[name] = predicted
         scores[name] = published.score_on(benchmark, joint_errors(predicted, truth))
         if scores[name].mean_mm > IMPLAUSIBLE_MM:
             say(f"warning: {path}: the mean error is {scores[name].mean_mm:.0f} mm; check that the format is "
-                f"{args.format}, y up if xyz, and that the frames are those of {benchmark.name}",
+                f"{fmt}, y {'down' if is_y_down else 'up'} if xyz, and that the frames are those of {benchmark.name}",
                 file=sys.stderr)
     if args.plot:
         plot(scores, benchmark, len(truth), args.plot)

@@ -38,6 +38,7 @@ from handpose.output.tracks.writing import open_writer
 from handpose.sequences.recordings import SCRIPTS, SyntheticRecording
 from netlib.errors import NetlibError
 from netlib.files import make_folder
+from netlib.files.paths import exists
 from tools.common.arguments import parser_of, seconds, seed
 from tools.common.console import DONE, guarded, say
 from tools.common.progress import ProgressBar, StoppedError, Stopper
@@ -89,8 +90,8 @@ def run(args: argparse.Namespace) -> int:
         say(f"stopped; {args.out} and {truth} have {writer.count} frames", file=sys.stderr)
         return 128 + stopper.signum
     except BaseException:
-        if not args.out.exists():
-            truth.unlink(missing_ok=True)  # of a recording that does not exist
+        if exists(truth) and not exists(args.out):
+            truth.unlink()  # of a recording that does not exist
         raise
     say(f"wrote {args.out}: {writer.count} frames of {writer.count / recording.rate:.1f} s, "
         f"unit {recording.unit_mm:g} mm; ground truth in {truth}")

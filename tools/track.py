@@ -8,10 +8,10 @@
     python tools/track.py realsense --serve
     python tools/track.py takes/wave --look first.png
 
-SOURCE is a folder of 16-bit PNG or a quoted pattern of their names, an array file (.npy, .npz), a ROS bag, or
-realsense, a connected camera. Camera, unit and distortion come from it, from a camera.json next to it, or from options;
-a report on the first frames shows them and warns about likely mistakes. --look stops after it, with a figure of the
-first hand.
+SOURCE is a folder with a 16-bit PNG, .npy, .npz or .raw for each frame or a quoted pattern of their names, an array
+file (.npy, .npz), a ROS bag, or realsense, a connected camera. Camera, unit and distortion come from it, from a
+camera.json next to it, or from options; a report on the first frames shows them and warns about likely mistakes. --look
+stops after it, with a figure of the first hand.
 
 Each hand is tracked from its last pose; while there are fewer than --hands, the image is searched for more.
 Handedness is decided in the first frames and size in the first seconds of a track, and both are kept. Angles and palm

@@ -12,21 +12,22 @@ distortion      of the lens: as above, or the coefficients alone; model, coeffs,
 name            of the camera
 time_unit       of the times in the names of the frames or in their file: s, ms, us, ns, or frames for numbers
 
-Files of other programs are read, too: JSON, YAML (the part in which programs write parameters), and tables of numbers.
-In them these keys have the names of RealSense, Open3D, ROS, OpenCV and Kalibr, and
+Files of other programs are read by the same keys under the names in ``ALIASES``, whatever their form: JSON, the YAML in
+which programs write parameters, lines of keys and values, sections, or tables of numbers. In them
 
     fx, fy, cx, cy  are also a matrix: 3 x 3 by rows or by columns, within 3 x 4 or 4 x 4, or fx, fy, cx, cy in a row
-    width, height   both in a row, as in resolution: [640, 480]
+    width, height   both in a row, as in resolution: [640, 480] or 640x480
     depth_scale     of a stored value of 1: m, if it is less than 0.01; otherwise mm; from 100 on stored values per m
 
 They may lie within other objects and lists, and have names such as Camera.fx. Of several cameras that of the depth is
-taken, by the names around it.
+taken, by the names around it and the texts in it, and of several modes of it that of the frames' size.
 """
 
 from __future__ import annotations
 
+import codecs
+import contextlib
 import json
-import math
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -35,37 +36,26 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from handpose.frames.cameras import MIN_FOCAL_PX, MIN_RANGE_MM, Camera
+from handpose.frames.cameras import MIN_FOCAL_PX, MIN_RANGE_MM, Camera, View
 from handpose.frames.lens import Lens, lens_of
 from handpose.frames.recording import CameraInfo
 from netlib import files
-from netlib.errors import DataError, did_you_mean
+from netlib.errors import DataError, did_you_mean, reason_of
 from netlib.files import atomic
-from netlib.files.paths import exists
 
 NAME = "camera.json"
-OTHER_NAMES = ("camera.yaml", "camera_info.yaml", "camera_info.json", "intrinsic.json", "intrinsics.json",
-               "calibration.json", "intrinsics.txt", "K.txt")  # in a folder of frames
-
-
-def next_to(source: Path) -> CameraInfo:
-    """The camera.json of a recording: in a folder, next to a file as NAME.camera.json or camera.json.
-
-    Raises DataError.
-    """
-    return next((read(place) for place in places_next_to(source) if exists(place)), CameraInfo())
-
-
-def places_next_to(source: Path) -> list[Path]:
-    """The possible paths of a camera's file, the most specific first."""
-    if source.is_dir():
-        return [source / name for name in (NAME, *OTHER_NAMES)]
-    return [source.with_suffix(f".{NAME}"), source.with_name(NAME)]
+MAX_BYTES = 1 << 22  # of a file; calibrations have some 10,000
 
 
 def read(path: Path) -> CameraInfo:
     """Read a camera.json, or a file of another program. Raises DataError."""
-    return parse(files.read_text(path, "the camera", limit=MAX_BYTES), str(path))
+    content = files.read_bytes(path, "the camera", limit=MAX_BYTES)
+    is_wide = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))  # as PowerShell redirects texts
+    try:
+        text = content.decode("utf-16" if is_wide else "utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise DataError(f"{path}: cannot read the camera: {reason_of(error)}") from error
+    return parse(text, str(path))
 
 
 def write(path: Path, given: CameraInfo) -> None:
@@ -94,7 +84,7 @@ def parse(text: str, where: str) -> CameraInfo:
     """Parse the text of a camera.json or of another file; ``where`` begins every error. Raises DataError."""
     try:
         found = find(parse_document(text, where), where)
-    except (ValueError, RecursionError):  # thousands of digits or brackets, brackets that do not match
+    except RecursionError:  # thousands of brackets
         raise DataError(f"{where}: not the parameters of a camera") from None
     if found.unused and (found.is_own or found.info.camera is None):
         raise DataError(f"{where}: {unknown_key(found.unused[0])}")
@@ -103,29 +93,41 @@ def parse(text: str, where: str) -> CameraInfo:
 
 # ---------------------------------------------------------------------------------------------- documents
 
-MAX_BYTES = 1 << 22  # of a file; calibrations have some 10,000
-NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-NOT_OF_A_TABLE = re.compile(r"[^\s\d.,;()\[\]eE+-]")  # a matrix as numpy.savetxt or print write it
-# key: value, or key = value
-ENTRY = re.compile(r"""("[^"]*"\s*|'[^']*'\s*|[^\s"'\[{:=][^:=]*)(?::(?=\s|$)|=)\s*(.*)""")
-ELEMENT, TAG = re.compile(r"^\s*(?:-(?:\s+|$))*"), re.compile(r"^![\w!-]*\s*")
-COMMENT = re.compile(r"""((?:"[^"]*"|'[^']*'|[^"'#]|(?<!\s)#)*?)(?:(?:^|(?<=\s))#.*)?""")
-WORD = re.compile(r"""\s*("[^"]*"|'[^']*'|[^\s\[\]{},:](?:[^\[\]{},:]|:(?=\S))*)""")  # between brackets
-WORDS: dict[str, Any] = {"true": True, "false": False, "null": None, "~": None, "": None}
+NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
+NUMBERS = rf"[\[\](),;\s]*{NUMBER}(?:[\[\](),;\s]+{NUMBER})*[\[\](),;\s]*"  # in any brackets, as print writes them
+KEY = r"""("[^"]+"|'[^']+'|(?<!\w)[A-Za-z_][\w./ \t]{0,60}?(?:\([^)]*\))?)\s*"""
+TEXT = r"""("[^"]*"|'[^']*'|(?![^,;]*[:=])[^\s\[{"'!,;][^,;{}\[\]<>()]*)"""
+TABLE, SECTION = re.compile(NUMBERS), re.compile(r"\[([A-Za-z][^\[\]{},:\"]*)\]")
+PAIR = re.compile(rf"{KEY}[:=]\s*(?:(?:array)?({NUMBERS})(?![\w.])|{TEXT})")  # a line may have several
+COLUMNS = re.compile(rf"{KEY}(?:[\s,]\s*({NUMBERS})(?:px|pixels)?|,\s*{TEXT})")
+PRINTED = re.compile(  # what print shows of pyrealsense2's intrinsics
+    rf"\[\s*({NUMBER}), ({NUMBER})\s+p\[({NUMBER}) ({NUMBER})\]\s+f\[({NUMBER}) ({NUMBER})\]"
+    r"\s+([\w ]+?) *\[([^\]]*)\]\s*\]"
+)
+AS_PAIRS = r" width: \1, height: \2, u0: \3, v0: \4, fx: \5, fy: \6, model: \7, coefficients: [\8]"
+PRODUCT, JSON = re.compile(r"(?<=\d)[ \t]*x[ \t]*(?=\d)"), re.compile(r'\s*(\{\s*["}]|\[\s*[\[{"]|$)')
+COMMENT, ELEMENT = re.compile(r"(?:^|(?<=\s))#.*", re.M), re.compile(r"\s*(?:-(?:\s+|$))*")
+EDGES = " \t<({[\"'"  # of a name
+BRACKETS = re.compile(r"\[[^\[\]]*(?:\[[^\[\]]*\][^\[\]]*)*\]")
 
 
 def parse_document(text: str, where: str) -> Any:
-    """The value of a text: of a table the list of its numbers. ``where`` begins errors.
+    """The value of a text, which its content decides: of a table the list of its numbers. ``where`` begins errors.
 
-    Raises DataError, ValueError, RecursionError.
+    Raises DataError.
     """
-    if not NOT_OF_A_TABLE.search(text) and (numbers := NUMBER.findall(text)):
-        return [float(number) for number in numbers]
-    if text.lstrip()[:1] in ("", "{", "["):
+    plain = COMMENT.sub("", text)
+    if TABLE.fullmatch(plain):
+        return _value(f"[{plain}]")
+    if JSON.match(text):
         return parsed(text, where)
-    if text.lstrip().startswith("<"):
+    if text.lstrip().startswith("{'"):  # a dictionary as Python prints it
+        with contextlib.suppress(DataError):
+            return parsed(text.replace("'", '"'), where)
+    if text.lstrip().startswith(("<?xml", "<opencv")):
         raise DataError(f"{where}: XML; expected JSON or YAML, which OpenCV's FileStorage writes, too")
-    return _of_lines(text, where)
+    plain = PRINTED.sub(AS_PAIRS, PRODUCT.sub(", ", plain))
+    return _of_lines(BRACKETS.sub(lambda found: " ".join(found[0].split()), plain), where)
 
 
 def parsed(text: str, where: str) -> Any:
@@ -148,84 +150,77 @@ def parsed(text: str, where: str) -> Any:
 
 
 def _of_lines(text: str, where: str) -> dict[str, Any]:
-    """The value of lines ``key: value`` or ``key = value``.
+    """The keys and values in lines, of the first document of several. Raises DataError for a known key given twice.
 
-    Deeper lines below a key without a value are an object, elements of a sequence the list of the key above, and a line
-    without a value is a key, as in the text of rs-enumerate-devices.
+    A line without a value names the object of deeper lines, or of all lines of a section; so does what is before
+    several keys in a line. Numbers alone continue the value above.
     """
     document: dict[str, Any] = {}
-    around = [(-1, document)]  # the objects around a line, each with the indent of its key
-    above, inside, key = -1, document, ""  # of the last key: its indent, and the object in which it is
-    for line in _logical(text):
-        content = ELEMENT.sub("", line)
-        indent = len(line) - len(content)
-        matched = ENTRY.fullmatch(content)
-        if not matched and "-" in line[:indent]:
-            if key and inside[key] is None:
-                inside[key] = []
-            if key and isinstance(inside[key], list):
-                inside[key].append(_flow(content))
+    around = [(-2, document)]  # the objects around a line, each with the indent of its name
+    above, inside, key = -2, document, ""  # of the last key: its indent, and the object in which it is
+    for line in text.splitlines():
+        content = ELEMENT.sub("", line, count=1).strip()
+        if document and content in ("---", "..."):
+            break
+        if not content or content == "---" or line.startswith("%"):
             continue
-        if key and indent > above and inside[key] is None:
+        indent, value = line.index(content), inside.get(key, "")
+        if TABLE.fullmatch(content):
+            if not isinstance(value, (str, dict)):
+                row = [] if value is None else value if isinstance(value, list) else [value]
+                row += _value(f"[{content}]")
+                inside[key] = row if len(row) > 1 or "-" in line[:indent] else row[0]
+            continue
+        if key and indent > above and value is None:
             inside[key] = {}
             around.append((above, inside[key]))
+        section = SECTION.fullmatch(content)
+        name, values = ("", [(section[1], None)]) if section else _keys_in(content)
+        indent = -1 if section else indent
         while around[-1][0] >= indent:
             around.pop()
         above, inside = indent, around[-1][1]
-        key = _unquoted(matched[1]) if matched else content
-        if key in inside:
-            raise DataError(f"{where}: has {key!r} twice")
-        inside[key] = _flow(TAG.sub("", matched[2], count=1)) if matched else None
+        if name:
+            inside = inside.setdefault(_unique(name, inside), {})
+        for key, value in values:
+            if key in inside and value is not None and is_known(key):
+                raise DataError(f"{where}: has {key!r} twice")
+            key = _unique(key, inside)
+            inside[key] = value
+    if not document:
+        raise DataError(f"{where}: not the parameters of a camera")
     return document
 
 
-def _logical(text: str) -> Iterator[str]:
-    """The lines with content, of the first document; one that ends within brackets is continued by the next."""
-    parts, opened, any_content = list[str](), 0, False
-    for raw in text.splitlines():
-        matched = COMMENT.fullmatch(raw)
-        line = (matched[1] if matched else raw).rstrip()
-        if not parts and any_content and line in ("---", "..."):
-            return
-        if not parts and (not line.strip() or line == "---" or line.startswith("%")):
-            continue
-        any_content = True
-        parts.append(line.strip() if parts else line)
-        opened += _open_brackets(line)
-        if opened <= 0:
-            yield " ".join(parts)
-            parts, opened = [], 0
-    if parts:
-        yield " ".join(parts)
+def _unique(name: str, inside: Mapping[str, Any]) -> str:
+    """A name that an object does not have; blocks of the same name differ by spaces."""
+    while name in inside:
+        name += " "
+    return name
 
 
-def _open_brackets(text: str) -> int:
-    bare = re.sub(r""""[^"]*"|'[^']*'""", "", text)
-    return sum(map(bare.count, "[{")) - sum(map(bare.count, "]}"))
+def _keys_in(content: str) -> tuple[str, list[tuple[str, Any]]]:
+    """The name before the keys in a line, and these with their values; a name alone is a key with None."""
+    found = list(PAIR.finditer(content))
+    if not found and (whole := COLUMNS.fullmatch(content)):
+        found = [whole]
+    if not found:
+        return "", [(re.split("[:=]", content)[0].strip(EDGES), None)]
+    before = content[: found[0].start()]
+    keys = [pair[1].strip("\"'") for pair in found]
+    if len(keys) > 1 and not is_known(keys[0]):  # <Intrinsic fx=60 fy=61 ...
+        more, _, last = keys[0].rpartition(" ")
+        before, keys[0] = (before + more, last) if is_known(last) else (before, keys[0])
+    values = [_value(pair[2] or pair[3]) for pair in found]
+    return re.split("[:=]", before)[0].strip(EDGES), list(zip(keys, values))
 
 
-def _flow(text: str) -> Any:
-    """The value of a text in one line: [1, 2], {a: 1}, a number or a word. Raises ValueError."""
-    if not text.startswith(("[", "{")):
-        return _scalar(text)
-    return json.loads(WORD.sub(lambda word: json.dumps(_scalar(word[1])), text))
-
-
-def _unquoted(text: str) -> str:
-    text = text.strip()
-    return text[1:-1] if text[0] in "\"'" and text[-1] == text[0] else text
-
-
-def _scalar(text: str) -> Any:
-    text = text.strip()
-    if text.lower() in WORDS:
-        return WORDS[text.lower()]
-    if text[0] in "\"'":
-        return _unquoted(text)
-    if NUMBER.fullmatch(text):
-        return int(text) if re.fullmatch(r"[-+]?\d+", text) else float(text)
-    words = text.split()
-    return [float(word) for word in words] if all(map(NUMBER.fullmatch, words)) else text  # a row of numbers
+def _value(text: str) -> Any:
+    """A number, the list of several numbers or of those in brackets, or a text."""
+    if not TABLE.fullmatch(text):
+        return text.strip(" \t\"'")
+    numbers = [float(number) for number in re.findall(NUMBER, text)]
+    return numbers if len(numbers) > 1 or "[" in text else numbers[0]
 
 
 # ---------------------------------------------------------------------------------------------- values
@@ -244,27 +239,32 @@ BROWN = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")  # in OpenCV's order
 LENS = ("distortion", "model", "coefficients", *BROWN)
 FIELDS = ("unit_mm", "rate", "time_unit")  # those that are fields of CameraInfo
 KNOWN = (*RANGES, "name", *LENS, "time_unit")  # the keys of a camera.json
+ROWS = {"focal": ("fx", "fy"), "middle": ("u0", "v0"), "size": SIZE}  # keys of two values
 # Other names, without capitals and without what is no letter or digit.
 ALIASES = {key.replace("_", ""): key for key in KNOWN} | {alias: key for key, aliases in {
     "fx": "flx focalx focallengthx fxdepth depthfx",
     "fy": "fly focaly focallengthy fydepth depthfy",
     "u0": "cx ppx principalpointx mxdepth cxdepth depthcx",
     "v0": "cy ppy principalpointy mydepth cydepth depthcy",
-    "width": "imagewidth imgwidth w depthwidth",
-    "height": "imageheight imgheight h depthheight",
-    "size": "resolution imagesize imgsize framesize",
+    "focal": "focallength focallengths",
+    "middle": "principalpoint opticalcenter",
+    "width": "imagewidth imgwidth w depthwidth mdepthwidth resolutionwidth resolutionx framewidth",
+    "height": "imageheight imgheight h depthheight mdepthheight resolutionheight resolutiony frameheight",
+    "size": "resolution imagesize imgsize framesize imageresolution",
     "matrix": "k intrinsics intrinsic intrinsicmatrix cameramatrix cameraintrinsics cameraintrinsic depthintrinsics "
-              "depthintrinsic camk camerak depthk kdepth mtx intrinsicsmatrix intrinsicparameters "
-              "depthintrinsicmatrix depthcameramatrix",
+              "depthintrinsic cammat camk camerak depthk kdepth mtx intrinsicsmatrix intrinsicparameters kmatrix "
+              "depthintrinsicmatrix depthcameramatrix camintrinsics camintrinsic mcalibrationdepthintrinsic "
+              "intrinsicdepth intrinsicsdepth calibrationmatrix cameraintrinsicmatrix cameraintrinsicsmatrix",
     "rate": "fps framerate",
-    "scale": "depthscale depthunits pngdepthscale depthmapfactor",
+    "scale": "depthscale depthunits pngdepthscale depthmapfactor depthfactor mdepthshift",
     "coefficients": "coeffs d dist distcoeff distcoeffs distcoefs distcoef distortioncoefficients distortioncoeffs "
                     "distortioncoeff distortionparameters distortionparams depthdistortion",
-    "model": "distortionmodel",
+    "model": "distortionmodel distortiontype distorsion",
     "name": "cameraname",
 }.items() for alias in (key, *aliases.split())}
 IN_METRES, PER_METRE = 0.01, 100.0  # a depth scale below, and from here on
-OF_DEPTH, OF_COLOUR = re.compile(r"depth|infra|(?<![a-z])ir(?![a-z])", re.I), re.compile(r"colou?r|rgb", re.I)
+KINDS = [re.compile(kind, re.I) for kind in ("depth", "infra|(?<![a-z])ir(?![a-z])", "colou?r|rgb")]
+UNNAMED, COLOUR = 2, 3  # ranks of a camera whose names say no kind, and of one of colours
 MAX_NAMES = 8  # of unused keys that are named
 
 
@@ -290,15 +290,34 @@ def find(document: Any, where: str, is_replaced: bool = False) -> Found:
         numbers = _numbers(document) or []
         is_sized = len(numbers) == 6  # fx, fy, cx, cy, width, height
         document = {"matrix": numbers[:4], "size": numbers[4:]} if is_sized else {"matrix": document}
-    chosen = _chosen(document) or [(("", document),)]
+    chains = [chain for chain in _objects(document, ()) if has_camera(chain[-1][1])]
+    ranks = [rank_of(*(name for name, _ in chain), *map(str, chain[-1][1].values())) for chain in chains]
+    chosen = [chain for chain, rank in zip(chains, ranks) if rank == min(ranks)] or [(("", document),)]
     found = [Found(chain, where, is_replaced) for chain in chosen]
     if len({one.info for one in found}) > 1:
-        names = ", ".join(dict.fromkeys(map(_name_of, chosen)))
-        raise DataError(f"{where}: has several cameras: {names}; expected one, or one of depth")
+        found[0].info = _of_modes(chosen, [one.info for one in found], where)
     return found[0]
 
 
 _Chain = tuple[tuple[str, dict[str, Any]], ...]  # names and objects, from the document to one within it
+
+
+def _of_modes(chains: list[_Chain], infos: list[CameraInfo], where: str) -> CameraInfo:
+    """Cameras that differ in the size of their frames alone, as one. Raises DataError for others."""
+    cameras = dict.fromkeys(info.camera for info in infos)
+    modes = {(one.width, one.height): one for one in cameras if isinstance(one, Camera)}
+    others = {replace(info, camera=None) for info in infos}
+    if len(modes) < len(cameras) or (0, 0) in modes or len(others) > 1:
+        names = dict.fromkeys(".".join(name.strip() for name, _ in chain if name) for chain in chains)
+        raise DataError(f"{where}: has several cameras: {', '.join(names)}; expected one, or one of depth")
+
+    def at(width: int, height: int) -> Camera:
+        if (width, height) not in modes:
+            known = ", ".join(f"{w} x {h}" for w, h in modes)
+            raise DataError(f"{width} x {height} pixels; {where} has a camera for {known}")
+        return modes[width, height]
+
+    return replace(infos[0], camera=View("own", at, tuple(modes)), lens=infos[0].lens or Lens())
 
 
 def _objects(value: Any, outer: _Chain, name: str = "") -> Iterator[_Chain]:
@@ -315,7 +334,10 @@ def _objects(value: Any, outer: _Chain, name: str = "") -> Iterator[_Chain]:
 
 def has_camera(values: Mapping[str, Any]) -> bool:
     """True for a focal length, or for numbers in the place of a matrix."""
-    return any((key := _key(name)) == "fx" or (key == "matrix" and _numbers(value)) for name, value in values.items())
+    return any(
+        (key := _key(name)) == "fx" or (key in ("matrix", "focal") and _numbers(value))
+        for name, value in values.items()
+    )
 
 
 def is_known(name: str) -> bool:
@@ -323,22 +345,22 @@ def is_known(name: str) -> bool:
     return _key(name) in {*KNOWN, *ALIASES.values()}
 
 
-def _chosen(document: Any) -> list[_Chain]:
-    """The cameras of depth; if none is called so, those that are not of colour, or all."""
-    cameras = [chain for chain in _objects(document, ()) if has_camera(chain[-1][1])]
-    names = [_name_of(chain) for chain in cameras]
-    of_depth = [bool(OF_DEPTH.search(name)) for name in names]
-    others = [not OF_COLOUR.search(name) for name in names]
-    wanted = of_depth if any(of_depth) else others if any(others) else [True] * len(names)
-    return [chain for chain, is_wanted in zip(cameras, wanted) if is_wanted]
+def rank_of(*names: str) -> int:
+    """The rank of a camera among others, 0 for depth, by the innermost name that says its kind."""
+    for name in reversed(names):
+        for rank, kind in enumerate(KINDS):
+            if kind.search(name):
+                return rank if rank < UNNAMED else COLOUR
+    return UNNAMED
 
 
-def _name_of(chain: _Chain) -> str:
-    return ".".join(name for name, _ in chain if name)
+def _key(name: str, value: Any = None) -> str:
+    """The key of a camera.json, or one of those in ``ALIASES`` alone, for a name; itself if it is unknown.
 
-
-def _key(name: str) -> str:
-    """The key of a camera.json, or "matrix", "size", "scale", for a name; itself if it is unknown."""
+    A value with a width and a height alone is a size under any name.
+    """
+    if isinstance(value, dict) and {_key(one) for one in value} == {*SIZE}:
+        return "size"
     if name in KNOWN:
         return name
     return ALIASES.get(re.sub(r"[\W_]", "", name.rpartition(".")[2]).lower(), name)
@@ -360,12 +382,21 @@ class Found:
     """
 
     def __init__(self, chain: _Chain, where: str, is_replaced: bool) -> None:
-        self._where, self._values = where, dict[str, Any]()
-        self.fields, self.unused = dict[str, str](), list[str]()
-        self._is_replaced = is_replaced
-        self._take(chain[-1][1])
-        for _, outer in chain[-2::-1]:
-            self._take_around(outer)
+        self._where, self._is_replaced = where, is_replaced
+        self._values, self.fields = dict[str, Any](), dict[str, str]()
+        (_, own), *around = reversed(chain)
+        is_doubled = any(_key(name) == "fx" for name in own)  # of two forms the matrix is not used
+        for name, value in own.items():
+            if value is not None and not (is_doubled and _key(name) == "matrix"):
+                self._take(name, value)
+        self.unused = [name for name in own if name not in self.fields]
+        for _, outer in around:  # they may say the size, the lens and what holds for the frames
+            size = {"size", *SIZE} if "width" not in self._values else set()
+            lens = set(LENS) if self._values.keys().isdisjoint(LENS) else set()
+            wanted = (size | lens | {"scale", *FIELDS}) - self._values.keys()
+            for name, value in outer.items():
+                if _key(name, value) in wanted and value is not None:
+                    self._take(name, value)
         more = f"{', '.join(self.unused[:MAX_NAMES])}{' ...' * (len(self.unused) > MAX_NAMES)}"
         self.words = ", ".join(self.fields) + (f"; not used: {more}" if more else "")
         self.is_own = len(chain) < 2 and all(name in KNOWN for name in self.fields)
@@ -374,116 +405,83 @@ class Found:
     def _refuse(self, what: str) -> NoReturn:
         raise DataError(f"{self._where}: {what}")
 
-    def _take(self, values: Mapping[str, Any]) -> None:
-        """Take the values of the object with the camera. Raises DataError."""
-        keys = {_key(name) for name in values}
-        for name, value in values.items():
-            key = _key(name)
-            is_second = key == "matrix" and ("fx" in keys or "fx" in self._values)
-            if is_second or value is None or not self._is_taken(name, key, value):
-                self.unused.append(name)
+    def _take(self, name: str, value: Any) -> None:
+        """Take what a value says, if its key is known. Raises DataError."""
+        for key, plain in self._plain(name, value).items():
+            if key in self._values:
+                self._refuse(f"says {key} twice" + (f", once as {name}" if key != name else ""))
+            self._values[key] = self._checked(key, plain)
+            self.fields[name] = "lens" if key in LENS else key if key in FIELDS else "camera"
 
-    def _take_around(self, values: Mapping[str, Any]) -> None:
-        """Take what an object around it says of the size, the lens and the frames. Raises DataError."""
-        size = {"size", *SIZE} if "width" not in self._values else set()
-        lens = set(LENS) if self._values.keys().isdisjoint(LENS) else set()
-        wanted = (size | lens | {"scale", "unit_mm", "rate", "time_unit"}) - self._values.keys()
-        for name, value in values.items():
-            if _key(name) in wanted and value is not None:
-                self._is_taken(name, _key(name), value)
-
-    def _is_taken(self, name: str, key: str, value: Any) -> bool:
-        """Take a value, if its key is known. Raises DataError."""
+    def _plain(self, name: str, value: Any) -> dict[str, Any]:
+        """The values of keys of a camera.json that a name and its value mean. Raises DataError."""
+        key = _key(name, value)
         if key == "matrix":
             self.fields[name] = "camera"
             try:
-                numbers = _of_matrix(value, f"{self._where}: {name}")
+                return dict(zip(INTRINSICS, _of_matrix(value, f"{self._where}: {name}")))
             except DataError:
-                if not self._is_replaced:
-                    raise
-                return True
-            for own, number in zip(INTRINSICS, numbers):
-                self._set(own, number, name)
-        elif key == "size":
-            pair = [value.get(one) for one in SIZE] if isinstance(value, dict) else value
-            if not isinstance(pair, list) or len(pair) != 2:
-                return False
-            for own, number in zip(SIZE, pair):
-                self._set(own, number, name)
-        elif key == "scale":
+                if self._is_replaced:
+                    return {}
+                raise
+        if key in ROWS:
+            inner = {_key(one): number for one, number in value.items()} if isinstance(value, dict) else {}
+            row = [inner.get(one) for one in ROWS[key]] if inner else value
+            return dict(zip(ROWS[key], row)) if isinstance(row, list) and len(row) == 2 else {}
+        if key in ("distortion", "coefficients") and isinstance(value, dict) and not _numbers(value):
+            if strange := next((one for one in value if _key(one) not in LENS[1:]), None):
+                self._refuse(f"{name}: {unknown_key(strange, LENS[1:])}")
+            return {_key(one): number for one, number in value.items()}
+        if key == "scale":
+            key = "unit_mm"
             if _is_number(value):
                 value = 1000 / value if value >= PER_METRE else 1000 * value if value < IN_METRES else value
-            self._set("unit_mm", value, name)
-        elif key == "distortion" and isinstance(value, dict) and not _numbers(value):
-            for inner, number in value.items():
-                if (own := _key(inner)) not in LENS[1:]:
-                    self._refuse(f"{name}: {unknown_key(inner, LENS[1:])}")
-                self._set(own, number, name)
-        elif key == "distortion":
-            self._set("model" if isinstance(value, str) else "coefficients", value, name)
-        elif key in KNOWN:
-            self._set(key, value, name)
-        else:
-            return False
-        return True
-
-    def _set(self, key: str, value: Any, name: str) -> None:
-        if key in self._values:
-            self._refuse(f"says {key} twice" + (f", once as {name}" if key != name else ""))
-        self._values[key] = self._checked(key, value)
-        self.fields[name] = "lens" if key in LENS else key if key in FIELDS else "camera"
+        if key == "distortion":
+            key = "model" if isinstance(value, str) else "coefficients"
+        return {key: value} if key in KNOWN else {}
 
     def _checked(self, key: str, value: Any) -> Any:
         """The value of a key, numbers as such. Raises DataError for one of another kind, or out of range."""
+        expected = "a number that is finite"
         if key == "coefficients":
-            if (numbers := _numbers(value)) is None:
-                self._refuse(f"distortion is {_shown(value)}; expected a list of numbers: k1, k2, p1, p2, k3 ...")
-            return numbers
-        if key == "time_unit":
-            if value not in TIME_UNITS:
-                self._refuse(f"time_unit is {_shown(value)}; expected {', '.join(TIME_UNITS)}")
-            return value
-        if key in ("name", "model"):
-            if not isinstance(value, str):
-                self._refuse(f"{key} is {_shown(value)}; expected a text")
-            return value
-        low, high = RANGES.get(key, (-math.inf, math.inf))
-        if not _is_number(value) or not low < value <= high:
-            expected = f"more than {low:g} and at most {high:g}" if key in RANGES else "that is finite"
-            self._refuse(f"{key} is {_shown(value)}; expected a number {expected}")
-        if key in SIZE and value % 1:
-            self._refuse(f"{key} is {value}; expected a whole number")
-        return int(value) if key in SIZE else float(value)
+            value, expected = _numbers(value) or value, "a list of numbers: k1, k2, p1, p2, k3 ..."
+            is_good, key = _numbers(value) is not None, "distortion"
+        elif key == "time_unit":
+            is_good, expected = value in TIME_UNITS, ", ".join(TIME_UNITS)
+        elif key in ("name", "model"):
+            is_good, expected = isinstance(value, str), "a text"
+        elif key in RANGES:
+            low, high = RANGES[key]
+            is_good = _is_number(value) and low < value <= high
+            expected = f"a number more than {low:g} and at most {high:g}"
+            if is_good and key in SIZE:
+                is_good, expected = value % 1 == 0, "a whole number"
+        else:
+            is_good = _is_number(value)
+        if not is_good:
+            self._refuse(f"{key} is {_shown(value)}; expected {expected}")
+        return int(value) if key in SIZE else float(value) if _is_number(value) else value
 
     def _info(self) -> CameraInfo:
         """The parameters. Raises DataError."""
-        camera, said = None, self._values
-        if self._all_or_none(INTRINSICS):
-            self._all_or_none(SIZE)
-            fx, fy, u0, v0, width, height = (said.get(key, 0) for key in (*INTRINSICS, *SIZE))
-            near = said.get(MIN_RANGE, MIN_RANGE_MM)
-            camera = Camera(said.get("name", "own"), fx, fy, u0, v0, width, height, near)
+        said = self._values
+        camera, unit_mm, rate, time_unit = None, *(said.get(key) for key in FIELDS)
+        for keys in INTRINSICS, SIZE:
+            missing = [key for key in keys if key not in said]
+            if len(missing) in (1, 2, 3) and len(missing) < len(keys):
+                there = next(key for key in keys if key in said)
+                self._refuse(f"has {there}, but not {' and '.join(missing)}")
+        if "fx" in said:
+            rest = (said.get(key, default) for key, default in (*zip(SIZE, (0, 0)), (MIN_RANGE, MIN_RANGE_MM)))
+            camera = Camera(said.get("name", "own"), *(said[key] for key in INTRINSICS), *rest)
         elif stray := [key for key in (*SIZE, "name", MIN_RANGE) if key in said]:
             self._refuse(f"has {stray[0]}, but not fx, fy, u0, v0")
-        unit_mm, rate, time_unit = (said.get(key) for key in FIELDS)
-        return CameraInfo(camera, self._lens(), unit_mm, rate, self._where, time_unit)
-
-    def _lens(self) -> Lens | None:
-        said = self._values
-        by_name = [said.get(key, 0.0) for key in BROWN] if not said.keys().isdisjoint(BROWN) else []
+        lens, by_name = None, [said.get(key, 0.0) for key in BROWN if not said.keys().isdisjoint(BROWN)]
         if by_name and "coefficients" in said:
             self._refuse("says the distortion twice, once as k1 ... or p1 ...")
-        if not (by_name or "coefficients" in said or "model" in said):
-            return None
-        return lens_of(said.get("model", "brown_conrady"), said.get("coefficients", by_name), self._where)
-
-    def _all_or_none(self, keys: tuple[str, ...]) -> bool:
-        """True if all of the keys are present, False if none is; raises DataError otherwise."""
-        missing = [key for key in keys if key not in self._values]
-        if missing and len(missing) < len(keys):
-            there = next(key for key in keys if key in self._values)
-            self._refuse(f"has {there}, but not {' and '.join(missing)}")
-        return not missing
+        if by_name or "coefficients" in said or "model" in said:
+            lens = lens_of(said.get("model", "brown_conrady"), said.get("coefficients", by_name), self._where)
+        return CameraInfo(camera, lens, unit_mm, rate, self._where, time_unit)
 
 
 def _of_matrix(value: Any, where: str) -> list[float]:

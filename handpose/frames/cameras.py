@@ -76,11 +76,13 @@ class Camera:
 class View:
     """A camera whose intrinsics follow from the size of its frames.
 
-    at  the camera for a width and a height in px; raises DataError for a size that it cannot have
+    at     the camera for a width and a height in px; raises DataError for a size that it cannot have
+    sizes  all widths and heights that it can have, if they are known
     """
 
     name: str
     at: Callable[[int, int], Camera]
+    sizes: tuple[tuple[int, int], ...] = ()
 
 
 def by_field_of_view(

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from handpose.frames.cameras import NYU, Camera, View
 from handpose.frames.crops import SIZE, numbers
-from handpose.frames.recording import CameraInfo, DepthDecoder
+from handpose.frames.recording import CameraInfo, DepthDecoder, NotDepthError
 from netlib import files
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError, reason_of, system_error_of
@@ -87,13 +87,13 @@ def read_frame(path: str | Path, given: CameraInfo) -> NDArray[np.float32]:
 def stored_depth(image: NDArray[Any], camera: Camera | View | None, path: str | Path) -> NDArray[Any]:
     """The stored depths of a grey image of 16 bits or more; of NYU's camera also those of its colour packing.
 
-    Raises DataError for other images.
+    Raises NotDepthError for other images.
     """
     if camera == NYU and image.ndim == 3 and image.dtype == np.uint8 and image.shape[2] == 3:
         return unpack_depth(image).astype(np.uint16)
     if image.ndim != 2 or image.dtype == np.uint8:
         kind, nyu = ("colours", " (of the NYU data set, with --camera nyu)") if image.ndim == 3 else ("grey values", "")
-        raise DataError(f"{path}: a picture of {image.dtype} {kind}; expected depth, a 16-bit grey picture{nyu}")
+        raise NotDepthError(f"{path}: a picture of {image.dtype} {kind}; expected depth, a 16-bit grey picture{nyu}")
     return image
 
 

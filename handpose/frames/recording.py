@@ -28,6 +28,10 @@ RATE = 30.0  # frames per second, if unknown
 MAX_UINT16 = 65535  # maximum of 16 bits
 
 
+class NotDepthError(DataError):
+    """The values of a file are whole, and cannot be depths."""
+
+
 class DepthFrame(NamedTuple):
     """One frame without lens distortion.
 
@@ -92,6 +96,7 @@ class CameraInfo:
     rate        frames per second
     origin      of these values, for messages: "--camera", "camera.json"
     time_unit   of the times in file names and arrays: "s", "ms", "us" or "ns"; "frames" if they count frames
+    doubt       why files near the frames that may have a camera were not used, for messages
     """
 
     camera: Camera | View | None = None
@@ -100,6 +105,7 @@ class CameraInfo:
     rate: float | None = None
     origin: str = ""
     time_unit: str | None = None
+    doubt: str = ""
 
     def or_else(self, other: CameraInfo) -> CameraInfo:
         """These parameters; those of ``other`` where these are unknown."""
@@ -137,10 +143,15 @@ class DepthDecoder:
         check_values(dtype, where)
         known = given.or_else(own).or_else(camera_json)
         if known.camera is None:
-            raise DataError(f"{where}: the camera of these frames is unknown; give --camera FILE with its intrinsics "
-                            "from the SDK (also as camera.json next to the frames), or FX,FY,U0,V0, or a model, "
-                            f"{', '.join((*CAMERAS, *VIEWS))}, or --fov DEGREES, its horizontal field of view")
-        self.camera, self.lens, self.rate = sized(known.camera, shape, where), known.lens, known.rate
+            found = known.doubt and f" (not used: {known.doubt})"
+            raise DataError(f"{where}: the camera of these frames is unknown{found}; give --camera FILE with its "
+                            "intrinsics from the SDK (also as camera.json next to the frames), or FX,FY,U0,V0, or a "
+                            f"model, {', '.join((*CAMERAS, *VIEWS))}, or --fov DEGREES, its horizontal field of view")
+        try:
+            self.camera, self.lens, self.rate = sized(known.camera, shape, where), known.lens, known.rate
+        except DataError as error:
+            by = f", by {known.origin}" if known.camera is camera_json.camera else ""
+            raise DataError(f"{error}{by}") from None
         self.where, remarks = where, list[str]()
         if isinstance(known.camera, View) and known.lens is None:
             remarks.append(f"camera {known.camera.name}: focal lengths {self.camera.fx:.0f}, {self.camera.fy:.0f} px "
@@ -223,9 +234,9 @@ def sized(camera: Camera | View, shape: tuple[int, ...], where: str) -> Camera:
 
 
 def check_values(dtype: np.dtype[Any], where: str) -> None:
-    """Raise DataError unless values of this type can be depths."""
+    """Raise NotDepthError unless values of this type can be depths."""
     if dtype.kind not in "uif" or dtype.itemsize < 2:
-        raise DataError(f"{where}: values of type {dtype}; expected depths, of 16 bits or more")
+        raise NotDepthError(f"{where}: values of type {dtype}; expected depths, of 16 bits or more")
 
 
 def size_of(shape: tuple[int, ...]) -> str:

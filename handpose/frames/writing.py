@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from handpose.frames import camera_file
 from handpose.frames.cameras import Camera
-from handpose.frames.formats import BAGS, CONVERTED, PICTURES, STACKS
+from handpose.frames.formats import BAGS, CONVERTED, OF_ONE_FRAME
 from handpose.frames.recording import CameraInfo, DepthFrame, stored
 from netlib import files
 from netlib.errors import DataError, NetlibError
@@ -50,7 +50,7 @@ class RecordingWriter:
 
     def __init__(self, path: Path, camera: Camera, unit_mm: float, rate: float | None = None) -> None:
         suffix = path.suffix.lower()
-        self._kind = _Stack if suffix in (*STACKS, *CONVERTED, *BAGS, *PICTURES) else _Folder
+        self._kind = _Stack if suffix in (*OF_ONE_FRAME, *CONVERTED, *BAGS) else _Folder
         if self._kind is _Stack and suffix != ".npz":
             raise NetlibError(f"{path}: cannot write {suffix}; expected a folder or FILE.npz")
         refuse_existing(path)

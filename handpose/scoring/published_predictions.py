@@ -1,7 +1,8 @@
 """Published results: text files of predicted joints, and the figures by which methods are compared.
 
 A file has a line for each test frame, and on it three numbers for each joint: ``u v d`` (px, px, mm) or ``x y z``
-(mm, camera axes: x right, y up, z away). Positions are absolute, so no crop centre is involved.
+(mm, camera axes: x right, y up, z away; y down in the files of HANDS 2017). The name of the image may come first.
+Positions are absolute, so no crop centre is involved.
 
 To compare angles, the hand model is fitted to the joints of every method. The annotation is fitted within the limits
 with a ridge, which keeps angles that 14 joints do not determine at the initial pose; predictions are fitted within the
@@ -11,18 +12,20 @@ to count the frames with an angle out of its limits.
 
 from __future__ import annotations
 
-import math
+import contextlib
 import re
+from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
 import numpy as np
 
 from handpose.body import nyu
 from handpose.body.joint_formats.formats import FORMATS as JOINT_FORMATS
+from handpose.body.model import FINGERS
 from handpose.datasets import icvl_files as icvl
 from handpose.fit.joints import angles
 from handpose.fit.joints.fit_joints import fit_absolute
@@ -39,6 +42,7 @@ Format = Literal["uvd", "xyz"]
 FORMATS: tuple[Format, ...] = ("uvd", "xyz")
 NEAREST_MM = 100.0  # minimum range of depth cameras
 THRESHOLDS_MM = range(81)  # abscissae of the success curves
+IMAGE = re.compile(r"(\S*[A-Za-z]\S*\.[A-Za-z]{3,4})\s+")  # the name of an image before the numbers of a frame
 _MAX_VALUE = 1e6  # px or mm; larger values are invalid, and squares might overflow
 
 
@@ -51,48 +55,100 @@ class Benchmark:
     joints: tuple[str, ...]  # K names, in the order of the files
     frames: int  # number of frames of the whole test set
     parts: dict[str, slice]  # slices of the test set with separate mean errors
+    format: Format = "uvd"  # of its published files
+    is_y_down: bool = False  # the axis of x y z in them
 
 
+HANDS2017 = Camera("hands2017", 475.065948, 475.065857, 315.944855, 245.287079, 640, 480)  # also of BigHand2.2M
+HANDS2017_JOINTS = (
+    "wrist",
+    *(f"{finger}_mcp" for finger in FINGERS),
+    *(f"{finger}_{joint}" for finger in FINGERS for joint in ("pip", "dip", "tip")),
+)
 BENCHMARKS = {
     "nyu": Benchmark("NYU", NYU, tuple(JOINT_FORMATS["nyu"].joints), nyu.TEST_FRAMES,
                      {"subject 1": slice(nyu.SECOND_SUBJECT), "subject 2": slice(nyu.SECOND_SUBJECT, None)}),
     "icvl": Benchmark("ICVL", ICVL, icvl.JOINTS, sum(icvl.TEST_FRAMES), {}),  # both sequences, one after the other
+    "hands2017": Benchmark("HANDS 2017", HANDS2017, HANDS2017_JOINTS, 295510, {}, "xyz", is_y_down=True),
 }
 
 
 def read_joints(path: str | Path, joints: int, fmt: Format, camera: Camera) -> Array:
     """Joints (N, K, 3) in mm, camera axes, of a file with N frames of K = ``joints``. Raises DataError."""
-    text = files.read_text(path, "the joints")
+    return read_frames(path, joints, fmt, camera)[1]
+
+
+def read_frames(
+    path: str | Path, joints: int, fmt: Format, camera: Camera, is_y_down: bool = False
+) -> tuple[list[str], Array]:
+    """The names of the images, or none, and the joints (N, K, 3) in mm, camera axes, of a file. Raises DataError.
+
+    is_y_down  of x y z in the file, which becomes y up
+    """
+    text = files.read_text(path, "the joints", limit=files.MAX_BYTES)
     if not text.strip():
         raise DataError(f"{path}: empty, expected the numbers of a frame on each line")
-    values = []
-    for number, line in enumerate(text.rstrip().split("\n"), 1):
-        row = []
-        for word in re.finditer(r"\S+", line):
-            try:
-                row.append(float(word[0]))
-            except ValueError:
-                row.append(math.nan)
-            if not abs(row[-1]) < _MAX_VALUE:
-                raise DataError(f"{path}:{number}:{word.start() + 1}: found {word[0][:40]!r}, "
-                                f"expected a number of px or mm, below {_MAX_VALUE:g}")
-        if len(row) != 3 * joints:
-            raise DataError(f"{path}:{number}: found {len(row)} number{'s' * (len(row) != 1)}, "
+    lines = text.rstrip().split("\n")
+    has_names = IMAGE.match(lines[0]) is not None
+    names, rows = [], []
+    for number, line in enumerate(lines, 1):
+        named = IMAGE.match(line) if has_names else None
+        if has_names and named is None:
+            raise DataError(f"{path}:{number}: no name of an image, as the lines before have")
+        start = 0 if named is None else named.end()
+        rows.append(_numbers(line, start, f"{path}:{number}"))
+        if named is not None:
+            names.append(PurePosixPath(named[1].replace("\\", "/")).name)
+        if len(rows[-1]) != 3 * joints:
+            raise DataError(f"{path}:{number}: found {len(rows[-1])} number{'s' * (len(rows[-1]) != 1)}, "
                             f"expected {3 * joints} = {joints} joints x 3")
-        values.append(row)
-    found = np.array(values).reshape(-1, joints, 3)
+    if len(set(names)) < len(names):
+        twice = next(name for name, count in Counter(names).items() if count > 1)
+        raise DataError(f"{path}: has {twice} twice")
+    found = np.array(rows).reshape(-1, joints, 3)
     usual = float(np.median(np.abs(found[..., 2])))
     if usual < NEAREST_MM:
         raise DataError(f"{path}: half of all depths are below {usual:.3g}; expected mm, more than "
                         f"{NEAREST_MM:g}: are they metres?")
     if fmt == "xyz":
-        return found
+        return names, found * (1, -1, 1) if is_y_down else found
     depth = found[..., 2].min(axis=1)
     if (depth <= 0).any():
         first = int((depth <= 0).argmax())
         raise DataError(f"{path}:{first + 1}: found a joint at depth {depth[first]:g}, expected more than 0 mm "
                         f"({(depth <= 0).sum()} of {len(depth)} frames have such joints)")
-    return camera.unproject(found)
+    return names, camera.unproject(found)
+
+
+def _numbers(line: str, start: int, where: str) -> Array:
+    """The numbers of a line from a character on. Raises DataError for words, and for values that are too large."""
+    words = line[start:].split()
+    with contextlib.suppress(ValueError):
+        row = np.array(words, np.float64)
+        if (np.abs(row) < _MAX_VALUE).all():
+            return row
+    for word in re.finditer(r"\S+", line[start:]):
+        try:
+            is_good = abs(float(word[0])) < _MAX_VALUE
+        except ValueError:
+            is_good = False
+        if not is_good:
+            raise DataError(f"{where}:{start + word.start() + 1}: found {word[0][:40]!r}, "
+                            f"expected a number of px or mm, below {_MAX_VALUE:g}")
+    return np.array([float(word) for word in words])
+
+
+def in_order(names: list[str], joints: Array, true_names: list[str], where: str) -> Array:
+    """Predicted joints in the order of the ground truth, by the names of the images if both have them.
+
+    Raises DataError for a missing image.
+    """
+    if not names or not true_names:
+        return joints
+    places = {name: place for place, name in enumerate(names)}
+    if missing := [name for name in true_names if name not in places]:
+        raise DataError(f"{where}: has no {missing[0]}, which the ground truth has ({len(missing)} such images)")
+    return joints[[places[name] for name in true_names]]
 
 
 def is_list(path: str | Path) -> bool:

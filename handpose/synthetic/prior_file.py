@@ -15,7 +15,6 @@ of its input, 0 at the lower and 1 at the upper. Lengths are in mm.
 from __future__ import annotations
 
 import functools
-import os
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
@@ -27,7 +26,7 @@ from handpose.frames.cameras import CAMERAS
 from layers.hand import skeleton as skeletons
 from layers.hand.skeleton import NYU_HAND, Skeleton
 from netlib.errors import PrototxtError, did_you_mean
-from netlib.files.paths import exists, find
+from netlib.files.paths import exists, find, real
 from netlib.proto import prototxt, schema
 from netlib.proto.schema import Double
 
@@ -192,7 +191,7 @@ class PosePrior:
 
 def load(path: str | Path = NYU_PRIOR) -> PosePrior:
     """The prior of a file; by default that of the NYU hand. Raises PrototxtError, NetlibError."""
-    return _load(Path(path), Path(os.path.realpath(path)))
+    return _load(Path(path), real(path))
 
 
 @functools.lru_cache(maxsize=16)

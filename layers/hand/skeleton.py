@@ -15,7 +15,6 @@ The equations and the gradient are in kinematics.py.
 from __future__ import annotations
 
 import functools
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -34,7 +33,7 @@ from layers.hand.skeleton_file import (
 )
 from netlib.blob import Array
 from netlib.errors import NetlibError, PrototxtError, did_you_mean
-from netlib.files.paths import ROOT, find
+from netlib.files.paths import ROOT, find, real
 from netlib.proto import prototxt, schema
 
 NYU_HAND = ROOT / "prototxt" / "hand" / "nyu.prototxt"
@@ -217,7 +216,7 @@ def _signed(axis: Axis) -> tuple[int, float]:
 
 def load(path: str | Path = NYU_HAND) -> Skeleton:
     """Load a skeleton file; default is the NYU hand. Raises PrototxtError, NetlibError."""
-    return _load(Path(path), Path(os.path.realpath(path)))
+    return _load(Path(path), real(path))
 
 
 @functools.lru_cache(maxsize=16)

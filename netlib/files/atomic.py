@@ -99,7 +99,9 @@ def text_of(path: Path) -> str | None:
 
 @contextlib.contextmanager
 def error_names(path: Path) -> Iterator[None]:
-    """Context manager that replaces the file name in an OSError by ``path``."""
+    """Context manager that replaces the file name in an OSError by ``path``, and raises one if no file can have it."""
+    if "\0" in str(path):
+        raise OSError(errno.EINVAL, "a file name cannot contain a NUL character", str(path))
     try:
         yield
     except OSError as error:

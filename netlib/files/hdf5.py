@@ -29,7 +29,7 @@ from netlib import files
 from netlib.blob import Array
 from netlib.errors import DataError, NetlibError, reason_of, system_error_of
 from netlib.files import Content, Source, atomic
-from netlib.files.paths import exists, find
+from netlib.files.paths import exists, find, real
 
 SMALL_ROW, IN_MEMORY = 4096, 1 << 26  # bytes: data sets with smaller rows, up to this size, are kept in memory
 LARGE = 1 << 26  # data sets of at least this many bytes must be stored, up to gzip's ratio of about 1000
@@ -146,7 +146,7 @@ def is_near(other: Path, path: Path) -> bool:
 
     Links are followed. A file from an untrusted source may name only such files, not private ones elsewhere.
     """
-    file, folder = Path(os.path.realpath(other)), Path(os.path.realpath(path)).parent
+    file, folder = real(other), real(path).parent
     return file.is_relative_to(folder) or folder.parent in (file.parent, file.parent.parent)
 
 

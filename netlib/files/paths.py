@@ -75,6 +75,14 @@ def exists(path: Path) -> bool:
         return False
 
 
+def real(path: str | Path) -> Path:
+    """The absolute path without links; a name that no file can have is returned unchanged."""
+    try:
+        return Path(os.path.realpath(path))
+    except (OSError, ValueError):
+        return Path(path)
+
+
 def names_in(folder: Path) -> set[str]:
     """Names of all entries of a folder; empty if it cannot be read."""
     with contextlib.suppress(DataError):

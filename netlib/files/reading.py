@@ -179,6 +179,8 @@ def make_folder(path: Path) -> None:
                 found = KINDS.get(stat.S_IFMT(place.stat().st_mode), "is a file").removeprefix("it ")
                 raise NetlibError(f"{place}: {found}; expected a folder") from None
         raise
+    except ValueError as error:  # a name that no file can have
+        raise NetlibError(f"{path}: cannot make the folder: {reason_of(error)}") from error
 
 
 _sources: weakref.WeakSet[Source] = weakref.WeakSet()

@@ -39,6 +39,9 @@ def test_few_numbers_are_tuned() -> None:
 @pytest.mark.parametrize(("text", "line"), [
     ("tracking.hand_track.NO=1", "no such constant"),
     ("tracking.hand_track.SURE=x", "'x' is no number"),
+    ("tracking.smoothing.PLACE=1", "its value is more than a number"),
+    ("estimate.finder.FOCAL_PX=1", "handpose/estimate/finder.py has used its value"),
+    ("estimate.hand.MIN_PRESENCE=0.5", "handpose/estimate/.* has used its value"),  # as a default argument
     ("tracking.hand_track.SURE=1", "already loaded"),
 ])
 def test_constants_that_cannot_be_set(text: str, line: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -51,14 +54,18 @@ def test_constants_that_cannot_be_set(text: str, line: str, monkeypatch: pytest.
 
 
 def test_constants_are_set_before_the_tracker_is_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also in modules that are loaded already, and import them."""
+    """Also in the modules that import them; others with a constant of the same name keep it."""
+    from handpose.fit import support
+    from handpose.frames import images
     from handpose.tracking import hand_track, present_hands
 
-    for module, name in ((hand_track, "SURE"), (present_hands, "LOOK"), (hand_track, "LOOK")):
+    far = images.FAR_MM
+    for module, name in ((hand_track, "SURE"), (present_hands, "LOOK"), (hand_track, "LOOK"), (support, "FAR_MM")):
         monkeypatch.setattr(module, name, getattr(module, name))
     monkeypatch.delitem(sys.modules, "handpose.tracking.tracker", raising=False)
-    set_constants(["tracking.hand_track.SURE=inf", "tracking.present_hands.LOOK=1"])
+    set_constants(["tracking.hand_track.SURE=inf", "tracking.present_hands.LOOK=1", "fit.support.FAR_MM=9"])
     assert np.inf == hand_track.SURE and hand_track.LOOK == present_hands.LOOK == 1
+    assert support.FAR_MM == 9 and far == images.FAR_MM
 
 
 def test_the_columns() -> None:

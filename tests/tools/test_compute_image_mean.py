@@ -10,7 +10,7 @@ import netlib
 from netlib.proto import prototxt
 from netlib.proto.binaryproto import read_blob
 from tests.support.caffe_messages import content, datum, number, write_database
-from tests.support.running import run_tool
+from tests.support.running import refusal, run_tool
 
 
 @pytest.fixture
@@ -91,3 +91,9 @@ def test_mistakes(tmp_path, images, pictures):
     assert not (tmp_path / "m").exists()
     error = run_tool("compute_image_mean", "-gray", "db", status=2).err
     assert "apply only to a list of images, and db is a database" in error
+
+
+def test_a_list_with_a_name_that_no_file_can_have(here):
+    (here / "list.txt").write_bytes(b"a\0b.png 0\n")
+    argv = ("-resize_height=8", "-resize_width=8", "list.txt", "mean.binaryproto")
+    assert refusal("compute_image_mean", *argv).startswith("a\\x00b.png: cannot read the image: ")

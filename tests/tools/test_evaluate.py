@@ -2,12 +2,14 @@
 
 import re
 import sys
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
 from handpose.frames.cameras import ICVL
+from handpose.scoring import published_predictions
 from handpose.scoring.published_predictions import FittedAngles
 from tests.support.running import run_tool
 from tools import evaluate
@@ -63,6 +65,50 @@ def test_pictures(files):
     run("Far=far.txt", "--plot", "b.SVG")
     assert (files / "b.SVG").read_bytes().startswith(b"<?xml")
     assert not list(files.glob(".*.tmp"))
+
+
+@pytest.fixture
+def hands2017(here):
+    """Labels of 20 frames as HANDS 2017 writes them, and predictions 3 mm lower in another order and with folders."""
+    camera, truth = published_predictions.HANDS2017, np.random.default_rng(0).normal((0, 50, 400), 30, (FRAMES, 21, 3))
+
+    def lines(joints, folder=""):
+        rows = joints.reshape(FRAMES, 63)
+        return [f"{folder}image_D{n:08}.png\t" + "\t".join(f"{x:.4f}" for x in row) for n, row in enumerate(rows, 1)]
+
+    down = truth * (1, -1, 1)
+    Path("truth.txt").write_text("\n".join(lines(down)) + "\n")
+    Path("low.txt").write_text("\n".join(reversed(lines(down + (0, 3, 0), "frame/images/"))))
+    np.savetxt("uvd.txt", camera.project(truth - (0, 3, 0)).reshape(FRAMES, 63), fmt="%.6f")
+    return here
+
+
+def test_labels_of_hands_2017(hands2017):
+    """Frames are matched by the names of their images; y is down in x y z, and v grows downwards in u v d."""
+    out = run("Low=low.txt", dataset="hands2017").out.splitlines()
+    assert out[0].startswith("HANDS 2017, 20 frames of the test set's 295510, 21 joints: errors in mm")
+    assert out[4].split()[:2] == ["Low", "3.00"]
+    assert [line.split()[0] for line in out[9:16]] == [
+        "wrist", "thumb_mcp", "index_mcp", "middle_mcp", "ring_mcp", "little_mcp", "thumb_pip"
+    ]
+    assert out[-2].split() == ["little_tip", "3.00"]
+    assert run("Low=uvd.txt", "--format", "uvd", dataset="hands2017").out.splitlines()[4].split()[:2] == ["Low", "3.00"]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda lines: lines[1:], "low.txt: has no image_D00000020.png, which the ground truth has (1 such images)"),
+        (lambda lines: [*lines, lines[0]], "low.txt: has image_D00000020.png twice"),
+        (lambda lines: [lines[0], lines[1].partition("\t")[2]], "low.txt:2: no name of an image, as the lines before"),
+        (lambda lines: [lines[0] + "\t1"], "low.txt:1: found 64 numbers, expected 63 = 21 joints x 3"),
+        (lambda lines: [lines[0] + "x"], "low.txt:1:"),
+    ],
+)
+def test_labels_that_do_not_match(hands2017, change, message):
+    lines = change(Path("low.txt").read_text().split("\n"))
+    Path("low.txt").write_text("\n".join(lines))
+    assert run("Low=low.txt", dataset="hands2017", status=1).err.startswith(message)
 
 
 @pytest.mark.parametrize(

@@ -213,6 +213,7 @@ TRAIN = 'layer { name: "d" type: "DummyData" top: "data" dummy_data_param { shap
          "resized to 20 x 16; expected the same size, or one number per channel"),
         (NET, ["0.png", "--draw", "a.png"], "a.png: blob 'prob' holds no detections; --draw needs a net that ends in"),
         (NET, ["0.png", "--labels", "labels.txt", "--confusion"], "--confusion needs lists of images with"),
+        (NET, ["nul.txt", "--blob", "prob", "--out", "o.npy"], "a\\x00b.png: cannot read the image: "),
         (NET, ["list.txt", "--confusion"], "--confusion needs one blob of classes, and --labels with their names"),
         (NET, ["list.txt", "--confusion", "--labels", "three.txt"], "3 labels, but blob 'prob' has 4 values"),
         (TRAIN, ["0.png"], "net.prototxt: the net reads its data in a data layer; expected a deploy prototxt"),
@@ -228,6 +229,7 @@ def test_mistakes(net: str, argv: list[str], message: str) -> None:
     Path("labels.npy").write_text("cat\n")
     Path("list.txt").write_text("0.png 9\n")
     Path("three.txt").write_text("a\nb\nc\n")
+    Path("nul.txt").write_bytes(b"a\0b.png 0\n")
     np.save("bad.npy", np.zeros((2, 2)))
     np.save("mean.npy", np.zeros((3, 13, 15)))
     np.save("nan.npy", np.full(3, np.nan))

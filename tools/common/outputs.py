@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from netlib import files
 from netlib.errors import NetlibError, printable, reason_of
 from netlib.files import atomic
+from netlib.files.paths import real
 
 JPEG_QUALITY = 90
 MAX_LABEL = 60  # characters
@@ -22,7 +22,7 @@ MAX_LABEL = 60  # characters
 
 def refuse_inputs(out: str | Path, inputs: Iterable[str | Path | None], why: str = "is read in this run") -> None:
     """Raise NetlibError if ``out`` is one of the inputs, under any name. None in ``inputs`` is ignored."""
-    if os.path.realpath(out) in {os.path.realpath(path) for path in inputs if path is not None}:
+    if real(out) in {real(path) for path in inputs if path is not None}:
         raise NetlibError(f"{out}: {why}; expected another output")
 
 

@@ -29,7 +29,7 @@ from tools.common.arguments import expected, numbers, real
 from tools.common.console import say
 
 CONFIRMS_UNIT = 0.95  # confidence of a fit that confirms the depth unit: a wrong unit changes the size of the hand
-FILES = (".json", ".yaml", ".yml", ".txt")  # with a camera
+FILES = (".json", ".yaml", ".yml", ".txt", ".ini", ".csv")  # with a camera
 ABOUT_FRAMES = ("unit", "distortion")  # options of add_camera_options that need a camera
 # argument types of values that a camera.json may also give
 unit_mm, rate = (real(*RANGES[key], above=True) for key in ("unit_mm", "rate"))
@@ -86,7 +86,7 @@ def add_min_confidence(parser: argparse.ArgumentParser) -> None:
 def add_source_options(parser: argparse.ArgumentParser) -> None:
     """Add the argument SOURCE and the options about its camera."""
     parser.add_argument("source", metavar="SOURCE", help=EXPECTED)
-    add_camera_options(parser, "camera of the frames", "given by the source, or by a camera.json next to it")
+    add_camera_options(parser, "camera of the frames", "given by the source, or a file next to it")
     parser.add_argument("--rate", type=rate, metavar="HZ", help="frame rate, if the frames have no times")
     parser.add_argument("--time-unit", choices=TIME_UNITS,
                         help="unit of the times in file names or arrays; frames if they are numbers of frames "

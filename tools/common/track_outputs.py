@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from handpose import Recording
-from handpose.frames import camera_file
+from handpose.frames.camera_places import places_next_to
 from handpose.frames.formats import PICTURES
 from handpose.frames.formats.folder import FolderRecording
 from handpose.output.drawing.strokes import ContactSheet
@@ -31,6 +31,7 @@ from handpose.output.tracks.writing import TrackWriter, open_writer
 from handpose.tracking.track import TrackedFrame, TrackHeader
 from netlib.errors import NetlibError, reason_of
 from netlib.files import atomic
+from netlib.files.paths import real
 from tools.common import arguments, outputs
 from tools.common.arguments import name_in
 from tools.common.console import say
@@ -89,7 +90,7 @@ def settle_outputs(args: argparse.Namespace, parser: argparse.ArgumentParser) ->
 def _stem(source: str) -> str:
     """Stem of default output names; never "camera", as camera.json has another meaning."""
     path = Path(source).absolute()
-    name = path.stem.strip("*_-.") or (path if path.is_dir() else path.parent).resolve().name
+    name = path.stem.strip("*_-.") or real(path if path.is_dir() else path.parent).name
     name = "".join(c if c.isalnum() or c in "._-" else "_" for c in name) or "track"
     return f"{name}_track" if name == "camera" else name
 
@@ -100,11 +101,11 @@ def refuse_inputs(args: argparse.Namespace, recording: Recording) -> None:
     """
     source, own = Path(args.source), [args.camera] if isinstance(args.camera, Path) else []
     frames = recording.folder if isinstance(recording, FolderRecording) else None
-    inputs = [source, *camera_file.places_next_to(frames or source), *own]
+    inputs = [source, *places_next_to(frames or source), *own]
     for name in _given(args, *FILES, *DRAWN, "look", "addresses"):
         outputs.refuse_inputs(name, inputs)
-        place = Path(os.path.realpath(name))
-        if frames and place.suffix.lower() in PICTURES and place.parent == Path(os.path.realpath(frames)):
+        place = real(name)
+        if frames and place.suffix.lower() in PICTURES and place.parent == real(frames):
             raise NetlibError(f"{name}: is in the folder of the frames and would be taken for one; write it elsewhere")
         if args.unnamed and os.path.lexists(name):
             raise NetlibError(f"{name}: exists already; to replace it or to write elsewhere, name the outputs, as in "

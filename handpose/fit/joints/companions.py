@@ -28,7 +28,7 @@ from layers.hand.skeleton import Skeleton
 from netlib.blob import Array
 from netlib.errors import DataError, reason_of
 from netlib.files import atomic, hdf5, make_folder, opened
-from netlib.files.paths import exists
+from netlib.files.paths import exists, real
 
 DESCRIPTION = "dof: inputs of the hand model, radians, and half-cubes from center (mm, camera axes, y up)"
 STARTS = 4  # of a fit
@@ -52,11 +52,11 @@ def companions_of(files: Sequence[Path], out: Path) -> list[Path]:
     """The path of each file's companion. Raises DataError if two of them, or a file and its own, are the same."""
     targets = [out / path.name for path in files]
     for path, target in zip(files, targets):
-        if os.path.realpath(path) == os.path.realpath(target):
+        if real(path) == real(target):
             raise DataError(f"{target}: would replace the data themselves; choose another --out")
         if not hdf5.is_near(path, target):
             raise DataError(f"{target}: is not next to the folder of the data, {path}; expected --out "
-                            f"{Path(os.path.realpath(path)).parent}_angles, for example")
+                            f"{real(path).parent}_angles, for example")
     if len(set(targets)) < len(targets):
         raise DataError(f"{out}: two files of the list have the same name, expected different ones")
     return targets
@@ -83,7 +83,7 @@ def _refuse_others(files: Sequence[Path], targets: Sequence[Path], names: Path) 
     for path, target in zip(files, targets):
         if exists(target):
             rest = str((parts.attributes(target) or {}).get("rest_in", ""))
-            if not rest or os.path.realpath(target.parent / rest) != os.path.realpath(path):
+            if not rest or real(target.parent / rest) != real(path):
                 raise DataError(f"{target}: is not a companion of {path}; move it away, or choose another --out")
     for name in parts.listed_names(names):
         if name not in [target.name for target in targets]:
@@ -117,7 +117,7 @@ def fit_file(
         found = fit_joints(skeleton, joints, limits=limits, ridge=ridge, starts=STARTS, progress=progress)
     except DataError as error:
         raise DataError(f"{path}: {error}") from None
-    rest = os.path.relpath(os.path.realpath(path), os.path.realpath(target.parent))
+    rest = os.path.relpath(real(path), real(target.parent))
     try:
         make_folder(target.parent)
         with hdf5.created(target) as file:

@@ -7,43 +7,55 @@ with open_recording("frames") as recording:
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 from handpose.frames.recording import UNKNOWN, CameraInfo, Recording
 from netlib.errors import DataError
 from netlib.files.paths import exists
 
-STACKS, BAGS, PICTURES = (".npy", ".npz"), (".bag", ".db3", ".mcap"), (".png", ".tif", ".tiff")
+STACKS, BAGS, PICTURES, RAW = (".npy", ".npz"), (".bag", ".db3", ".mcap"), (".png", ".tif", ".tiff"), ".raw"
+OF_ONE_FRAME = (*PICTURES, *STACKS, RAW)  # kinds of files that are a frame each in a folder
 LIVE = "realsense"
-EXPECTED = (f"a folder of 16-bit PNG, FOLDER/NAME_*.png, {', '.join((*STACKS, *BAGS))}, or a camera that is "
-            "connected: realsense or realsense:SERIAL")
+EXPECTED = (
+    "a folder with a 16-bit PNG, .npy, .npz or .raw for each frame, FOLDER/NAME_*.png, "
+    f"{', '.join((*STACKS, *BAGS))}, or a camera that is connected: realsense or realsense:SERIAL"
+)
 
-_FROM_VIDEO = ("a video; expected 16-bit PNG or an .npz", (  # tools/record.py once wrote a camera.json as a tag CAMERA
-    "import av, cv2, os; os.mkdir('frames'); v = av.open({name!r}); "
-    "open('frames/camera.json', 'w').write(v.metadata.get('CAMERA', '{{}}')); "
-    "[cv2.imwrite(f'frames/{{round(1000 * f.time):09d}}ms.png', f.to_ndarray()) for f in v.decode(video=0)]"
-))
-_FROM_HDF5 = ("HDF5; expected 16-bit PNG or an .npz",
-              "import h5py, numpy; f = h5py.File({name!r}); "
-              "numpy.savez('frames.npz', **f.attrs, **{{k: v[()] for k, v in f.items()}})")
-# Kinds of files that are not read: what they are, and the Python statement that converts them. An .npy is read, but not
-# several in a folder.
-CONVERTED = {
-    ".mkv": _FROM_VIDEO, ".avi": _FROM_VIDEO, ".h5": _FROM_HDF5, ".hdf5": _FROM_HDF5,
-    ".npy": ("a file for each frame; they are joined to one array",
-             "import glob, numpy as np; np.save('../take.npy', [np.load(name) for name in "
-             "sorted(glob.glob('*.npy'))])"),
-    ".raw": ("values without a header, as rs-convert -r and the RealSense Viewer write them; write PNG instead "
-             "(rs-convert -p), or give their height and width",
-             "import glob, numpy as np; np.save('take.npy', [np.fromfile(name, '<u2').reshape(480, 640) for name in "
-             "sorted(glob.glob('*.raw'))])"),
-}
+# Of several streams of 16 bits, infrared is one. tools/record.py once wrote a camera.json as a tag CAMERA.
+_FROM_VIDEO = (
+    "a video, which PyAV reads (pip install av); expected 16-bit PNG or an .npz",
+    "import av, cv2, os, sys; v = av.open(sys.argv[1]); "
+    "grey = [s for s in v.streams.video if 'gray16' in s.format.name] or sys.exit('no stream of 16-bit grey values'); "
+    "depth = min(grey, key=lambda s: 'DEPTH' not in s.metadata.get('title', '').upper()); os.mkdir('frames'); "
+    "open('frames/camera.json', 'w').write(v.metadata.get('CAMERA', '{}')); "
+    "[cv2.imwrite(f'frames/{round(1000 * f.time):09d}ms.png', f.to_ndarray(format='gray16le')) "
+    "for f in v.decode(depth)]",
+)
+_FROM_HDF5 = (
+    "HDF5; expected 16-bit PNG or an .npz",
+    "import h5py, numpy, sys; f = h5py.File(sys.argv[1]); d = dict(f.attrs); f.visititems(lambda k, v: "
+    "d.update({k: v[()]} if hasattr(v, 'shape') else {}, **{f'{k}/{a}': x for a, x in v.attrs.items()})); "
+    "numpy.savez(open('frames.npz', 'xb'), **{k.replace('/', '.'): v for k, v in d.items()})",
+)
+_FROM_PGM = (
+    "PGM; expected 16-bit PNG (those of libfreenect's fakenect have exchanged bytes: add .byteswap() after -1))",
+    "import cv2, os, pathlib, sys; os.mkdir('frames'); [cv2.imwrite(f'frames/{p.stem}.png', cv2.imread(str(p), -1)) "
+    "for p in pathlib.Path(sys.argv[1]).parent.glob('*.pgm')]",
+)
+# Kinds of files that are not read: what they are, and the Python statement that converts the file in sys.argv[1].
+CONVERTED = {".mkv": _FROM_VIDEO, ".avi": _FROM_VIDEO, ".h5": _FROM_HDF5, ".hdf5": _FROM_HDF5, ".pgm": _FROM_PGM}
 
 
-def conversion(suffix: str, name: str = "") -> str:
-    """What files of a kind in CONVERTED are, and the command that converts them."""
-    what, statement = CONVERTED[suffix]
-    return f'{what}; this converts: python -c "{statement.format(name=name)}"'
+def conversion(path: Path) -> str:
+    """What a file of a kind in CONVERTED is, and the command that converts it."""
+    what, statement = CONVERTED[path.suffix.lower()]
+    return f'{what}; this converts: python -c "{statement}" {shlex.quote(str(path))}'
+
+
+def is_pattern(path: Path) -> bool:
+    """Whether the name of a file that does not exist is a pattern of names."""
+    return any(character in path.name for character in "*?[") and not exists(path)
 
 
 def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording:
@@ -63,7 +75,9 @@ def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording
     suffix = file.suffix.lower()
     if exists(file) and file.is_dir():
         suffix = BAGS[1] if (file / "metadata.yaml").is_file() else PICTURES[0]  # a bag of ROS 2 is a folder
-    elif not exists(file) and suffix in (*STACKS, *CONVERTED, *BAGS):
+    elif is_pattern(path):
+        suffix = PICTURES[0]
+    elif not exists(file) and suffix in (*STACKS, RAW, *CONVERTED, *BAGS):
         raise DataError(f"{source}: no such file")
     if suffix in STACKS:
         from handpose.frames.formats.stack import StackRecording
@@ -74,12 +88,12 @@ def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording
         from handpose.frames.formats.ros_bag import BagRecording
 
         return BagRecording(path, given)
-    if suffix in PICTURES or not exists(path):
+    if suffix in (*PICTURES, RAW) or not exists(path):
         from handpose.frames.formats.folder import FolderRecording
 
         return FolderRecording(path, given)
     if suffix in CONVERTED:
-        raise DataError(f"{source}: {conversion(suffix, name)}")
+        raise DataError(f"{source}: {conversion(path)}")
     raise DataError(f"{source}: not a recording; expected {EXPECTED}")
 
 

@@ -1,7 +1,12 @@
-"""Folders of depth frames: 16-bit grey images (PNG or TIFF), ordered and timed by their names.
+"""Folders with a file for each depth frame, ordered and timed by their names.
 
-FolderRecording(Path("frames"), given)          # all images in it, which must be one sequence
+FolderRecording(Path("frames"), given)          # all frames in it, which must be one sequence
 FolderRecording(Path("frames/left_*.png"), given)    # those of one
+
+    .png .tif       16-bit grey images
+    .npy .npz       an array (height, width), in an .npz called depth or the only one; its other arrays, of which those
+                    with the time of a frame count if the names have none, as in ``stack``
+    .raw            16-bit values of the camera's size without a header, the low byte first
 
     000000033333us.png                      us, ms or ns as named, as ``tools/record.py`` writes
     1616799936125.png 1616799936.125.png    s, ms, us or ns since 1970, by their size, also with a fraction
@@ -15,7 +20,9 @@ it.
 
 from __future__ import annotations
 
+import contextlib
 import fnmatch
+import glob
 import itertools
 import re
 from collections import defaultdict
@@ -26,19 +33,37 @@ from statistics import median
 from typing import Any, NamedTuple
 
 import cv2
+import numpy as np
 from numpy.typing import NDArray
 
-from handpose.frames import camera_file
 from handpose.frames.camera_file import FRAMES, TICKS, since_1970
-from handpose.frames.formats import PICTURES, conversion
+from handpose.frames.camera_places import next_to
+from handpose.frames.cameras import Camera, View
+from handpose.frames.formats import CONVERTED, OF_ONE_FRAME, RAW, STACKS, conversion, is_pattern
+from handpose.frames.formats.stack import (
+    arrays_in,
+    checked_times,
+    name_of_times,
+    not_used,
+    parameters_in,
+    unit_of_times,
+)
 from handpose.frames.images import read_picture, stored_depth
-from handpose.frames.recording import UNKNOWN, CameraInfo, DepthDecoder, DepthFrame, Recording
+from handpose.frames.recording import (
+    UNKNOWN,
+    CameraInfo,
+    DepthDecoder,
+    DepthFrame,
+    NotDepthError,
+    Recording,
+)
+from netlib import files
 from netlib.errors import DataError, did_you_mean, system_error_of
 from netlib.files.paths import exists, list_folder, names_in
 
 
 class FolderRecording(Recording):
-    """The images in a folder, those that match a pattern of names, or one, in the order of time. Raises DataError.
+    """The frames in a folder, those that match a pattern of names, or one, in the order of time. Raises DataError.
 
     Damaged ones are left out, and ``remarks`` counts them.
 
@@ -47,52 +72,117 @@ class FolderRecording(Recording):
 
     def __init__(self, source: Path, given: CameraInfo = UNKNOWN) -> None:
         self.folder, names = _frames_in(source)
-        camera_json = camera_file.next_to(self.folder)
+        camera_json = next_to(self.folder, given.camera is None)
         known = given.or_else(camera_json)
         self._given = known.camera
+        self._sizes = _sizes_of(given, camera_json)
         self._names, self._reading = in_order(names, str(self.folder), known.time_unit)
         self._remarks: tuple[str, ...] = ()
-        _, path, image = next(self._pictures())
-        raw = stored_depth(image, self._given, path)
-        if path.suffix.lower() in (".tif", ".tiff") and (pictures := cv2.imcount(str(path))) > 1:
+        _, path, raw = next(self._whole_frames())
+        where = str(path)
+        if path.suffix.lower() in (".tif", ".tiff") and (pictures := cv2.imcount(where)) > 1:
             raise DataError(f"{path}: a TIFF of {pictures} pictures; expected one for each frame, or all in an .npy")
-        self._decode = decode = DepthDecoder(raw.shape, raw.dtype, str(path), given, camera_json=camera_json)
+        own, taken = UNKNOWN, list[str]()
+        if path.suffix.lower() in STACKS:
+            first = arrays_in(path, is_single=True)
+            own, fields, taken = parameters_in(first.others, where, given)
+            timed = name_of_times(first.others, 1)
+            self.warnings = not_used([name for name in first.names if name not in fields and name != timed])
+            if timed is not None:
+                in_names = in_order(names, str(self.folder))  # a given unit is that of the arrays
+                if not in_names[1].ticks:
+                    self._names, self._reading = in_names
+                    self._reading = self._timed_by(timed, given, own, camera_json)
+        self._decode = decode = DepthDecoder(raw.shape, raw.dtype, where, given, own, camera_json)
         self.name, self.count, self.rate = str(source), len(names), decode.rate
         self.camera, self.unit_mm = decode.camera, decode.unit_mm
-        remarks = [self._reading.how, *decode.remarks]
+        remarks = [self._reading.how, *taken, *decode.remarks]
         if not self._reading.ticks and len(names) > 1:
             self.rate, assumed = decode.paced()
             remarks += assumed
         self.remarks = self._remarks = tuple(remarks)
 
+    def _timed_by(self, name: str, given: CameraInfo, own: CameraInfo, camera_json: CameraInfo) -> Reading:
+        """The times in an array of each file, in the order of the names. Raises DataError unless they ascend."""
+        found: dict[int, NDArray[Any]] = {}
+        for number, file in enumerate(self._names):
+            with contextlib.suppress(DataError):  # of a damaged frame, which is left out
+                found[number] = arrays_in(self.folder / file, is_single=True).others.get(name, np.zeros(0))
+        where = f"{self.folder}: {name}"
+        numbers = checked_times(np.concatenate([values.ravel() for values in found.values()]), len(found), where)
+        unit, how = unit_of_times(name, numbers, str(self.folder), given.time_unit, own, camera_json)
+        ticks = 0 if unit == FRAMES else NANO
+        steps = np.rint((numbers - numbers[0]) * (ticks / TICKS[unit] if ticks else 1)).astype(int).tolist()
+        times = dict(zip(found, steps))
+        in_place = [times.get(number, 0) for number in range(len(self._names))]
+        return self._reading._replace(times=in_place, ticks=ticks, how=f"times from {name!r} of each frame, {how}")
+
     def __iter__(self) -> Iterator[DepthFrame]:
         """The frames that can be read. Raises DataError for one of another size or kind, and for a system error."""
         ticks = self._reading.ticks or self.rate or 1.0
-        for number, path, image in self._pictures():
-            values = stored_depth(image, self._given, path)
+        for number, path, values in self._whole_frames():
             yield DepthFrame(number, self._reading.times[number] / ticks, self._decode(values, str(path)))
 
-    def _pictures(self) -> Iterator[tuple[int, Path, NDArray[Any]]]:
-        """The pictures that can be read, with their numbers. Raises DataError if none can, and for a system error."""
+    def _whole_frames(self) -> Iterator[tuple[int, Path, NDArray[Any]]]:
+        """The stored values of all frames that are whole, with their numbers. Raises DataError.
+
+        Files are whole and not depth: an error. If all are damaged, the error is that of the first.
+        """
         damaged: list[DataError] = []
         for number, name in enumerate(self._names):
+            path = self.folder / name
             try:
-                image = read_picture(self.folder / name)
+                values = self._read(path)
             except DataError as error:
-                if system_error_of(error):
+                if isinstance(error, NotDepthError) or system_error_of(error):
                     raise
                 damaged.append(error)
                 self.remarks = (*self._remarks, f"{len(damaged)} damaged frames are left out, the first: {damaged[0]}")
             else:
-                yield number, self.folder / name, image
+                yield number, path, values
         if len(damaged) == len(self._names):
             raise damaged[0]
 
+    def _read(self, path: Path) -> NDArray[Any]:
+        """The stored values of a frame. Raises NotDepthError, and another DataError for a damaged file."""
+        suffix = path.suffix.lower()
+        if suffix in STACKS:
+            (values,) = arrays_in(path, is_single=True)
+            return values
+        if suffix == RAW:
+            return _raw(path, self._sizes)
+        return stored_depth(read_picture(path), self._given, path)
+
+
+def _sizes_of(*infos: CameraInfo) -> list[tuple[int, int]]:
+    """The widths and heights in px that the first camera with a size may have."""
+    for info in infos:
+        if isinstance(info.camera, View) and info.camera.sizes:
+            return list(info.camera.sizes)
+        if isinstance(info.camera, Camera) and info.camera.width:
+            return [(info.camera.width, info.camera.height)]
+    return []
+
+
+def _raw(path: Path, sizes: Sequence[tuple[int, int]]) -> NDArray[np.uint16]:
+    """The values of a file without a header. Raises NotDepthError for another number of bytes, and DataError."""
+    content = files.read_bytes(path, "the frame")
+    if not sizes:
+        raise NotDepthError(
+            f"{path}: {len(content)} bytes without a header, of unknown height and width; give them in a camera.json "
+            "in the folder, with fx, fy, u0 and v0, or write PNG (rs-convert -p)"
+        )
+    expected = {BYTES * width * height: (height, width) for width, height in sizes}
+    if len(content) not in expected:
+        known = ", ".join(f"{count}, {width} x {height}" for count, (height, width) in expected.items())
+        raise NotDepthError(f"{path}: {len(content)} bytes; expected {known} depths of 16 bits without a header")
+    return np.frombuffer(content, "<u2").reshape(expected[len(content)])
+
 
 def _frames_in(source: Path) -> tuple[Path, list[str]]:
-    """The folder, and the names of all pictures in it, of those that fit a pattern, or of a single one."""
+    """The folder, and the names of all frames in it, of those that fit a pattern, or of a single one."""
     if exists(source) and source.is_dir():
-        names = [name for name in list_folder(source) if _is_frame(name)]
+        names = _without_other_arrays(source, [name for name in list_folder(source) if _is_frame(name)])
         if not names:
             raise DataError(_no_frames(source))
         return source, names
@@ -101,24 +191,53 @@ def _frames_in(source: Path) -> tuple[Path, list[str]]:
     there = list_folder(source.parent) if exists(source.parent) else set()
     names = [name for name in fnmatch.filter(there, source.name) if _is_frame(name)]
     if not names:
-        pattern = any(character in source.name for character in "*?[")
-        said = "no picture has such a name" if pattern else "no such file or folder"
+        said = "no frame has such a name" if is_pattern(source) else "no such file or folder"
         raise DataError(f"{source}: {said}{did_you_mean(source.name, there)}")
     return source.parent, names
 
 
 def _is_frame(name: str) -> bool:
-    return not name.startswith(".") and name.lower().endswith(PICTURES)
+    return not name.startswith(".") and name.lower().endswith(OF_ONE_FRAME)
+
+
+def _without_other_arrays(folder: Path, names: list[str]) -> list[str]:
+    """The names without the groups of arrays that cannot be depth: colours, labels, a matrix K.npy.
+
+    All names, if there is no other group.
+    """
+    groups = _groups(names).values()
+    if len(groups) < 2:
+        return names
+    possible = [group for group in groups if _may_be_depth(folder, group)]
+    return list(itertools.chain(*possible)) or names
+
+
+def _may_be_depth(folder: Path, group: list[str]) -> bool:
+    """Whether the first whole file of a group is a picture, or an array that may be depth."""
+    for path in (folder / name for name in group):
+        if path.suffix.lower() not in STACKS:
+            return True
+        try:
+            return min(arrays_in(path, is_single=True).shape[1:]) >= MIN_SIDE
+        except NotDepthError:
+            return False
+        except DataError as error:
+            if system_error_of(error):
+                raise
+    return False
 
 
 def _no_frames(folder: Path) -> str:
     """The error for a folder without frames, with what it contains."""
     names = sorted(name for name in names_in(folder) if not name.startswith("."))
     shown = f"{', '.join(names[:MAX_SHOWN])}{' ...' * (len(names) > MAX_SHOWN)}" or "nothing"
-    inner = next((folder / name for name in names if "depth" in name.lower() and (folder / name).is_dir()), None)
-    kind = next((kind for name in names if (kind := PurePath(name).suffix.lower()) in (".npy", ".raw")), None)
-    advice = f": {conversion(kind)}" if kind else f"; name the folder of the frames, as '{inner}'" if inner else ""
-    return f"{folder}: holds no depth frames (16-bit grey PNG or TIFF); found {shown}{advice}"
+    paths = [folder / name for name in names]
+    inner = next((path for path in paths if "depth" in path.name.lower() and path.is_dir()), None)
+    other = next((path for path in paths if path.suffix.lower() in CONVERTED), None)
+    advice = f"; name the folder of the frames, as '{inner}'" if inner else ""
+    if other is not None:
+        advice = f"; {other}: {conversion(other)}"
+    return f"{folder}: holds no depth frames (16-bit grey PNG or TIFF, .npy, .npz, .raw); found {shown}{advice}"
 
 
 # ---------------------------------------------------------------------------------------------- names
@@ -129,6 +248,8 @@ SINCE_1970 = re.compile(r"(?<!\d)(\d{9,19})(?:\.(\d+)|(?<=(?<!\d)\d{10})[_-](\d{
 DATE = re.compile(r"(?<!\d)20\d\d\D?[01]\d\D?[0-3]\d(?:\D{0,4}[0-2]\d\D?[0-5]\d\D?[0-5]\d(?:\.\d+)?)?")
 NUMBER, DECIMAL = re.compile(r"\d+"), re.compile(r"\d+(?:[.,]\d+)?")
 SPARSE = 10  # times as many numbers as frames are no count if the names have a date
+MIN_SIDE = 16  # px of a frame; labels and matrices have fewer rows or columns
+BYTES = 2  # of a value without a header
 MAX_SHOWN = 6  # maximum number of names or sequences in a message
 
 
@@ -155,10 +276,7 @@ def in_order(names: Iterable[str], where: str, unit: str | None = None) -> tuple
     unit  of the times in the names, "frames" if they are numbers; inferred by default
     """
     names = sorted(names)
-    groups: dict[tuple[str, ...], list[str]] = defaultdict(list)
-    for name in names:
-        key = (*NUMBER.split(PurePath(name).stem), PurePath(name).suffix.lower())
-        groups[key].append(name)
+    groups = _groups(names)
     found = _reading(names, unit) if len(groups) == 1 else None
     if found is not None:
         return _sorted(names, found, where)
@@ -167,6 +285,16 @@ def in_order(names: Iterable[str], where: str, unit: str | None = None) -> tuple
     shown = ", ".join(f"{pattern} ({count})" for pattern, count in sequences[:MAX_SHOWN])
     example = min((pattern for pattern, _ in sequences), key=lambda pattern: "depth" not in pattern.lower())
     raise DataError(f"{where}: holds {len(sequences)} sequences: {shown}{more}; name one, as '{where}/{example}'")
+
+
+def _groups(names: Iterable[str]) -> dict[tuple[str, ...], list[str]]:
+    """The names in groups of equal texts between the numbers."""
+    groups: dict[tuple[str, ...], list[str]] = defaultdict(list)
+    for name in names:
+        path = PurePath(name)
+        key = (*NUMBER.split(path.stem), path.suffix.lower())
+        groups[key].append(name)
+    return groups
 
 
 def _sorted(names: Sequence[str], found: Reading, where: str) -> tuple[list[str], Reading]:
@@ -287,5 +415,6 @@ def _pattern(names: list[str]) -> str:
     if columns and not any(changes):
         changes[-1] = True
     numbers = ["*" if change else column[0] for change, column in zip(changes, columns)]
-    parts = itertools.zip_longest(NUMBER.split(path.stem), numbers, fillvalue="")
+    texts = [glob.escape(text) for text in NUMBER.split(path.stem)]
+    parts = itertools.zip_longest(texts, numbers, fillvalue="")
     return "".join(itertools.chain(*parts)) + path.suffix

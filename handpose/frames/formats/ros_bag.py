@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from handpose.frames import camera_file
+from handpose.frames.camera_places import next_to
 from handpose.frames.cameras import Camera
 from handpose.frames.images import errors_of
 from handpose.frames.lens import Lens, lens_of
@@ -125,7 +125,7 @@ class BagRecording(Recording):
             image = bag.first(self._topic, *IMAGES)
             values = values_of(image, where)
             own = _own(bag, self._topic, encoding_of(image), values.shape, given.camera is not None)
-            camera_json = camera_file.next_to(self._path)
+            camera_json = next_to(self._path, given.camera is None and own.camera is None)
             self._decode = DepthDecoder(values.shape, values.dtype, where, given, own, camera_json)
             self.name, self.count = str(self._path), bag.topics(*IMAGES)[self._topic]
         self.camera, self.unit_mm, self.rate = self._decode.camera, self._decode.unit_mm, self._decode.rate

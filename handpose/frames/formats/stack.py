@@ -1,8 +1,9 @@
 """Stacks of depth frames in one array: .npy and .npz.
 
 An .npy file is an array (frames, height, width) of integers of 16 bits or more, or of floating-point numbers. In an
-.npz file it is called depth, or is the only one with three axes. Frames are read one by one, so a stack may exceed the
-memory. The other arrays of an .npz file are recognised by their usual names:
+.npz file it is called depth, is the only one with three axes, or the only one of them whose name has "depth". Names may
+begin with those of groups, each with a dot. Frames are read one by one, so a stack may exceed the memory. The other
+arrays of an .npz file are recognised by their usual names:
 
 times    time, times, t, ts, timestamp, timestamps, stamp, stamps, also after ``depth_`` or ``frame_``; a name may end
          with its unit, as in ``timestamps_us``
@@ -19,7 +20,7 @@ import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from io import BufferedReader
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.lib import format as npy
@@ -27,13 +28,24 @@ from numpy.typing import NDArray
 
 from handpose.frames import camera_file
 from handpose.frames.camera_file import FRAMES, TICKS, since_1970
+from handpose.frames.camera_places import next_to
 from handpose.frames.images import errors_of
-from handpose.frames.recording import RATE, UNKNOWN, CameraInfo, DepthDecoder, DepthFrame, Recording, check_values
+from handpose.frames.recording import (
+    RATE,
+    UNKNOWN,
+    CameraInfo,
+    DepthDecoder,
+    DepthFrame,
+    NotDepthError,
+    Recording,
+    check_values,
+)
 from netlib import files
 from netlib.errors import DataError
 from netlib.files.pictures import MAX_PIXELS
 
 WHAT = "the depth frames"
+AXES = {False: "(frames, height, width)", True: "(height, width); a file with several frames is opened by its name"}
 READERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 PARAMETERS = "biufSU"  # their kinds: numbers and texts
 
@@ -45,17 +57,15 @@ class StackRecording(Recording):
     """
 
     def __init__(self, path: Path, given: CameraInfo = UNKNOWN) -> None:
-        self._frames = frames = (_Npy if path.suffix.lower() == ".npy" else _Npz)(path)
+        self._frames = frames = arrays_in(path)
         self.name, self.count = where, count = str(path), frames.shape[0]
-        camera_json, others = camera_file.next_to(path), frames.others
-        own, fields = _parameters(others, where, given)
-        used = [name for name, field in fields.items() if getattr(given, field, None) is None
-                and not (field == "lens" and given.camera)]
-        taken = [f"parameters from {', '.join(map(repr, used))}"] if used else []
-        self._times, times = None, _name_of_times(others, count)
+        others = frames.others
+        own, fields, taken = parameters_in(others, where, given)
+        camera_json = next_to(path, given.camera is None and own.camera is None)
+        self._times, times = None, name_of_times(others, count)
         if times is not None:
-            numbers = _checked(others[times], count, f"{where}: {times}")
-            unit, how = _unit_of_times(times, numbers, where, given.time_unit, own, camera_json)
+            numbers = checked_times(others[times], count, f"{where}: {times}")
+            unit, how = unit_of_times(times, numbers, where, given.time_unit, own, camera_json)
             rate = given.or_else(own).or_else(camera_json).rate or RATE
             self._times = numbers / (rate if unit == FRAMES else TICKS[unit])
             taken.append(f"times from {times!r}, {how}")
@@ -65,8 +75,7 @@ class StackRecording(Recording):
         self.camera, self.unit_mm = decode.camera, decode.unit_mm
         self.rate, assumed = (decode.rate, ()) if times is not None or count == 1 else decode.paced()
         self.remarks = (*(["; ".join(taken)] if taken else []), *decode.remarks, *assumed)
-        unused = [name for name in frames.names if name not in fields and name != times]
-        self.warnings = (_not_used(unused),) if unused else ()
+        self.warnings = not_used([name for name in frames.names if _last(name) not in fields and name != times])
 
     def __iter__(self) -> Iterator[DepthFrame]:
         times = self._times
@@ -75,17 +84,25 @@ class StackRecording(Recording):
             yield DepthFrame(number, time, self._decode(raw, f"{self.name}: frame {number}"))
 
 
+def arrays_in(path: Path, is_single: bool = False) -> _Npy | _Npz:
+    """The frames of an .npy or .npz file, of which there is one if it ``is_single``.
+
+    Raises NotDepthError for arrays that cannot be depth, and another DataError for a damaged file.
+    """
+    return (_Npy if path.suffix.lower() == ".npy" else _Npz)(path, is_single)
+
+
 class _Npy:
     """The frames of an .npy file, mapped into memory. The members are those of _Npz."""
 
     others: Mapping[str, NDArray[Any]] = {}
     names: Sequence[str] = ()
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, is_single: bool) -> None:
         with errors_of(str(path), WHAT, "cut, or not an array as NumPy writes it"), files.opened(path, WHAT):
-            self._array = npy.open_memmap(path, mode="r")
-        self.shape, self.dtype = self._array.shape, self._array.dtype
-        _check_stack(self.shape, self.dtype, str(path))
+            array = npy.open_memmap(path, mode="r")
+        self.shape, self.dtype = _checked_shape(array.shape, array.dtype, str(path), is_single), array.dtype
+        self._array = array.reshape(self.shape)
 
     def __iter__(self) -> Iterator[NDArray[Any]]:
         yield from self._array
@@ -108,7 +125,7 @@ class _Npz:
     names   of all other arrays
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, is_single: bool) -> None:
         self._path = path
         with self._opened() as archive:
             headers = {}
@@ -116,18 +133,15 @@ class _Npz:
                 if entry.endswith(".npy"):
                     with archive.open(entry) as stream:
                         headers[entry[:-4]] = _header(stream)
-            stacks = [name for name, header in headers.items() if len(header.shape) == 3]
-            self._name = "depth" if "depth" in headers else stacks[0] if len(stacks) == 1 else ""
-            if not self._name:
-                content = ", ".join(f"{name} {header.shape}" for name, header in headers.items()) or "nothing"
-                raise DataError(f"{path}: holds {content}; expected an array depth (frames, height, width)")
-            self.shape, by_columns, self.dtype = headers.pop(self._name)
-            _check_stack(self.shape, self.dtype, str(path))
-            if by_columns and len([size for size in self.shape if size > 1]) > 1:
+            self._name = _name_of_depth(headers, str(path), is_single)
+            shape, by_columns, self.dtype = headers.pop(self._name)
+            self.shape = _checked_shape(shape, self.dtype, str(path), is_single)
+            self._order: Literal["F", "C"] = "F" if by_columns else "C"
+            if by_columns and len(shape) > 1 < self.shape[0]:
                 raise DataError(f"{path}: an array in Fortran's order; write it with numpy.ascontiguousarray")
             self.names, self.others = list(headers), {}
             for name, header in headers.items():
-                is_known = camera_file.is_known(name) or TIMES.fullmatch(name) or name == TEXT
+                is_known = camera_file.is_known(name) or TIMES.fullmatch(_last(name)) or name == TEXT
                 if is_known and header.dtype.kind in PARAMETERS:
                     with archive.open(f"{name}.npy") as stream:
                         self.others[name] = npy.read_array(stream, allow_pickle=False)
@@ -140,7 +154,7 @@ class _Npz:
                 content = stream.read(count)
                 if len(content) < count:
                     raise EOFError("it ends within a frame")
-                yield np.frombuffer(content, self.dtype).reshape(self.shape[1:])
+                yield np.frombuffer(content, self.dtype).reshape(self.shape[1:], order=self._order)
             stream.read(1)  # the checksum is verified at the end
 
     @contextlib.contextmanager
@@ -160,12 +174,39 @@ def _header(stream: IO[bytes]) -> _Header:
         return _Header(*READERS[version](stream))
 
 
-def _check_stack(shape: tuple[int, ...], dtype: np.dtype[Any], where: str) -> None:
-    """Raise DataError unless an array of this shape and type may be frames."""
-    advice = ": np.moveaxis(array, 2, 0)" * (len(shape) == 3 and 4 * shape[2] < min(shape[:2]))
-    if advice or len(shape) != 3 or min(shape) < 1 or math.prod(shape[-2:]) > MAX_PIXELS:
-        raise DataError(f"{where}: an array of shape {shape}; expected (frames, height, width){advice}")
+def _name_of_depth(headers: Mapping[str, _Header], where: str, is_single: bool) -> str:
+    """The name of the array of frames. Raises NotDepthError without one, and for several."""
+    axes = [name for name, header in headers.items() if len(header.shape) == (2 if is_single else 3)]
+    by_itself = [name for name in axes if "depth" in _last(name).lower()]
+    by_group = [name for name in axes if "depth" in name.lower()]
+    for named in (["depth"] if "depth" in headers else []), axes, by_itself, by_group:
+        if len(named) == 1:
+            return named[0]
+    content = ", ".join(f"{name} {header.shape}" for name, header in headers.items()) or "nothing"
+    raise NotDepthError(f"{where}: holds {content}; expected an array depth {AXES[is_single]}")
+
+
+def _last(name: str) -> str:
+    """The name of an array without those of the groups around it."""
+    return name.rpartition(".")[2]
+
+
+def _checked_shape(shape: tuple[int, ...], dtype: np.dtype[Any], where: str, is_single: bool) -> tuple[int, ...]:
+    """The shape (frames, height, width) of an array. Raises NotDepthError unless it may be frames, or a single one."""
+    found, advice = shape, ""
+    if is_single and len(shape) == 2:
+        found = (1, *shape)
+    elif is_single and shape[2:] == (1,):
+        found = (1, *shape[:2])
+    elif is_single and shape[:1] != (1,):
+        found = ()
+    elif len(shape) == 3 and 4 * shape[2] < min(shape[:2]):
+        advice = ": np.moveaxis(array, 2, 0)"
+    is_image = len(found) == 3 and min(found) > 0 and math.prod(found[1:]) <= MAX_PIXELS
+    if advice or not is_image:
+        raise NotDepthError(f"{where}: an array of shape {shape}; expected {AXES[is_single]}{advice}")
     check_values(dtype, where)
+    return found
 
 
 # ---------------------------------------------------------------------------------------------- other arrays
@@ -181,25 +222,45 @@ MAX_VALUES = 1000  # in an array of parameters
 MAX_NAMES = 8  # number of unused arrays that are named
 
 
-def _not_used(names: list[str]) -> str:
-    """The warning about arrays that are not used."""
+def not_used(names: list[str]) -> tuple[str, ...]:
+    """The warning about arrays that are not used, if there are any."""
+    if not names:
+        return ()
     shown = ", ".join(map(repr, names[:MAX_NAMES]))
     more = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
     what = f"array {shown} is" if len(names) == 1 else f"arrays {shown}{more} are"
-    return (f"{what} not used; known names are time, timestamps and the like, K, fx, fy, cx, cy, depth_scale, "
-            "fps and all keys of a camera.json (docs/camera.md)")
+    return (
+        f"{what} not used; known names are time, timestamps and the like, K, fx, fy, cx, cy, depth_scale, "
+        "fps and all keys of a camera.json (docs/camera.md)",
+    )
 
 
-def _parameters(found: Mapping[str, NDArray[Any]], where: str, given: CameraInfo) -> tuple[CameraInfo, dict[str, str]]:
-    """The parameters in the arrays, and the field of CameraInfo for each array that is used. Raises DataError."""
-    has_camera = camera_file.has_camera({name: value.tolist() for name, value in found.items() if value.size <= 16})
-    values = {name: _plain(value, f"{where}: {name}") for name, value in found.items() if camera_file.is_known(name)
-              and (has_camera or name not in OF_ANYTHING)}
-    said = camera_file.find(values, where, given.camera is not None)
-    if TEXT not in found:
-        return said.info, said.fields
-    text = camera_file.parse(str(_plain(found[TEXT], f"{where}: camera")), f"{where}: camera")
-    return said.info.or_else(text), {**said.fields, TEXT: "parameters"}
+def parameters_in(
+    found: Mapping[str, NDArray[Any]], where: str, given: CameraInfo
+) -> tuple[CameraInfo, dict[str, str], list[str]]:
+    """The parameters in arrays, the field of CameraInfo for each array that is used, and a remark. Raises DataError."""
+    small = {name: value.tolist() for name, value in found.items() if value.size <= 16}
+    has_camera = camera_file.has_camera(small)
+    nested: dict[str, Any] = {}
+    for name, value in found.items():
+        if camera_file.is_known(name) and (has_camera or name not in OF_ANYTHING):
+            *groups, last = name.split(".")
+            inner = nested
+            for group in groups:
+                inner = inner.setdefault(group, {})
+            inner[last] = _plain(value, f"{where}: {name}")
+    said = camera_file.find(nested, where, given.camera is not None)
+    info, fields = said.info, said.fields
+    if TEXT in found:
+        text = str(_plain(found[TEXT], f"{where}: camera"))
+        info = info.or_else(camera_file.parse(text, f"{where}: camera"))
+        fields = {**fields, TEXT: "parameters"}
+    used = [
+        name
+        for name, field in fields.items()
+        if getattr(given, field, None) is None and not (field == "lens" and given.camera)
+    ]
+    return info, fields, [f"parameters from {', '.join(map(repr, used))}"] if used else []
 
 
 def _plain(value: NDArray[Any], where: str) -> Any:
@@ -211,23 +272,23 @@ def _plain(value: NDArray[Any], where: str) -> Any:
     return plain.decode("utf-8", "replace") if isinstance(plain, bytes) else plain
 
 
-def _name_of_times(found: Mapping[str, NDArray[Any]], count: int) -> str | None:
+def name_of_times(found: Mapping[str, NDArray[Any]], count: int) -> str | None:
     """The array of times: ``time``, otherwise the first whose name has a unit, otherwise the first.
 
     A single number may be the date of the recording, and a ``t`` of another length a translation.
     """
-    possible = [name for name, value in found.items() if TIMES.fullmatch(name)
+    possible = [name for name, value in found.items() if TIMES.fullmatch(_last(name))
                 and (name == IN_SECONDS or value.size == count or (value.ndim and name != "t"))]
     return min(possible, key=lambda name: (name != IN_SECONDS, _ending(name) is None), default=None)
 
 
 def _ending(name: str) -> str | None:
     """The unit at the end of a name."""
-    match = TIMES.fullmatch(name)
+    match = TIMES.fullmatch(_last(name))
     return ENDINGS[match[1].lower()] if match and match[1] else None
 
 
-def _checked(times: NDArray[Any], count: int, where: str) -> NDArray[np.float64]:
+def checked_times(times: NDArray[Any], count: int, where: str) -> NDArray[np.float64]:
     """Times of the frames. Raises DataError for others than one ascending number for each."""
     if times.size != count or times.squeeze().ndim > 1 or times.dtype.kind not in "iuf":
         raise DataError(f"{where} is {times.dtype} {times.shape}, expected ({count},): a time for each frame")
@@ -239,7 +300,7 @@ def _checked(times: NDArray[Any], count: int, where: str) -> NDArray[np.float64]
     return numbers
 
 
-def _unit_of_times(
+def unit_of_times(
     name: str, times: NDArray[np.float64], where: str, given: str | None, own: CameraInfo, camera_json: CameraInfo
 ) -> tuple[str, str]:
     """The unit of times, and how it is known. Raises DataError if it is unknown."""

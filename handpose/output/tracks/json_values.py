@@ -14,7 +14,7 @@ from handpose.body.joint_formats.formats import FormatName
 from handpose.body.model import FINGERS
 from handpose.body.sides import SIDES
 from handpose.fit.pose_confidence import unknown_finger_errors
-from handpose.frames.cameras import Camera
+from handpose.frames.cameras import MIN_RANGE_MM, Camera
 from handpose.output.tracks import joint_values
 from handpose.output.tracks.fields import Fields
 from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackedHand, TrackHeader
@@ -92,7 +92,8 @@ def header_of(fields: Fields) -> TrackHeader:
         raise DataError(f"{fields.where}: predicted from crops without a camera, so positions are relative to crops")
     of, body = fields.part("camera"), fields.part("skeleton")
     camera = Camera(of.text("name"), of.positive("fx"), of.positive("fy"), of.number("u0"), of.number("v0"),
-                    of.whole("width"), of.whole("height"))
+                    of.whole("width"), of.whole("height"),
+                    of.number("min_range_mm", 0) if "min_range_mm" in of else MIN_RANGE_MM)
     text = prototxt.parse(body.text("prototxt"), f"{body.where} 'prototxt'")
     skeleton = Skeleton(schema.read(text, SkeletonParameter, "a skeleton"))
     return TrackHeader(fields.text("source"), camera, skeleton, fields.positive("unit_mm"), fields.truth("smoothed"))
@@ -114,6 +115,7 @@ class FrameValues:
     ) -> None:
         self._skeleton, self._unit_mm = header.skeleton, header.unit_mm
         self._camera, self._joints = header.camera if in_frames else None, joints
+        self._has_raw = header.smoothed and not live
         self._live = live
         self._gestures = GestureReader(header.skeleton) if gestures else None
         self._turning, self._sliding = free_dofs(header.skeleton)
@@ -129,13 +131,14 @@ class FrameValues:
         hands += [
             {"id": int(one.id), "hand": one.hand, "presence": rounded(one.presence, 3),
              "confidence": rounded(one.confidence, 4), "palm_mm": rounded(one.place, 1), "positions_mm": None,
-             "reason": one.reason} for one in frame.present
+             **({"raw_positions_mm": None} if self._has_raw else {}), "reason": one.reason} for one in frame.present
         ]
         hands.sort(key=lambda hand: int(hand["id"]))
         return {"number": int(frame.number), "time_s": rounded(frame.time, 6), "hands": hands, "lost": lost}
 
     def _hand_values(self, hand: TrackedHand, time: float) -> dict[str, Any]:
         theta = self._skeleton.theta(hand.inputs)
+        positions = hand.xyz.round(2)  # so that the palm is that of the positions in the file
         bones = _known(hand.bones * self._unit_mm, 3)
         same = not self._live and hand.id in self._bones and self._bones[hand.id] == bones
         self._bones[hand.id] = bones
@@ -144,9 +147,9 @@ class FrameValues:
             **({} if hand.known_side else {"assumed_hand": hand.hand,
                                            "assumed_confidence": rounded(hand.side_confidence, 3)}),
             "presence": rounded(hand.presence, 3), "confidence": rounded(hand.confidence, 4),
-            "error_mm": rounded(hand.error_mm, 2), "palm_mm": rounded(hand.palm_mm, 1),
+            "error_mm": rounded(hand.error_mm, 2), "palm_mm": rounded(positions.mean(axis=0), 1),
             "finger_error_mm": dict(zip(FINGERS, rounded(hand.finger_error_mm, 1))),
-            "positions_mm": rounded(hand.xyz, 2),
+            "positions_mm": rounded(positions, 2),
             **({} if self._live or hand.raw_xyz is None else {"raw_positions_mm": rounded(hand.raw_xyz, 2)}),
             "angles_rad": _named(self._angles, theta[self._turning], 5),
             "origin_mm": rounded(hand.origin_mm, 3),

@@ -121,6 +121,17 @@ def test_channels_of_a_slope() -> None:
     assert not channels[0, 3].any()
 
 
+def test_the_net_sees_angles_whatever_the_camera() -> None:
+    """A surface at 45 degrees across to the rays, by a camera with twice as many columns as rows an angle."""
+    camera = Camera("wide", 2 * CAMERA.fx, CAMERA.fy, 2 * CAMERA.u0, CAMERA.v0, 2 * CAMERA.width, CAMERA.height)
+    across = 700 * np.exp((np.arange(camera.width) - camera.u0) / camera.fx)
+    net, shown = TrueNet(), []
+    net.forward = lambda blobs, frame: shown.append(frame) or net.answers  # type: ignore[method-assign]
+    Finder(net).hands(np.tile(across, (camera.height, 1)), camera)  # type: ignore[arg-type]
+    np.testing.assert_allclose(shown[0][0, 2, :, 1:-1], np.sin(np.pi / 4), atol=0.02)
+    assert not shown[0][0, 3].any()
+
+
 def test_frames_and_answers_that_do_not_fit() -> None:
     with pytest.raises(DataError, match=r"\(100, 160\), expected \(128, 160\)"):
         found_in(frame()[:100])

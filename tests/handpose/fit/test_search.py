@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from handpose.fit.body import CapsuleModel
 from handpose.fit.objective import Objective, Prior, Weights
-from handpose.fit.search import Stage, damped_step, descend, drawn, turned_back
+from handpose.fit.search import FAST, Stage, damped_step, descend, drawn, search, turned_back
 from layers.hand.bodies import kinematics_of
 from tests.handpose.fit.conftest import Scene, start_of
 
@@ -70,6 +72,18 @@ def test_the_cost_never_rises_within_a_stage(model: CapsuleModel, scene: Scene) 
         again = objective.weigh(objective.measure(found, scene.seen, prior), scene.seen, 30.0)
         np.testing.assert_allclose(again.total, cost.total, rtol=1e-4)
     assert (np.diff(costs, axis=0) <= 1e-6 * np.array(costs[:-1])).all()
+
+
+@pytest.mark.parametrize("first", [(), (Stage(13, 0),)], ids=["at the end", "after the first stages"])
+def test_starts_are_compared_without_the_prior(model: CapsuleModel, few: Scene, first: tuple[Stage, ...]) -> None:
+    """The start that explains the image wins, although the network predicts the other one."""
+    objective, (wrong, right) = Objective(model, Weights()), (start_of(few, model), few.truth)
+    precision = np.eye(len(model.limbs)) / 0.01**2
+    plan = replace(FAST, first=first, keep=2 - len(first), last=(Stage(13, 0),))
+    found = search(objective, few.seen, np.stack([wrong, wrong]), np.stack([wrong, right]), precision, plan)
+    np.testing.assert_array_equal(found.start, 1)
+    np.testing.assert_allclose(found.x, right, atol=1e-4)
+    assert (found.parts[:, 3] > found.parts[:, :3].sum(axis=1)).all()
 
 
 @pytest.mark.parametrize("quarter", [0, 1, 2, 3])

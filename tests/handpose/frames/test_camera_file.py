@@ -10,14 +10,14 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from handpose.frames import camera_file
-from handpose.frames.camera_file import TIME_UNITS, find, next_to, parse, to_text, write
-from handpose.frames.cameras import Camera
+from handpose.frames.camera_file import TIME_UNITS, find, parse, to_text
+from handpose.frames.cameras import Camera, View
 from handpose.frames.lens import Lens
-from handpose.frames.recording import UNKNOWN, CameraInfo
+from handpose.frames.recording import CameraInfo
 from netlib.errors import DataError
 from tests.support.bad_input import bad_inputs
 
@@ -67,7 +67,8 @@ NUMBER, WHAT = "expected a number more than 1e-06 and at most", "known: fx, fy, 
     '{"unit_mm": 1e-320}': f"x: unit_mm is 1e-320; {NUMBER} 10000",
     f'{{{FOUR}, "unit_mm": NaN}}': f"x: unit_mm is NaN; {NUMBER} 10000",
     "nested in an object": ('{"a": ' + "[" * 900 + "]" * 900 + "}", "x: ..."),
-    "5000 digits": ("fx: " + "9" * 5000, "x: not the parameters of a camera"),
+    "5000 digits": ("fx: " + "9" * 5000, "x: fx is Infinity; expected a number more than ..."),
+    "5000 digits of JSON": ('{"fx": ' + "9" * 5000 + "}", "x: not whole JSON: Exceeds the limit ..."),
     '{"unit_m": 1}': f"x: unknown key 'unit_m' (did you mean 'unit_mm'?); {WHAT}",
     '{"focal": 1}': f"x: unknown key 'focal'; {WHAT}",
     '{"fx": 60, "fx": 61}': "x: has 'fx' twice",
@@ -92,8 +93,8 @@ NUMBER, WHAT = "expected a number more than 1e-06 and at most", "known: fx, fy, 
     '{"distortion": [0, 0, 0, 0], "k1": 0}': "x: says the distortion twice, once as k1 ...",
     '{"model": "none", "distortion": {"model": "none"}}': "x: says model twice, once as distortion",
     '{"time_unit": "msec"}': 'x: time_unit is "msec"; expected s, ms, us, ns, frames',
-    "K: [1, 2, 3]": "x: K is [1, 2, 3]; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], or fx, fy, cx, cy",
-    "K: [60, 1, 31, 0, 61, 23, 0, 0, 1]": "x: K is [60, 1, 31, 0, 61, 23, 0, 0, 1]; expected [[fx, 0, cx], ...",
+    "K: [1, 2, 3]": "x: K is [1.0, 2.0, 3.0]; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], or fx, fy, cx, cy",
+    "K: [60, 1, 31, 0, 61, 23, 0, 0, 1]": "x: K is [60.0, 1.0, 31.0, ...; expected [[fx, 0, cx], ...",
     "K: [0, 0, 0, 0, 0, 0, 0, 0, 1]": "x: fx is 0.0; expected a number more than 1e-06 and at most 1e+06",
     "K: [60, 61, 31, 23]\nD: [0.1, 0, 0, 0]\ndistortion_model: equidistant":
         "x: distortion model 'equidistant' is not known; known: brown_conrady (OpenCV's), ...",
@@ -102,7 +103,12 @@ NUMBER, WHAT = "expected a number more than 1e-06 and at most", "known: fx, fy, 
     "a:\n  K: [60, 61, 31, 23]\nb:\n  K: [60, 61, 31, 24]": "x: has several cameras: a, b; expected one, or ...",
     "a: 1\n- b": "x: unknown key 'a'; known: fx, ...",
     "no camera here": "x: unknown key 'no camera here'; known: fx, ...",
-    "a: [1, {b}]": "x: not the parameters of a camera",
+    "a: [1, {b}]": "x: unknown key 'a'; known: fx, ...",
+    "fx: 60abc": 'x: fx is "60abc"; expected a number more than ...',
+    "fx: 60 61\nfy: 60": "x: fx is [60.0, 61.0]; expected a number more than ...",
+    "fx=60 fy=61 cx=31 cy=23 fx=62": "x: has 'fx' twice",
+    "# a comment\n1 2\nx\n3": "x: unknown key 'x'...; known: fx, ...",
+    "---": "x: not the parameters of a camera",
     "date: today": "x: unknown key 'date'...; known: fx, ...",
     '<?xml version="1.0"?>': "x: XML; expected JSON or YAML, which OpenCV's FileStorage writes, too",
 })
@@ -125,16 +131,6 @@ def test_every_number_returns(
     camera, lens = Camera("any", fx, fy, u0, v0, width, 7 if width else 0), lens if lens and any(lens) else None
     said = CameraInfo(camera, lens and Lens(tuple(lens)), unit, unit, "x", time_unit)
     assert parse(to_text(said), "x") == said
-
-
-def test_beside(tmp_path: Path) -> None:
-    """A folder has its own camera.json; for a file, the file's own name takes precedence."""
-    take = tmp_path / "take.npz"
-    assert next_to(tmp_path) == next_to(take) == UNKNOWN
-    write(tmp_path / "camera.json", CameraInfo(unit_mm=1.0))
-    assert next_to(tmp_path).unit_mm == next_to(take).unit_mm == 1
-    write(tmp_path / "take.camera.json", CameraInfo(unit_mm=2.0))
-    assert (next_to(tmp_path).unit_mm, next_to(take).unit_mm) == (1, 2)
 
 
 # ---------------------------------------------------------------------------------------------- other programs
@@ -237,6 +233,7 @@ TRAJECTORY = {"class_name": "PinholeCameraTrajectory", "parameters": [
     ("[[60.   0.  31.5]\n [ 0.  61.  23.5]\n [ 0.   0.   1. ]]", CAMERA, "matrix"),
     ("6.0e+01,0,0\n0,61,0\n31.5,23.5,1", CAMERA, "matrix"),
     ("60 0 31.5 0\n0 61 23.5 0\n0 0 1 0\n0 0 0 1", CAMERA, "matrix"),
+    ("# K of the depth camera 1\n60 0 31.5\n0 61 23.5\n0 0 1\n", CAMERA, "matrix"),
     ("60 61 31.5 23.5", CAMERA, "matrix"),
     ("60 61 31.5 23.5 64 48", SIZED, "matrix, size"),
     (f'{{"0": {{"cam_K": {BY_COLUMNS}, "cam_t": [1]}}, "1": {{"cam_K": {BY_COLUMNS}, "cam_t": [2]}}}}', CAMERA,
@@ -281,6 +278,14 @@ def test_the_depth_camera_among_others() -> None:
     assert (found.camera, found.lens, found.unit_mm, found.rate) == (SIZED, Lens(), 1.0, 30)
 
 
+def test_the_depth_camera_in_a_list() -> None:
+    """By the texts in it, if its names say nothing."""
+    cameras = [{"name": kind, "K": [60 + i, 0, 31.5, 0, 61, 23.5, 0, 0, 1], "width": 64, "height": 48}
+               for i, kind in ((2, "rgb"), (0, "depth"), (1, "left infrared"))]
+    found = camera_file.parse(json.dumps({"cameras": cameras}), "x")
+    assert found.camera == replace(SIZED, name="depth")
+
+
 @pytest.mark.parametrize(("name", "value", "unit"), [
     ("depth_scale", 0.00025, 0.25), ("depth_scale", 1000.0, 1.0), ("png_depth_scale", 5000, 0.2),
     ("depth_scale", 0.1, 0.1), ("DepthMapFactor", 5000.0, 0.2), ("depth_units", 0.000125, 0.125),
@@ -306,9 +311,187 @@ def test_files_of_opencv(tmp_path: Path, suffix: str) -> None:
 
 
 @pytest.mark.parametrize("text", [
-    "a:\n- 1\n- -2.5e+3\nb: [x, {d: 'e: f'}]\ng: # h\nl:\n  m:\n    n: true\n  o: ~\n'p q': [[1],\n  []]\n",
-    "%YAML 1.1\n---\na:\n  - 1\n  -\n  - c d\n...\nb: 1\n",
+    "a:\n- 1\n- -2.5e+3\ng: # h\nl:\n  m:\n    n: [3.5, .5e-1,\n      4]\n  o: -0.5\n"
+    "'p q': [[1, 2],\n  [3, 4]]\ns: t u\n",
+    "%YAML 1.1\n---\na:\n  - 1\n  - 2\nb: {c: 2, d: [1, 2], e: \"f\"}\n...\nb: 1\n",
 ])
 def test_yaml(text: str) -> None:
+    """Numbers, texts and objects as a reader of YAML has them."""
     yaml = pytest.importorskip("yaml")
-    assert camera_file.parse_document(text, "x") == next(yaml.safe_load_all(text))
+
+    def flat(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: flat(inner) for key, inner in value.items()}
+        rows = np.array(value, object).ravel().tolist() if isinstance(value, list) else value
+        return rows
+
+    assert flat(camera_file.parse_document(text, "x")) == flat(next(yaml.safe_load_all(text)))
+
+
+# What other programs print or write: 64 x 48 px, focal lengths 60 and 61, the middle at 31.5, 23.5.
+ENUMERATED = """Device info:
+    Name                          : \tIntel RealSense D455
+    Firmware Version              : \t05.13.00.50
+    Physical Port                 : \t/sys/devices/pci0000:00/0000:00:14.0/usb2/2-1/video4linux/video0
+
+Stream Profiles supported by Stereo Module
+ Supported modes:
+    Depth    \t  64x48\t@ 30Hz\t   Z16
+    Depth    \t  128x96\t@ 30Hz\t   Z16
+
+Intrinsic Parameters:
+""" + "\n".join(f"""
+ Intrinsic of "{kind}" / {64 * factor}x{48 * factor} / {{{code}}}
+  Width:      \t{64 * factor}
+  Height:     \t{48 * factor}
+  PPX:        \t{factor * (32 + shift) - 0.5}
+  PPY:        \t{factor * (24 + shift) - 0.5}
+  Fx:         \t{factor * (60 + shift)}
+  Fy:         \t{factor * (61 + shift)}
+  Distortion: \t{lens}
+  Coeffs:     \t0  \t0  \t0  \t0  \t0
+  FOV (deg):  \t89.97 x 58.99
+""" for kind, code, shift, lens in (
+    ("Depth", "Z16", 0, "Brown Conrady"), ("Infrared 1", "Y8", 0, "Brown Conrady"), ("Infrared 2", "Y8", 0.25,
+    "Brown Conrady"), ("Color", "RGB8", 7, "Inverse Brown Conrady")) for factor in (1, 2)) + """
+Extrinsic from "Depth"\t  To\t  "Color" :
+ Rotation Matrix:
+   0.99998\t  -0.0031\t   0.0029
+   0.0031\t    0.99999\t   0.0006
+  -0.0029\t   -0.0006\t   0.99999
+ Translation Vector: \t0.0147  \t0.0002  \t0.0003
+
+Extrinsic from "Depth"\t  To\t  "Depth" :
+ Rotation Matrix:
+   1  \t0  \t0
+   0  \t1  \t0
+   0  \t0  \t1
+"""
+OST = """# oST version 5.0 parameters
+
+
+[image]
+
+width
+64
+
+height
+48
+
+[narrow_stereo]
+
+camera matrix
+60.000000 0.000000 31.500000
+0.000000 61.000000 23.500000
+0.000000 0.000000 1.000000
+
+distortion
+0.100000 -0.200000 0.010000 0.020000 0.000000
+
+rectification
+1.000000 0.000000 0.000000
+0.000000 1.000000 0.000000
+0.000000 0.000000 1.000000
+
+projection
+70.000000 0.000000 32.000000 0.000000
+0.000000 70.000000 24.000000 0.000000
+0.000000 0.000000 1.000000 0.000000
+"""
+SECTIONS = """[ColorIntrinsic]
+fx=1
+fy=2
+cx=3
+cy=4
+width=64
+height=48
+[DepthIntrinsic]
+fx=60
+fy=61
+cx=31.5
+cy=23.5
+width=64
+height=48
+[ColorDistortion]
+k1=9
+[DepthDistortion]
+k1=0.1
+k2=-0.2
+p1=0.01
+p2=0.02
+"""
+LENS = Lens((0.1, -0.2, 0.01, 0.02, 0.0))
+
+
+@pytest.mark.parametrize(("text", "lens"), [
+    ("[ 64x48  p[31.5 23.5]  f[60 61]  Brown Conrady [0.1 -0.2 0.01 0.02 0] ]", LENS),
+    ("depth: [ 64x48  p[31.5 23.5]  f[60 61]  Brown Conrady [0.1 -0.2 0.01 0.02 0] ]\n"
+     "color: [ 64x48  p[30 20]  f[50 50]  Inverse Brown Conrady [0 0 0 0 0] ]", LENS),
+    ("width: 64, height: 48, ppx: 31.5, ppy: 23.5, fx: 60, fy: 61, model: Brown Conrady, "
+     "coeffs: [0.1, -0.2, 0.01, 0.02, 0]", LENS),
+    ("{'fx': 60.0, 'fy': 61.0, 'ppx': 31.5, 'ppy': 23.5, 'width': 64, 'height': 48}", None),
+    ("{'K': array([[60. ,  0. , 31.5],\n       [ 0. , 61. , 23.5],\n       [ 0. ,  0. ,  1. ]]), 'size': [64, 48]}",
+     None),
+    ("{'color': {'fx': 1, 'fy': 2, 'cx': 3, 'cy': 4}, 'depth': {'fx': 60, 'fy': 61.0, 'cx': 31.5, 'cy': 23.5, "
+     "'width': 64, 'height': 48, 'model': 'Brown Conrady', 'coeffs': [0.1, -0.2, 0.01, 0.02, 0.0]}}", LENS),
+    ("<OBCameraIntrinsic fx=60 fy=61.0 cx=31.5 cy=23.5 width=64 height=48>", None),
+    ("resolution width: 64\nresolution height: 48\nprincipal point x: 31.5\nprincipal point y: 23.5\n"
+     "focal length x: 60\nfocal length y: 61\nradial distortion coefficients:\nk1: 0.1\nk2: -0.2\nk3: 0\n"
+     "center of distortion in Z=1 plane, x: 0\ntangential distortion coefficient x: 0\nmetric radius: 0\n",
+     Lens((0.1, -0.2, 0, 0, 0, 0, 0, 0))),
+    ("Stream,Depth\nFormat,Z16\nResolution x,64\nResolution y,48\n\nIntrinsic:,\nFx,60\nFy,61\nPPx,31.5\nPPy,23.5\n"
+     "Distorsion,Brown Conrady\n", Lens()),
+    ("fx 60\nfy 61\ncx 31.5\ncy 23.5\nwidth 64\nheight 48\n", None),
+    ("fx 60 px\n# fx 70\nfy: 61 px\ncx: 31.5 # middle\ncy: 23.5\nimage size: 64 x 48\n", None),
+    ('{"camMat": [[60, 0, 31.5], [0, 61, 23.5], [0, 0, 1]], "resolution": [64, 48]}', None),
+    ('{"focal_length": [60, 61], "principal_point": [31.5, 23.5], "image_size": [64, 48]}', None),
+    ("m_depthWidth = 64\nm_depthHeight = 48\nm_depthShift = 1000\n"
+     "m_calibrationColorIntrinsic = 1 0 1 0 0 1 1 0 0 0 1 0 0 0 0 1\n"
+     "m_calibrationDepthIntrinsic = 60 0 31.5 0 0 61 23.5 0 0 0 1 0 0 0 0 1\n", None),
+    (OST, LENS),
+    (SECTIONS, Lens((0.1, -0.2, 0.01, 0.02, 0, 0, 0, 0))),
+    ("\n".join(f"{line}\r" for line in OST.split("\n")), LENS),
+])
+def test_what_programs_print(text: str, lens: Lens | None) -> None:
+    """pyrealsense2's two forms, Python's and NumPy's, Orbbec, Azure, RealSense Viewer, ScanNet, ROS's ost, sections."""
+    found = camera_file.parse(text, "x")
+    assert (found.camera, found.lens) == (SIZED, lens)
+
+
+def test_the_modes_of_a_camera(tmp_path: Path) -> None:
+    """The whole text of rs-enumerate-devices -c, also as PowerShell writes it: the depth of the frames' size."""
+    (tmp_path / "camera.txt").write_text(ENUMERATED, encoding="utf-16")
+    for found in (camera_file.parse(ENUMERATED, "x"), camera_file.read(tmp_path / "camera.txt")):
+        assert isinstance(found.camera, View) and found.lens == Lens()
+        assert found.camera.at(64, 48) == SIZED
+        assert found.camera.at(128, 96) == Camera("own", 120, 122, 63.5, 47.5, 128, 96)
+        with pytest.raises(DataError, match=r"32 x 24 pixels; .* has a camera for 64 x 48, 128 x 96"):
+            found.camera.at(32, 24)
+
+
+@bad_inputs(DataError, {
+    "two devices": (ENUMERATED + ENUMERATED.replace("Fy:         \t61", "Fy:         \t62"), "x: has several ..."),
+    "other lenses": (ENUMERATED.replace("0  \t0  \t0  \t0  \t0", "0.1  \t0  \t0  \t0  \t0", 1), "x: has several ..."),
+})
+def test_modes_that_are_ambiguous(given: str, rejected: Any) -> None:
+    with rejected:
+        parse(given, "x")
+
+
+@settings(max_examples=300)
+@given(st.text(st.sampled_from("abx01.- \n\t:=,[](){}'\"#<>"), max_size=60) | st.text(max_size=30))
+def test_any_text(text: str) -> None:
+    """Any text is either read or a DataError."""
+    try:
+        parse(text, "x")
+    except DataError:
+        return
+
+
+@pytest.mark.parametrize(
+    "text", ["a" * 10**6, "1" * 10**6 + "a", "fx: " + "1 " * 10**5 + "a", "a b " * 10**5, "[" * 10**5]
+)
+def test_long_texts(text: str) -> None:
+    """The time grows in proportion to the length."""
+    with pytest.raises(DataError):
+        parse(text, "x")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -32,6 +34,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, object, CameraInfo
 
 @pytest.mark.parametrize(("source", "kind"), [
     ("frames", FolderRecording), ("frames/*.png", FolderRecording), (Path("frames/1.png"), FolderRecording),
+    ("arrays", FolderRecording), ("arrays/*.npy", FolderRecording), ("2.raw", FolderRecording),
     ("B.NPY", StackRecording),  # suffixes in capitals are accepted
 ])
 def test_readers_of_files(
@@ -39,6 +42,9 @@ def test_readers_of_files(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     put(Path("frames/1.png"), hand_sized())
+    Path("arrays").mkdir()
+    np.save("arrays/1.npy", hand_sized())
+    hand_sized().tofile("2.raw")
     np.save("b.npy", hand_sized()[None])
     Path("b.npy").rename("B.NPY")
     with open_recording(source, GIVEN) as recording:
@@ -79,13 +85,13 @@ def test_a_unit_of_times_where_there_is_none(
 
 
 @bad_inputs(DataError, {
-    **{name: f"{name}: no such file" for name in ("none.npz", "none.mkv", "none.bag")},
+    **{name: f"{name}: no such file" for name in ("none.npz", "none.mkv", "none.bag", "none.raw")},
     **{name: f"{name}: no such file or folder" for name in ("none", "none/of/these.png")},
     "a null character": ("a\0b", r"a\x00b: no such file or folder"),
     "5000 letters": ("x" * 5000, "xxx...xxx: no such file or folder"),
     "loop": "loop: no such file or folder (did you mean 'loop'?)",
-    "a.raw": "a.raw: values without a header, as rs-convert -r ...(rs-convert -p), or give their height and width; ...",
-    "a.txt": "a.txt: not a recording; expected a folder of 16-bit PNG, ..., .npz, ...: realsense or realsense:SERIAL",
+    "a.raw": "a.raw: 0 bytes without a header, of unknown height and width; give them in a camera.json ...",
+    "a.txt": "a.txt: not a recording; expected a folder with a 16-bit PNG, ...: realsense or realsense:SERIAL",
 })
 def test_what_is_no_recording(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any, asked: list[Any]
@@ -100,54 +106,132 @@ def test_what_is_no_recording(
     assert not asked
 
 
-def converted(source: Path | str, said: str) -> None:
-    """Run the Python statement in the error for a source."""
+def converted(source: Path | str, said: str, status: int = 0) -> str:
+    """Run the command in the error for a source, as a shell does; return what it prints as an error."""
     with pytest.raises(DataError, match=said) as raised:
         open_recording(source)
-    run_python("-c", str(raised.value).partition('; this converts: python -c "')[2].removesuffix('"'), cwd=Path())
+    program, *words = shlex.split(str(raised.value).partition("; this converts: ")[2])
+    assert program == "python"
+    return run_python(*words, cwd=Path(), status=status).err
 
 
-def test_videos_are_converted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As tools/record.py wrote them once: every value, the times to 1 ms, and the camera in a tag."""
+def write_video(path: Path, milliseconds: Sequence[int], titles: Sequence[str] = ("",), **tags: str) -> np.ndarray:
+    """Write a video with a stream for each title: colours for COLOR, else 16-bit values 1000, 1001 ... (first DEPTH).
+
+    Return the depth, (frames, height, width).
+    """
     av = pytest.importorskip("av", reason="PyAV is missing: pip install av")
+    path.parent.mkdir(exist_ok=True)
+    with av.open(str(path), "w", format="matroska") as video:
+        video.metadata.update(tags)
+        streams = []
+        for title in titles:
+            is_colour = title == "COLOR"
+            stream = video.add_stream("mjpeg" if is_colour else "ffv1", rate=30)
+            stream.width, stream.height, stream.pix_fmt = 64, 48, "yuvj420p" if is_colour else "gray16le"
+            stream.codec_context.time_base = Fraction(1, 1000)
+            stream.metadata["title"] = title
+            streams.append(stream)
+        for number, millisecond in enumerate(milliseconds):
+            for title, stream in zip(titles, streams):
+                if title == "COLOR":
+                    frame = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 90, np.uint8), format="rgb24")
+                    frame = frame.reformat(format="yuvj420p")
+                else:
+                    distance = (1000 if title != "IR" else 3000) + number
+                    frame = av.VideoFrame.from_ndarray(hand_sized(distance=distance), format="gray16le")
+                frame.pts, frame.time_base = millisecond, Fraction(1, 1000)
+                video.mux(stream.encode(frame))
+        for stream in streams:
+            video.mux(stream.encode(None))
+    return np.array([hand_sized(distance=1000 + number) for number in range(len(milliseconds))])
+
+
+@pytest.mark.parametrize(("titles", "name"), [
+    (("",), "take.mkv"),
+    (("COLOR", "DEPTH", "IR"), "sub/it's a take (2).mkv"),  # the order of Azure Kinect's recorder
+    (("COLOR", "IR", "DEPTH"), "take.mkv"),
+    (("COLOR", ""), "take.mkv"),
+])
+def test_videos_are_converted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, titles: Sequence[str], name: str
+) -> None:
+    """The stream of depth, every value, the times to 1 ms, and the camera in a tag, as tools/record.py once wrote."""
     monkeypatch.chdir(tmp_path)
-    depth = [hand_sized(distance=1000 + i) for i in range(3)]
-    with av.open("take.mkv", "w", format="matroska") as video:
-        video.metadata["CAMERA"] = camera_file.to_text(GIVEN)
-        stream = video.add_stream("ffv1", rate=30, options={"level": "3", "g": "1"})
-        stream.width, stream.height, stream.pix_fmt = 64, 48, "gray16le"
-        stream.codec_context.time_base = Fraction(1, 1000)
-        for milliseconds, values in zip((0, 33, 100), depth):
-            picture = av.VideoFrame.from_ndarray(values.astype("<u2"), format="gray16le")
-            picture.pts, picture.time_base = milliseconds, Fraction(1, 1000)
-            video.mux(stream.encode(picture))
-        video.mux(stream.encode(None))
-    converted("take.mkv", "^take.mkv: a video; ")
+    depth = write_video(Path(name), (0, 33, 100), titles, CAMERA=camera_file.to_text(GIVEN))
+    converted(name, "a video, ")
     with open_recording("frames") as recording:
         assert (recording.camera, recording.unit_mm) == (GIVEN.camera, GIVEN.unit_mm)
         assert [frame.time for frame in recording] == pytest.approx([0, 0.033, 0.1])
-        np.testing.assert_array_equal([frame.depth for frame in recording], np.array(depth) / np.float32(2))
+        np.testing.assert_array_equal([frame.depth for frame in recording], depth / np.float32(2))
 
 
-def test_hdf5_is_converted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_video_of_colours_is_not_converted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    with h5py.File("take.h5", "w") as file:
+    write_video(Path("take.mkv"), (0, 33), ("COLOR",))
+    assert converted("take.mkv", "a video, ", status=1) == "no stream of 16-bit grey values\n"
+    assert not Path("frames").exists()
+
+
+@pytest.mark.parametrize("name", ["take.h5", "sub/a take.hdf5"])
+def test_hdf5_is_converted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path(name).parent.mkdir(exist_ok=True)
+    with h5py.File(name, "w") as file:
         file["depth"], file["timestamps_ms"] = hand_sized()[None], [5]
         file.attrs.update(fx=60.0, fy=61.0, cx=31.5, cy=23.5)
-    converted("take.h5", "^take.h5: HDF5; ")
+    converted(name, "HDF5; ")
     assert open_recording("frames.npz").camera.fy == 61
 
 
-@pytest.mark.parametrize(("kind", "said", "take"), [
-    ("raw", "values without a header", "take.npy"), ("npy", "a file for each frame", "../take.npy"),
-])
-def test_files_of_single_frames_are_joined(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, said: str, take: str
-) -> None:
-    (tmp_path / "frames").mkdir()
-    monkeypatch.chdir(tmp_path / "frames")
-    values = np.arange(2 * 480 * 640, dtype=np.uint16).reshape(2, 480, 640)
-    for number, frame in enumerate(values):
-        frame.tofile(f"{number}.raw") if kind == "raw" else np.save(f"{number}.npy", frame)
-    converted(Path(), rf"holds no depth frames .*; found 0\.{kind}, 1\.{kind}: {said}")
-    np.testing.assert_array_equal(np.load(take), values)
+@pytest.mark.parametrize("form", ["camera0/{}/image", "camera0/{}/frames_{}", "depth_camera/{0}"])
+def test_hdf5_with_groups_is_converted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str) -> None:
+    """Of groups with depth, infrared and colours: the depth with its own times and camera."""
+    monkeypatch.chdir(tmp_path)
+    with h5py.File("take.h5", "w") as file:
+        for number, kind in enumerate(("colour", "depth", "infrared")):
+            name = form.format(kind, kind)
+            file[name] = [hand_sized(distance=1000 * number + i) for i in range(3)]
+            owner = file[name].parent if kind in name.rpartition("/")[0] else file[name]
+            owner.attrs.update(fx=60.0 + number, fy=61.0 + number, cx=31.5, cy=23.5)
+        file[f"{form.partition('/')[0]}/timestamps_ms"] = [5, 15, 25]
+    converted("take.h5", "^take.h5: HDF5; ")
+    recording = open_recording("frames.npz")
+    assert (recording.camera.fx, recording.camera.fy) == (61, 62)
+    frames = list(recording)
+    assert [frame.time for frame in frames] == pytest.approx([0, 0.01, 0.02])
+    assert [frame.depth[20, 30] for frame in frames] == [1000, 1001, 1002]
+    assert "exists" in converted("take.h5", "HDF5; ", status=1)  # nothing is replaced
+
+
+def test_two_depth_cameras_of_an_hdf5_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The error names both instead of one being chosen."""
+    monkeypatch.chdir(tmp_path)
+    with h5py.File("take.h5", "w") as file:
+        for camera in ("left", "right"):
+            file.create_group(camera)["depth"] = hand_sized()[None]
+    converted("take.h5", "HDF5; ")
+    with pytest.raises(DataError, match=r"holds left\.depth .*, right\.depth .*; expected an array depth"):
+        open_recording("frames.npz", GIVEN)
+
+
+def test_pgm_is_converted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every file of the folder under its name, so that order, times and kinds are those of the names."""
+    monkeypatch.chdir(tmp_path)
+    for number in range(12):
+        put(Path(f"a take/d-{number}.pgm"), hand_sized(distance=1000 + number))
+        put(Path(f"a take/ir-{number}.pgm"), hand_sized(distance=3000))
+    converted("a take", r"holds no depth frames .*; a take/d-0\.pgm: PGM; ")
+    with pytest.raises(DataError, match="holds 2 sequences"):
+        open_recording("frames", GIVEN)
+    frames = open_recording("frames/d-*.png", GIVEN)
+    assert [frame.depth[20, 30] for frame in frames] == [500 + number / 2 for number in range(12)]
+
+
+def test_a_folder_with_a_file_to_convert(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("take").mkdir()
+    with h5py.File("take/a.h5", "w") as file:
+        file.create_group("camera0")["depth"] = hand_sized()[None]
+    converted("take", r"take: holds no depth frames .*; found a\.h5; take/a\.h5: HDF5; ")
+    assert open_recording("frames.npz", GIVEN).count == 1

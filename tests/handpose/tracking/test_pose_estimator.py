@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -17,9 +18,10 @@ from handpose.estimate.predictor import Predictor
 from handpose.fit.body import WorldPose
 from handpose.fit.search import ACCURATE
 from handpose.frames.cameras import ICVL, Camera
+from handpose.frames.crops import SIZE, unread
 from handpose.sequences.acts import Act
 from handpose.sequences.recordings import Script, SyntheticRecording
-from handpose.tracking.pose_estimator import PoseEstimator
+from handpose.tracking.pose_estimator import AROUND_MM, PoseEstimator
 from tests.handpose.tracking.conftest import Take
 
 FAR_OFF = np.array([-900.0, 120, 700])  # px, px, mm: no part of its cube is in the image
@@ -173,3 +175,22 @@ def test_the_network_sees_no_covering(
     assert among is not None and behind is not None
     np.testing.assert_array_equal(among.network_mm, behind.network_mm)
     assert error(behind, shown) < error(among, shown)
+
+
+def test_what_is_not_read_around_the_hand_is_unknown(
+    estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray
+) -> None:
+    """Without readings in one half, the crop is unknown up to AROUND_MM from the expected hand, and empty beyond."""
+    (whole,) = estimator.estimate(depth, [SearchRegion(center, "right")])
+    assert whole is not None
+    half = depth.copy()
+    half[:, : int(center[0])] = 0
+    candidate = estimator._candidate(half, SearchRegion(center, "right", whole.body), half)
+    assert candidate.shown is not None
+    hand = estimator._capsules(whole.body, "right").chosen(~estimator.model.surface.limbs)
+    beside = (estimator._rendered(hand, center) == 1).astype(np.uint8)
+    away_mm = cv2.distanceTransform(beside, cv2.DIST_L2, 5) * estimator.cube_mm / SIZE
+    is_unknown, is_unread = candidate.crop != candidate.shown, unread(half, center, estimator.cube_mm, ICVL)
+    assert (candidate.crop[is_unknown] == -1).all() and (is_unread | ~is_unknown).all()
+    assert is_unknown[is_unread & (away_mm < 0.7 * AROUND_MM)].all()
+    assert not is_unknown[away_mm > 1.3 * AROUND_MM].any() and is_unread[away_mm > 1.3 * AROUND_MM].any()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from netlib.files.paths import ROOT, command, find
+from netlib.files.paths import ROOT, command, find, real
 
 
 @pytest.fixture
@@ -71,3 +71,10 @@ def test_commands_as_they_are_started(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (command("export_onnx"), command("run_net")) == ("handpose export-onnx", "handpose run-net")
     monkeypatch.setattr(sys, "argv", ["netlib finetune"])
     assert (command("export_onnx"), command("run_net")) == ("netlib export-onnx", "netlib run")
+
+
+def test_a_real_path(tree: Path) -> None:
+    """Without links; a name that no file can have is unchanged."""
+    Path("link").symlink_to(put(Path("file")))
+    assert real("link") == Path("file").absolute()
+    assert real("a\0b") == Path("a\0b")

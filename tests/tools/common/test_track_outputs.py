@@ -5,9 +5,11 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import os
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -27,6 +29,7 @@ from tools.common import track_outputs
 from tools.common.progress import StoppedError
 from tools.common.track_outputs import LiveOutput, Outputs, add_output_options, is_drawn
 
+LONGEST_S = 300  # for which a process is waited
 ALL = ["--json", "a.json", "--csv", "a.csv", "--sheet", "a.png"]
 
 pytestmark = pytest.mark.usefixtures("here")
@@ -220,7 +223,9 @@ def running(recorded: Path, tmp_path: Path) -> Iterator[Callable[..., subprocess
 
     def start(name: str, *options: str) -> subprocess.Popen[str]:
         command = [sys.executable, str(ROOT / "tools" / "track.py"), str(recorded / name), *options]
-        begun.append(subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path))
+        buffered = {key: value for key, value in os.environ.items() if key != "PYTHONUNBUFFERED"}
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        begun.append(subprocess.Popen(command, cwd=tmp_path, env=buffered, **pipes))
         return begun[-1]
 
     yield start
@@ -230,10 +235,16 @@ def running(recorded: Path, tmp_path: Path) -> Iterator[Callable[..., subprocess
 
 
 def address_of(process: subprocess.Popen[str]) -> str:
+    """The address that a process prints; one that prints none in time is killed, which ends the reading."""
     assert process.stdout is not None
-    for line in process.stdout:
-        if line.startswith("for programs: "):
-            return line.split()[-1]
+    limit = threading.Timer(LONGEST_S, process.kill)
+    limit.start()
+    try:
+        for line in process.stdout:
+            if line.startswith("for programs: "):
+                return line.split()[-1]
+    finally:
+        limit.cancel()
     raise AssertionError(process.communicate()[1])
 
 
@@ -247,7 +258,7 @@ def test_a_program_gets_all_frames_of_a_recording(running: Callable[..., subproc
     process = running("take.npz", "--serve", "--json", "a.jsonl", "--joints", "mano")
     with client_of(process) as client:
         header, *frames = (json.loads(line) for line in client)
-    out, error = process.communicate(timeout=300)
+    out, error = process.communicate(timeout=LONGEST_S)
     assert process.returncode == 0 and error == "" and "wrote a.jsonl" in out
     assert header["format"] == "handpose" and header["joint_format"]["name"] == "mano"
     assert [frame["number"] for frame in frames] == list(range(COUNT))
@@ -259,11 +270,11 @@ def test_a_signal_ends_it(running: Callable[..., subprocess.Popen[str]]) -> None
     waiting = running("slow.npz", "--serve")
     address_of(waiting)
     waiting.send_signal(signal.SIGINT)
-    assert waiting.communicate(timeout=300)[1].splitlines()[-1] == "stopped" and waiting.returncode == 130
+    assert waiting.communicate(timeout=LONGEST_S)[1].splitlines()[-1] == "stopped" and waiting.returncode == 130
     tracking = running("slow.npz", "--serve")
     with client_of(tracking) as client:
-        json.loads(client.recv(timeout=300))
-        json.loads(client.recv(timeout=300))
+        json.loads(client.recv(timeout=LONGEST_S))
+        json.loads(client.recv(timeout=LONGEST_S))
         tracking.send_signal(signal.SIGTERM)
         list(client)
-    assert tracking.wait(300) == 143 and client.protocol.close_reason == "the tracker was stopped"
+    assert tracking.wait(LONGEST_S) == 143 and client.protocol.close_reason == "the tracker was stopped"

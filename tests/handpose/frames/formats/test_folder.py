@@ -110,6 +110,19 @@ def test_another_kind_of_picture_is_no_damage(folder: Path, given: np.ndarray, r
         list(FolderRecording(folder, GIVEN))
 
 
+@pytest.mark.parametrize("form", ["{}_{}.png", "{} ({}).png", "[{}] {}.png", "{}[{}].tif", "what?{}*{}.png"])
+def test_the_pattern_in_the_error_names_the_depth(tmp_path: Path, form: str) -> None:
+    """Of names without leading zeros, with infrared beside, in a folder with special characters."""
+    for number in range(12):
+        put(tmp_path / "a [b]" / form.format("depth", number), hand_sized(distance=1000 + number))
+        put(tmp_path / "a [b]" / form.format("ir", number), hand_sized(distance=3000))
+    with pytest.raises(DataError, match="holds 2 sequences") as raised:
+        FolderRecording(tmp_path / "a [b]", GIVEN)
+    pattern = str(raised.value).partition("; name one, as '")[2].removesuffix("'")
+    recording = FolderRecording(Path(pattern), GIVEN)
+    assert [frame.depth[20, 30] for frame in recording] == [500 + number / 2 for number in range(12)]
+
+
 def test_the_packing_of_nyu(tmp_path: Path) -> None:
     image = pack_depth(np.full((480, 640), 700))
     for name in ("depth_1_0000001", "rgb_1_0000001"):
@@ -119,20 +132,194 @@ def test_the_packing_of_nyu(tmp_path: Path) -> None:
     assert [float(frame.depth.mean()) for frame in recording] == [700]
 
 
+# ---------------------------------------------------------------------------------------------- arrays
+
+
+def put_array(path: Path, values: np.ndarray, **others: Any) -> None:
+    """Write an array to a file of the path's kind."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.suffix.lower() == ".npz":
+        np.savez(path, **{**others, "depth": values})
+    elif path.suffix.lower() == ".npy":
+        np.save(path, values)
+    else:
+        values.tofile(path)
+
+
+@pytest.mark.parametrize("kind", ["npy", "npz", "raw"])
+def test_an_array_for_each_frame(tmp_path: Path, kind: str) -> None:
+    """In the order of the numbers in their names, which have no leading zeros."""
+    for number in range(12):
+        put_array(tmp_path / f"depth_{number}.{kind}", hand_sized(distance=1000 + number))
+    recording = FolderRecording(tmp_path, GIVEN)
+    assert (recording.count, recording.camera, recording.rate, recording.warnings) == (12, CAMERA, 10, ())
+    for _ in range(2):
+        assert [frame.depth[20, 30] for frame in recording] == [500 + number / 2 for number in range(12)]
+    assert [frame.time for frame in recording] == pytest.approx([number / 10 for number in range(12)])
+    assert FolderRecording(tmp_path / f"depth_1*.{kind}", GIVEN).count == 3
+
+
+def test_times_in_the_names_of_arrays(tmp_path: Path) -> None:
+    for time in (1616799936158, 1616799936125, 1616799936191):
+        put_array(tmp_path / f"x_Depth_{time}.25000000000000.raw", hand_sized())
+    assert [frame.time for frame in FolderRecording(tmp_path, GIVEN)] == pytest.approx([0, 0.033, 0.066])
+
+
+@pytest.mark.parametrize("values", [
+    hand_sized().astype(">u2"), hand_sized().astype(np.float32), hand_sized().astype(np.int32), hand_sized()[None],
+    hand_sized()[..., None], np.asfortranarray(hand_sized()),
+], ids=["big endian", "float32", "int32", "an axis in front", "an axis behind", "by columns"])
+@pytest.mark.parametrize("kind", ["npy", "npz"])
+def test_types_of_arrays(tmp_path: Path, values: np.ndarray, kind: str) -> None:
+    put_array(tmp_path / f"1.{kind}", values)
+    (frame,) = FolderRecording(tmp_path, GIVEN)
+    np.testing.assert_array_equal(frame.depth, hand_sized() / np.float32(2))
+
+
+@pytest.mark.parametrize("kind", ["npy", "raw"])
+def test_infrared_is_not_joined_into_depth(tmp_path: Path, kind: str) -> None:
+    """Two kinds of 16 bits in one folder are two sequences, as of pictures."""
+    for number in range(3):
+        put_array(tmp_path / f"depth_{number}.{kind}", hand_sized(distance=1000 + number))
+        put_array(tmp_path / f"infrared_{number}.{kind}", hand_sized(distance=3000))
+    with pytest.raises(DataError, match=rf"holds 2 sequences: .*; name one, as '{tmp_path}/depth_\*\.{kind}'"):
+        FolderRecording(tmp_path, GIVEN)
+    recording = FolderRecording(tmp_path / f"depth_*.{kind}", GIVEN)
+    assert [frame.depth[20, 30] for frame in recording] == [500, 500.5, 501]
+
+
+@pytest.mark.parametrize("depth", ["depth_{}.npy", "{}.png", "{}.npz"])
+def test_arrays_that_are_not_depth_may_lie_beside(tmp_path: Path, depth: str) -> None:
+    """Colours, 8-bit infrared, a matrix, joints and a whole take; also if the first frame is damaged."""
+    for number in range(3):
+        path = tmp_path / depth.format(number)
+        values = hand_sized(distance=1000 + number)
+        put(path, values) if path.suffix == ".png" else put_array(path, values)
+        put_array(tmp_path / f"color_{number}.npy", np.zeros((48, 64, 3), np.uint8))
+        put_array(tmp_path / f"ir_{number}.npy", np.zeros((48, 64), np.uint8))
+        put_array(tmp_path / f"joints_{number}.npy", np.zeros((21, 3)))
+        np.savez(tmp_path / f"labels_{number}.npz", seg=np.zeros((48, 64), np.uint8), pose=np.zeros((1, 51)))
+    np.save(tmp_path / "K.npy", np.eye(3))
+    np.savez(tmp_path / "take.npz", depth=np.zeros((3, 48, 64), np.uint16))
+    assert [frame.depth[20, 30] for frame in FolderRecording(tmp_path, GIVEN)] == [500, 500.5, 501]
+    (tmp_path / depth.format(0)).write_bytes(b"")
+    assert [frame.depth[20, 30] for frame in FolderRecording(tmp_path, GIVEN)] == [500.5, 501]
+
+
+def test_what_the_archives_of_frames_hold(tmp_path: Path) -> None:
+    """The camera of the first one is used; what is not used is named."""
+    others = {"K": [[60, 0, 31.5], [0, 61, 23.5], [0, 0, 1]], "color": np.zeros((48, 64, 3), np.uint8)}
+    for number in range(3):
+        put_array(tmp_path / f"frame_{number}.npz", hand_sized(distance=1000 + number), **others)
+    recording = FolderRecording(tmp_path)
+    assert (recording.camera, recording.unit_mm) == (CAMERA, 1)
+    assert recording.remarks[1] == "parameters from 'K'"
+    assert recording.warnings[0].startswith("array 'color' is not used")
+    assert FolderRecording(tmp_path, CameraInfo(replace(CAMERA, fx=70.0))).camera.fx == 70
+
+
+@pytest.mark.parametrize(("name", "values", "unit", "times"), [
+    ("timestamp_ms", (7, 40, 106), None, [0, 0.033, 0.099]),
+    ("timestamp", (1616799936.125, 1616799936.25, 1616799936.5), None, [0, 0.125, 0.375]),
+    ("time", np.array([[7.5], [8.5], [9.0]]), None, [0, 1, 1.5]),
+    ("timestamp", (7.5, 8.5, 9.0), "s", [0, 1, 1.5]),
+    ("t", (3, 4, 6), "frames", [0, 0.1, 0.3]),
+])
+def test_times_in_the_archives_of_frames(
+    tmp_path: Path, name: str, values: Any, unit: str | None, times: list[float]
+) -> None:
+    """If the names have none; also if a frame is damaged, which is left out."""
+    for number, time in enumerate(values):
+        put_array(tmp_path / f"{number + 8}.npz", hand_sized(distance=1000 + number), **{name: time})
+    given = replace(GIVEN, time_unit=unit)
+    recording = FolderRecording(tmp_path, given)
+    assert [frame.time for frame in recording] == pytest.approx(times)
+    assert [frame.depth[20, 30] for frame in recording] == [500, 500.5, 501]
+    assert recording.remarks[0].startswith(f"times from '{name}' of each frame, ")
+    assert recording.warnings == ()
+    (tmp_path / "9.npz").write_bytes(b"")
+    assert [frame.time for frame in FolderRecording(tmp_path, given)] == pytest.approx(times[::2])
+    for number, time in enumerate(values):
+        put_array(tmp_path / f"{(number + 1) * 100}us.npz", hand_sized(), **{name: time})
+    assert [frame.time for frame in FolderRecording(tmp_path / "*us.npz", GIVEN)] == pytest.approx([0, 1e-4, 2e-4])
+
+
+@bad_inputs(DataError, {
+    "descending": ((2, 1), "...: timestamp_ms[1] is 1; expected finite times, each after the one before"),
+    "of another length": ((1, [2, 3]), "...: timestamp_ms is int64 (3,), expected (2,): a time for each frame"),
+    "missing": ((1, None), "...: timestamp_ms is float64 (1,), expected (2,): a time for each frame"),
+})
+def test_times_in_archives_that_do_not_fit(tmp_path: Path, given: tuple[Any, Any], rejected: Any) -> None:
+    for number, time in enumerate(given):
+        others = {} if time is None else {"timestamp_ms": time}
+        put_array(tmp_path / f"{number}.npz", hand_sized(), **others)
+    with rejected:
+        FolderRecording(tmp_path, GIVEN)
+
+
+def test_raw_values_have_the_size_of_the_camera(tmp_path: Path) -> None:
+    """By camera.json next to them, also if the user gives focal lengths alone."""
+    put_array(tmp_path / "1.raw", hand_sized())
+    camera_file.write(tmp_path / "camera.json", CameraInfo(CAMERA, unit_mm=2.0))
+    assert [frame.depth[20, 30] for frame in FolderRecording(tmp_path)] == [2000]
+    assert FolderRecording(tmp_path, CameraInfo(replace(CAMERA, fx=70.0, width=0, height=0))).camera.fx == 70
+
+
+@bad_inputs(DataError, {
+    "bytes": (("1.npy", np.zeros((48, 64), np.uint8)),
+              "...1.npy: values of type uint8; expected depths, of 16 bits or more"),
+    "colours": (("1.npy", np.zeros((48, 64, 3), np.uint8)),
+                "...1.npy: an array of shape (48, 64, 3); expected (height, width); a file with several frames is ..."),
+    "a whole take": (("1.npy", np.zeros((5, 48, 64), np.uint16)),
+                     "...1.npy: an array of shape (5, 48, 64); expected ..."),
+    "one value": (("1.npy", np.uint16(7)), "...1.npy: an array of shape (); expected (height, width); ..."),
+    "complex": (("1.npz", np.zeros((48, 64), complex)),
+                "...1.npz: values of type complex128; expected depths, of 16 ..."),
+    "raw bytes": (("1.raw", np.zeros((48, 64), np.uint8)),
+                  "...1.raw: 3072 bytes; expected 6144, 64 x 48 depths of 16 bits without a header"),
+    "raw float32": (("1.raw", np.zeros((48, 64), np.float32)),
+                    "...1.raw: 12288 bytes; expected 6144, 64 x 48 depths ..."),
+})
+@pytest.mark.parametrize("is_later", [False, True])
+def test_arrays_that_are_not_depth(tmp_path: Path, given: tuple[str, Any], is_later: bool, rejected: Any) -> None:
+    """In one line, also of a later frame, which is not taken for a damaged one."""
+    name, values = given
+    put_array(tmp_path / name, values)
+    if is_later:
+        put_array((tmp_path / "0").with_suffix(Path(name).suffix), hand_sized())
+    with rejected:
+        list(FolderRecording(tmp_path, GIVEN))
+
+
+def test_two_arrays_in_an_archive(tmp_path: Path) -> None:
+    np.savez(tmp_path / "1.npz", a=hand_sized(), b=hand_sized())
+    with pytest.raises(DataError, match=r"1\.npz: holds a \(48, 64\), b \(48, 64\); expected an array depth \(height"):
+        FolderRecording(tmp_path, GIVEN)
+
+
+def test_raw_values_of_unknown_size(tmp_path: Path) -> None:
+    put_array(tmp_path / "1.raw", hand_sized())
+    with pytest.raises(DataError, match=r"1\.raw: 6144 bytes without a header, of unknown height and width; give them"):
+        FolderRecording(tmp_path, CameraInfo(replace(CAMERA, width=0, height=0)))
+
+
+# ---------------------------------------------------------------------------------------------- errors
+
+
 def tiff(path: Path, count: int) -> None:
     """Write a TIFF of several pictures."""
     cv2.imwritemulti(str(path), [hand_sized()] * count)
 
 
 @bad_inputs(DataError, {
-    "an empty folder": (((), ""), "...: holds no depth frames (16-bit grey PNG or TIFF); found nothing"),
+    "an empty folder": (((), ""), "...: holds no depth frames (...); found nothing"),
     "other pictures": ((("a.jpg", "b.JPG", ".1.png"), ""),
-                       "...: holds no depth frames (16-bit grey PNG or TIFF); found a.jpg, b.JPG"),
+                       "...: holds no depth frames (...); found a.jpg, b.JPG"),
     "folders": ((("depth/1.png", "rgb/1.png"), ""),
-                "...: holds no depth frames (16-bit grey PNG or TIFF); found depth, rgb; name the folder of the "
+                "...: holds no depth frames (...); found depth, rgb; name the folder of the "
                 "frames, as '.../depth'"),
     "another pattern": ((("left_1.png",), "lefts_*.png"),
-                        ".../lefts_*.png: no picture has such a name (did you mean 'left_1.png'?)"),
+                        ".../lefts_*.png: no frame has such a name (did you mean 'left_1.png'?)"),
     "another name": ((("frames_a/1.png",), "frame_a"),
                      ".../frame_a: no such file or folder (did you mean 'frames_a'?)"),
     "a TIFF of two pictures": ((("1.tif",), ""),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 import struct
 
 import numpy as np
@@ -15,7 +16,8 @@ from handpose.output.tracks.json_values import FrameValues, header_values
 from handpose.tracking.track import TrackedFrame
 from tests.handpose.output.live.conftest import BOTH, ONE, RIGHT
 from tests.support import json_schema
-from tests.support.tracked_hands import CAMERA, HEADER
+from tests.support.running import ROOT
+from tests.support.tracked_hands import CAMERA, HEADER, tracked
 
 
 def test_records_are_those_of_a_track_with_the_bones_in_each() -> None:
@@ -68,3 +70,15 @@ def test_the_part_around_a_hand_is_sent_with_all_its_pixels() -> None:
     grid = grid_of(camera, window, [hand])
     assert (grid.left, grid.left + grid.step * grid.columns) == (0, 903) and grid.step == 3
     assert grid.of(np.zeros((1200, 1600))).shape == (grid.rows, grid.columns)
+
+
+def test_the_documented_size_of_a_frame_for_the_page() -> None:
+    """Of two hands in 640 x 480 pixels, with joints and gestures, while the whole frame is shown."""
+    (most,) = re.findall(r"size of a frame for the page.*at most (\d+) kB", (ROOT / "docs" / "live.md").read_text())
+    camera = dataclasses.replace(HEADER.camera, width=640, height=480, fx=588.0, fy=588.0, u0=320.0, v0=240.0)
+    edges = [tracked("right", (-300, 200, 600), 1), tracked("left", (300, -200, 600), 2)]
+    hands = tuple(dataclasses.replace(hand, center_uvd=camera.project(hand.origin_mm)) for hand in edges)
+    frame = TrackedFrame(0, 0.0, hands)
+    messages = Messages(dataclasses.replace(HEADER, camera=camera), "mano", gestures=True)
+    message = messages.view(messages.record(frame), np.full((480, 640), 1000, np.float32), frame)
+    assert 0.9 * int(most) < len(message) / 1000 <= int(most)

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from handpose.frames.cameras import Camera
 from handpose.output.tracks.json_file import Track, read_track
 from handpose.output.tracks.json_values import rounded
 from handpose.output.tracks.writing import open_writer
@@ -120,6 +121,50 @@ def test_values_that_a_hand_may_lack(tmp_path: Path) -> None:
         first, second = (frame.hands[0] for frame in read_track(tmp_path / f"{name}.json").frames)
         np.testing.assert_array_equal(first.finger_error_mm, errors)
         assert np.allclose(first.raw_xyz, full.raw_xyz, atol=0.0051) and second.raw_xyz is None
+
+
+@both
+@settings(max_examples=15)
+@given(seed=st.integers(0, 10**6), smoothed=st.booleans())
+def test_a_track_that_was_read_is_written_as_before(
+    tmp_path_factory: pytest.TempPathFactory, layout: str, seed: int, smoothed: bool
+) -> None:
+    """The whole header, and every value of hands with and without joints, of an undecided side, and lost."""
+    folder, rng = tmp_path_factory.mktemp("track"), np.random.default_rng(seed)
+    camera = Camera("own", *rng.uniform(100, 900, 4), 640, 480, min_range_mm=rng.uniform(0, 300))
+    header = replace(header_of(any_skeleton(seed), 100.0), camera=camera, smoothed=smoothed)
+    frames = any_track(header, seed)
+    undecided = replace(any_hand(header, rng, 7), side_confidence=0.625, presence=0.5)
+    if smoothed:
+        undecided = replace(undecided, raw_xyz=undecided.xyz + 1)
+    place = PresentHand(8, None, 0.5, 0.125, (1.5, 2.5, 600.0), "covered")
+    frames.append(TrackedFrame(len(frames), 1.0, (undecided,), (), (place,)))
+    first, second = folder / f"a.{layout}", folder / f"b.{layout}"
+    found = written(first, header, frames)
+    written(second, found.header, found.frames)
+    assert second.read_text() == first.read_text()
+    assert found.header.camera.min_range_mm == pytest.approx(camera.min_range_mm, abs=1e-6)
+
+
+def test_a_track_without_the_minimum_range(tmp_path: Path) -> None:
+    """Tracks of earlier programs have the default."""
+    written(tmp_path / "a.json", HAND, [])
+    found = json.loads((tmp_path / "a.json").read_text())
+    del found["camera"]["min_range_mm"]
+    (tmp_path / "a.json").write_text(json.dumps(found))
+    assert read_track(tmp_path / "a.json").header.camera == HAND.camera
+
+
+@pytest.mark.parametrize("smoothed", [True, False])
+def test_joints_before_smoothing_of_a_hand_without_joints(tmp_path: Path, smoothed: bool) -> None:
+    """Null in smoothed tracks, as the joints themselves; not in others."""
+    frame = TrackedFrame(0, 0.0, (), (), (PresentHand(8, None, 0.5, 0.125, (1.5, 2.5, 600.0), "covered"),))
+    written(tmp_path / "a.json", replace(HAND, smoothed=smoothed), [frame])
+    found = json.loads((tmp_path / "a.json").read_text())
+    assert not json_schema.faults(found)
+    (hand,) = found["frames"][0]["hands"]
+    assert hand["positions_mm"] is None
+    assert hand.get("raw_positions_mm", "missing") == (None if smoothed else "missing")
 
 
 def test_an_interruption_leaves_a_whole_document(tmp_path: Path) -> None:
