@@ -13,12 +13,12 @@ file (.npy, .npz), a ROS bag, or realsense, a connected camera. Camera, unit and
 camera.json next to it, or from options; a report on the first frames shows them and warns about likely mistakes. --look
 stops after it, with a figure of the first hand.
 
-Each hand is tracked from its last pose; while there are fewer than --hands, the image is searched for more.
-Handedness is decided in the first frames and size in the first seconds of a track, and both are kept. Angles and palm
-poses are smoothed, so bones keep their length; those of recordings also with the frames after them, up to two seconds
-later. --raw turns this off. A place below --min-presence is no hand. A hand below --min-confidence is reported with its
-place, but without joints. --fit accurate takes about a third longer than fast. --serve shows the track in a browser as
-it is computed (docs/live.md).
+Each hand is tracked from its last pose; while there are fewer than --hands, the image is searched for more. Handedness
+is decided in the first frames and size in the first seconds of a track, and both are kept. Angles and palm poses are
+smoothed, so bones keep their length; those of recordings also with the frames after them, up to two seconds later.
+--raw turns this off. A place below --min-presence is no hand; beside a hand with joints, nor is one below 75% that
+never had a pose. A hand below --min-confidence is reported with its place, but without joints. --fit accurate takes
+about a third longer than fast. --serve shows the track in a browser as it is computed (docs/live.md).
 
 Without an output option, FILE.json and a contact sheet FILE.png are written to the working folder, named after the
 source, unless they exist. Ctrl-C or a truncated recording leaves complete files of the frames so far.
@@ -45,6 +45,7 @@ from handpose.estimate.hand import MIN_PRESENCE
 from handpose.fit.body import MAX_SIZE, MIN_SIZE
 from handpose.frames.cameras import Floats
 from handpose.frames.inspection import Inspection, inspect
+from handpose.frames.recording import RATE_UNKNOWN
 from handpose.tracking.later_frames import LaterFrames
 from handpose.tracking.summary import Summary
 from handpose.tracking.track import TrackedFrame
@@ -113,6 +114,8 @@ def run(args: argparse.Namespace) -> int:
             _say_summary(summary, seconds, later.sure_hands.note, outputs, talk, seen.doubt)
             for doubt in summary.doubts if args.size is None else ():
                 say(f"warning: {recording.name}: {doubt}", file=sys.stderr)
+            if RATE_UNKNOWN in recording.remarks:
+                say(f"warning: {recording.name}: {RATE_UNKNOWN}", file=sys.stderr)
         elif status == DONE:
             raise DataError(f"{recording.name}: no frames were tracked")
     return status

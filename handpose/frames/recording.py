@@ -25,6 +25,7 @@ from handpose.frames.lens import Lens, Undistorter
 from netlib.errors import DataError
 
 RATE = 30.0  # frames per second, if unknown
+RATE_UNKNOWN = f"rate unknown: {RATE:g} frames per second assumed; --rate if that is wrong"  # a remark
 MAX_UINT16 = 65535  # maximum of 16 bits
 
 
@@ -201,7 +202,7 @@ class DepthDecoder:
         """Frames per second for frames without times, and a remark about it."""
         if self.rate is not None:
             return self.rate, ()
-        return RATE, (f"rate unknown: {RATE:g} frames per second assumed; --rate if that is wrong",)
+        return RATE, (RATE_UNKNOWN,)
 
 
 def stored(depth: NDArray[np.float32], unit_mm: float, where: str) -> NDArray[np.uint16]:

@@ -107,6 +107,7 @@ class HandTrack:
     size        relative to the skeleton, once it is known
     sizes       estimates the size
     decided     the side that was decided last, or None
+    begun       s, of its first pose
     since       s, when it was reported last
     reason      why it was lost
     presence    by the finder, mean of its last looks
@@ -128,7 +129,7 @@ class HandTrack:
         self.sides = {side: SideState(estimate, time) for side, estimate in best.items()}
         self.presence = presence
         self._seen = self._asked = self._looked = time
-        self._evidence, self._compared, self._begun = side_prior, 0, time
+        self._evidence, self._compared, self.begun = side_prior, 0, time
         self._compare(best, time)
         self._keep_side()
 
@@ -241,7 +242,7 @@ class HandTrack:
             return
         self._evidence += ratio
         self._compared += 1
-        seconds, mean = time - self._begun, abs(self._evidence) / self._compared
+        seconds, mean = time - self.begun, abs(self._evidence) / self._compared
         enough = seconds >= MIN_COMPARED_S and self._compared >= MIN_COMPARED
         if enough and (mean > CLEAR or seconds >= MAX_COMPARED_S):
             self.sides = {self.hand: self.best}

@@ -10,6 +10,8 @@ the future to the past, the same filter is ahead by about the same delay. The me
 than either. A run of frames ends where a hand is missing or changes its side: the filters of the track start again
 there.
 
+Presence. A hand that is doubtful at first is the same as one that is sure, or has a pose, a moment later.
+
 Errors last, since a track follows a wrong finger for a while, but the image of a single frame may not show it. So the
 expected errors of hands become means over the time around each frame, and no confidence is above that mean. Those of
 fingers remain: a finger that is hidden for a moment is a guess for that moment.
@@ -112,6 +114,7 @@ class LaterFrames(Generic[T]):
         """The first frames that are held, smoothed by all that are settled."""
         filters: dict[tuple[int, str], PoseFilter] = {}
         released = []
+        sure = self._sure_ids()
         for n in range(self._settled - 1, -1, -1):
             item, frame = self._held[n]
             poses = {(hand.id, hand.hand): hand.poses for hand in frame.hands if hand.poses is not None}
@@ -121,13 +124,20 @@ class LaterFrames(Generic[T]):
             if n < count:
                 hands = (self._between(hand, backward.get((hand.id, hand.hand))) for hand in frame.hands)
                 judged = tuple(self._judged_around(hand, frame.time) for hand in hands)
-                released.append((item, frame._replace(hands=judged)))
+                present = tuple(one._replace(is_sure=one.is_sure or one.id in sure) for one in frame.present)
+                released.append((item, frame._replace(hands=judged, present=present)))
         del self._held[:count]
         self._settled -= count
         if self._settled:
             first = self._held[0][1].time - LASTING_S
             self._judged = [(time, hand) for time, hand in self._judged if time >= first]
         return released[::-1]
+
+    def _sure_ids(self) -> set[int]:
+        """The ids of the hands that have a pose or are sure in a frame that is held."""
+        frames = [frame for _, frame in self._held]
+        posed = {hand.id for frame in frames for hand in frame.hands}
+        return posed | {one.id for frame in frames for one in frame.present if one.is_sure}
 
     def _sure(self, ready: list[tuple[T, TrackedFrame]]) -> list[tuple[T, TrackedFrame]]:
         return [(item, self.sure_hands(frame)) for item, frame in ready]

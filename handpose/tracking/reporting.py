@@ -2,23 +2,48 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from handpose.body.sides import Side
 from handpose.tracking.reasons import uncertain
 from handpose.tracking.track import PresentHand, TrackedFrame
 
+# Number of frames with joints that make a hand one that can be lost. In recordings of one hand and of two, the hands
+# that are lost have 17 or more, a hand that is found twice in its first frame has 1.
+MIN_GIVEN = 5
+# s, for which a hand counts as one with joints after it had them: twice as long as a track goes on without a pose.
+RECENT_S = 2.0
+
+
+@dataclass
+class Given:
+    """A hand whose joints were given.
+
+    time    s, when it was there last
+    side    None if it was never decided
+    frames  number of frames with its joints
+    """
+
+    time: float
+    side: Side | None
+    frames: int = 0
+
 
 class SureHands:
-    """Takes hands below a minimum confidence out of the frames of a track, in their order; the tracker follows them on.
+    """Reports the hands of the frames of a track, in their order, by their confidence; the tracker follows all on.
 
-    Such a hand is present, without its joints; it is listed as lost later only if its joints were given before. A hand
-    whose confidence is unknown is given.
+    A hand below the minimum confidence is present, without its joints; one whose confidence is unknown is not below. A
+    hand is listed as lost only if its joints were given in ``MIN_GIVEN`` frames before. A finder sees hands in many
+    things: beside a hand with joints, and for ``RECENT_S`` after one that can be lost, only those present hands are
+    reported that are sure; where no hand has joints, all are. A minimum of 0 changes nothing.
 
-    frames  number of frames with a hand that was taken out
+    frames  number of frames with a hand below the minimum
     """
 
     def __init__(self, min_confidence: float) -> None:
         self.min_confidence, self.frames = min_confidence, 0
-        self._reported: dict[int, tuple[float, Side | None]] = {}  # time in s, when a hand was given last, and its side
+        self._given: dict[int, Given] = {}
+        self._posed = -float("inf")  # s, when a hand that can be lost had joints last
 
     @property
     def note(self) -> str:
@@ -30,18 +55,26 @@ class SureHands:
         """The frame with the hands that are sure enough."""
         if not self.min_confidence:
             return frame
-        hands, present = [], list(frame.present)
+        hands, unsure = [], []
         for hand in frame.hands:
-            _, side = self._reported.get(hand.id, (None, None))
-            if not hand.confidence < self.min_confidence:
+            before = self._given.get(hand.id)
+            side = hand.known_side or (before.side if before else None)
+            is_given = not hand.confidence < self.min_confidence
+            if is_given or before:
+                frames = before.frames if before else 0
+                self._given[hand.id] = Given(frame.time, side, frames + is_given)
+            if is_given:
                 hands.append(hand)
-                self._reported[hand.id] = frame.time, hand.known_side or side
-            else:
-                if hand.id in self._reported:
-                    self._reported[hand.id] = frame.time, hand.known_side or side
-                x, y, z = hand.palm_mm.tolist()
-                present.append(PresentHand(hand.id, hand.known_side or side, hand.presence, hand.confidence, (x, y, z),
-                                           uncertain(hand.confidence)))
+                self._posed = frame.time if self._can_be_lost(hand.id) else self._posed
+                continue
+            x, y, z = hand.palm_mm.tolist()
+            reason = uncertain(hand.confidence)
+            unsure.append(PresentHand(hand.id, side, hand.presence, hand.confidence, (x, y, z), reason))
         self.frames += len(hands) < len(frame.hands)
-        lost = [one._replace(since=self._reported[one.id][0]) for one in frame.lost if one.id in self._reported]
-        return TrackedFrame(frame.number, frame.time, tuple(hands), tuple(lost), tuple(present))
+        lost = [one._replace(since=self._given[one.id].time) for one in frame.lost if self._can_be_lost(one.id)]
+        is_beside = hands or frame.time - self._posed <= RECENT_S
+        present = [one for one in frame.present if one.is_sure or not is_beside]
+        return frame._replace(hands=tuple(hands), lost=tuple(lost), present=(*present, *unsure))
+
+    def _can_be_lost(self, id: int) -> bool:
+        return id in self._given and self._given[id].frames >= MIN_GIVEN

@@ -138,6 +138,7 @@ class PresentHand(NamedTuple):
     place       (3,) mm, camera axes: its middle
     reason      one line
     mask        (height, width) its pixels in the frame; None if unknown
+    is_sure     False if only a low presence says that it is a hand; then it is not reported beside one with joints
     """
 
     id: int
@@ -147,6 +148,7 @@ class PresentHand(NamedTuple):
     place: tuple[float, float, float]
     reason: str
     mask: NDArray[np.bool_] | None = None
+    is_sure: bool = True
 
 
 class TrackedFrame(NamedTuple):

@@ -33,9 +33,9 @@ from handpose.frames.recording import DepthFrame
 from handpose.tracking.hand_track import AHEAD_S, ENOUGH, SURE, FrameHands, HandTrack
 from handpose.tracking.output import tracked_hand
 from handpose.tracking.pose_estimator import PoseEstimator
-from handpose.tracking.present_hands import LATER_S, SOON_S, STILL, PresentHands, PresentPlace, Taken
+from handpose.tracking.present_hands import LATER_S, SAME_MM, SOON_S, STILL, PresentHands, PresentPlace, Taken
 from handpose.tracking.reasons import NO_POSE
-from handpose.tracking.reporting import SureHands
+from handpose.tracking.reporting import RECENT_S, SureHands
 from handpose.tracking.sizing import checked
 from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackHeader
 from netlib.blob import Array
@@ -119,6 +119,7 @@ class Tracker:
         if due and sum(track.best.estimate.chance >= SURE for track in self.tracks) < self.limit:
             self._searched = time
             self._search(found, readings, time)
+            self._drop_doubles()
         return self._sure(self._report(frame.number, time))
 
     def _accept(self, frame: DepthFrame) -> tuple[Floats, Floats, float]:
@@ -162,17 +163,29 @@ class Tracker:
         return {id: [one for one in itertools.islice(estimates, len(own)) if one] for id, own in regions.items()}
 
     def _drop_doubles(self) -> None:
-        """Drop one of two tracks of the same hand: the one lost earlier, otherwise the worse one."""
+        """Drop one of two tracks at the same place: the one seen earlier, otherwise the worse one."""
         for track in sorted(self.tracks, key=lambda one: (-one.time, one.best.estimate.selection_cost)):
             for other in self.tracks if track.is_tracked else []:
                 if other is not track and np.linalg.norm(self._middle(track) - self._middle(other)) < APART_MM:
                     other.end("another hand is tracked at its position")
+                    if track.decided == other.decided or None in (track.decided, other.decided):
+                        self._merge(track, other)
+
+    def _merge(self, track: HandTrack, other: HandTrack) -> None:
+        """Forget a track that followed the same hand as one that goes on, under the id of the older one."""
+        del self.known[other.id]
+        if other.begun < track.begun:
+            del self.known[track.id]
+            track.identify(other.id, other)
+            self.known[track.id] = track
 
     def _search(self, found: FrameHands, readings: Floats, time: float) -> None:
         """Begin to follow the hands that the finder sees and that have a sure pose."""
         for track in self.tracks:
             track.look(found)
         self.present.see(found.hands, self._taken(), time)
+        for place in self.present.there:
+            place.was_followed |= self._was_followed(place, time)
         self._drop_less_present()
         for place in self.present.due(time):
             if len(self.tracks) == self.limit:
@@ -182,6 +195,11 @@ class Tracker:
             confidence = max((one.chance for one in seen), default=0.0)
             if place.presence * confidence >= ENOUGH_BOTH and (confidence >= BESIDE or not self.tracks):
                 self._begin(HandTrack(self.estimator, seen, time, self.size, self._side_prior(), place.presence), place)
+
+    def _was_followed(self, place: PresentPlace, time: float) -> bool:
+        """True if a hand was followed there until a moment ago."""
+        recent = (track for track in self.known.values() if time - track.time <= RECENT_S)
+        return any(np.linalg.norm(track.place - place.hand.middle) < SAME_MM for track in recent)
 
     def _begin(self, track: HandTrack, place: PresentPlace) -> None:
         """Follow a hand that was found at a place."""
@@ -198,8 +216,8 @@ class Tracker:
         return taken
 
     def _drop_less_present(self) -> None:
-        """Drop the least evident of as many tracks as are wanted if another hand is more present."""
-        for place in self.present.there:
+        """Drop the least evident of as many tracks as are wanted if another hand is sure and more present."""
+        for place in filter(lambda one: one.is_sure, self.present.there):
             if len(self.tracks) < self.limit:
                 break
             least = min(self.tracks, key=lambda track: track.evidence)
@@ -231,10 +249,12 @@ class Tracker:
                 track.size = track.size or track.sizes.take(track.best.estimate, time)
             hands.append(tracked_hand(track, self.estimator.model, smooth=self.smooth, surface=self.surface))
         present = []
-        for place in self.present.there[: self.limit - len(self.tracks)]:
-            x, y, z = place.hand.middle.tolist()
+        likely = sorted(self.present.there, key=lambda place: not place.is_sure)
+        for place in likely[: self.limit - len(self.tracks)]:
+            side, (x, y, z) = place.hand.side, place.hand.middle.tolist()
             mask = place.hand.mask if place.time == time else None
-            present.append(PresentHand(place.id, place.hand.side, place.presence, 0.0, (x, y, z), NO_POSE, mask))
+            hand = PresentHand(place.id, side, place.presence, 0.0, (x, y, z), NO_POSE, mask, place.is_sure)
+            present.append(hand)
         return TrackedFrame(number, time, tuple(hands), tuple(lost), tuple(present))
 
     def _lost(self) -> list[int]:

@@ -102,6 +102,14 @@ def test_lines_for_another_program() -> None:
     assert files() == []
 
 
+def test_a_rate_that_is_unknown_is_said_at_the_end() -> None:
+    np.save("takes/wall.npy", np.full((3, 240, 320), 900, np.uint16))
+    for rate, expected in ((["--rate", "15"], ""), ([], "rate unknown: 30 frames per second assumed")):
+        done = run_tool("track", "takes/wall.npy", *RAW[:-2], *rate, "--json", "a.json")
+        assert expected in done.err and ("rate unknown" in done.err) == bool(expected)
+        Path("a.json").unlink()
+
+
 def test_options() -> None:
     """--raw, --size and --frames are passed to the tracker."""
     run_tool("track", "takes/take.npz", "--json", "a.json", "--raw", "--size", "1.1", "--frames", "3")

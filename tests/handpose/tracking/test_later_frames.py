@@ -13,7 +13,7 @@ from handpose.fit.body import SIZE, CapsuleModel, crop_variables, world_pose
 from handpose.fit.pose_confidence import GOOD_MM
 from handpose.tracking.later_frames import AHEAD, AHEAD_S, LASTING_S, MAX_UNDECIDED_S, LaterFrames
 from handpose.tracking.smoothing import PoseFilter
-from handpose.tracking.track import TrackedFrame, TrackedHand, TrackedPoses, joints_of
+from handpose.tracking.track import PresentHand, TrackedFrame, TrackedHand, TrackedPoses, joints_of
 from tests.handpose.tracking.conftest import frames_of
 from tests.support.tracked_hands import HEADER, tracked
 
@@ -92,6 +92,18 @@ def test_the_end_of_a_recording(model: CapsuleModel, right: float, side: Side | 
     """At the end, a likely side is used for the frames that are still held; an unlikely one remains unknown."""
     found = smoothed(model, frames_of((undecided(0.6),), (undecided(right),), step=0.1))
     assert [hand.known_side for frame in found for hand in frame.hands] == [side, side]
+
+
+@pytest.mark.parametrize("later", ["sure", "posed", "neither"])
+def test_a_hand_is_present_that_is_sure_later(model: CapsuleModel, later: str) -> None:
+    """It is reported beside a hand with joints from its first frame on."""
+    doubtful = PresentHand(7, None, 0.5, 0.0, (0.0, 0.0, 700.0), "no pose was found there", None, False)
+    last = {"sure": doubtful._replace(is_sure=True), "posed": tracked(id=7), "neither": doubtful}[later]
+    one = LaterFrames[None](model, min_confidence=0.3)
+    for frame in frames_of((tracked(), doubtful), (tracked(), last), step=1 / RATE):
+        assert not one.add(None, frame)
+    first, _ = (frame for _, frame in one.finish())
+    assert [hand.id for hand in first.present] == [7] * (later != "neither")
 
 
 def test_a_moving_hand_is_followed_without_lag(model: CapsuleModel) -> None:

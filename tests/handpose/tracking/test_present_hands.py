@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handpose.estimate.finder import FoundHand
-from handpose.tracking.present_hands import PresentHands, Taken
+from handpose.tracking.present_hands import SURE_PRESENCE, PresentHands, Taken
 
 STEP = 0.1  # s
 NOTHING = np.zeros((1, 1), bool)
@@ -44,6 +44,18 @@ def test_a_place_that_is_taken_is_no_further_hand() -> None:
     assert places_of(hands) == [(0, 400)], "the other hand is less evident"
     hands.see(seen((400, 0.9)), [Taken(arm, 0.9)], STEP)
     assert places_of(hands) == []
+
+
+def test_a_place_is_sure_by_a_presence_that_it_had_once_or_by_a_hand_that_was_followed_there() -> None:
+    hands = PresentHands(0.3)
+    hands.see(seen((0, SURE_PRESENCE), (400, SURE_PRESENCE - 0.05), (800, 0.4)), [], 0.0)
+    hands.see(seen((0, 0.4), (400, 0.4), (800, 0.8)), [], STEP)
+    assert [(one.id, one.is_sure) for one in sorted(hands.there, key=lambda one: one.id)] == [
+        (0, True), (1, False), (2, False)
+    ], "the mean of its looks counts"
+    (place,) = [one for one in hands.there if one.id == 1]
+    place.was_followed = True
+    assert place.is_sure
 
 
 def tries(hands: PresentHands, frames: int, at_once: bool, there: int = 1) -> list[int]:

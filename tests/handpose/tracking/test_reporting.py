@@ -12,7 +12,7 @@ import pytest
 from handpose.body.sides import Side
 from handpose.output.tracks.json_values import FrameValues
 from handpose.output.tracks.writing import open_writer
-from handpose.tracking.reporting import SureHands
+from handpose.tracking.reporting import MIN_GIVEN, RECENT_S, SureHands
 from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, TrackedHand
 from tests.handpose.tracking.conftest import frames_of
 from tests.support.tracked_hands import HEADER, tracked
@@ -35,10 +35,11 @@ def reported(*frames: tuple[TrackedHand | LostHand, ...]) -> list[TrackedFrame]:
 
 def test_a_hand_that_becomes_unsure() -> None:
     """It is present, and its joints are given again later; the tracker's reason for losing it is reported."""
-    frames = reported((SURE,), (UNSURE,), (UNSURE,), (SURE,), (UNSURE,), (GONE,))
+    before = [(SURE,)] * (MIN_GIVEN - 2)
+    frames = reported(*before, (SURE,), (UNSURE,), (UNSURE,), (SURE,), (UNSURE,), (GONE,))[len(before) :]
     assert [frame.hands for frame in frames] == [(SURE,), (), (), (SURE,), (), ()]
     assert [frame.present for frame in frames] == [(), *[(present(UNSURE),)] * 2, (), (present(UNSURE),), ()]
-    assert [frame.lost for frame in frames] == [()] * 5 + [(GONE._replace(since=4.0),)]
+    assert [frame.lost for frame in frames] == [()] * 5 + [(GONE._replace(since=len(before) + 4.0),)]
 
 
 def test_a_hand_that_was_never_sure() -> None:
@@ -46,6 +47,29 @@ def test_a_hand_that_was_never_sure() -> None:
     first, second = reported((UNSURE,), (GONE,))
     assert not first.hands and first.present[0].place == tuple(UNSURE.xyz.mean(axis=0))
     assert second == TrackedFrame(1, 1.0, ())
+
+
+@pytest.mark.parametrize("frames", [MIN_GIVEN - 1, MIN_GIVEN])
+def test_only_a_hand_that_had_joints_for_some_frames_is_lost(frames: int) -> None:
+    *_, last = reported(*[(SURE,)] * frames, (GONE,))
+    assert [one.id for one in last.lost] == [1] * (frames == MIN_GIVEN)
+
+
+PLACE = PresentHand(7, None, 0.6, 0.0, (0.0, 0.0, 700.0), "no pose was found there", None, False)
+
+
+def test_beside_a_hand_with_joints_a_present_one_is_reported_only_if_it_is_sure() -> None:
+    sure = PLACE._replace(id=8, is_sure=True)
+    frames = reported((SURE, PLACE, sure), (UNSURE, PLACE), (PLACE,))
+    assert [frame.present for frame in frames] == [(sure,), (PLACE, present(UNSURE)), (PLACE,)]
+
+
+@pytest.mark.parametrize("later", [(UNSURE,), (GONE,)])
+def test_shortly_after_a_hand_with_joints_too(later: tuple[TrackedHand | LostHand]) -> None:
+    """If it had them for some frames; a hand that had them once hides others in that frame only."""
+    frames = frames_of(*[(SURE, PLACE)] * MIN_GIVEN, *[(*later, PLACE)] * 8, step=RECENT_S / 4)
+    counts = [sum(one.id == PLACE.id for one in frame.present) for frame in map(SureHands(0.3), frames)]
+    assert counts == [0] * (MIN_GIVEN + 4) + [1] * 4
 
 
 @pytest.mark.parametrize(("before", "side"), [(SURE, "right"), (replace(SURE, side_confidence=0.6), None)])
@@ -59,9 +83,9 @@ def test_each_hand_by_itself() -> None:
     a, b, c = (tracked(id=id) for id in (0, 1, 2))
     other, unsure = present(tracked(id=7)), replace(b, confidence=0.4)
     sure = SureHands(0.5)
-    first, second = frames_of((a, b, c), (unsure, c, LostHand(0, "right", 0.0, "x"), other))
-    assert sure(first) == first and not sure.note
-    found = sure(second)
+    *before, last = frames_of(*[(a, b, c)] * MIN_GIVEN, (unsure, c, LostHand(0, "right", 0.0, "x"), other))
+    assert [*map(sure, before)] == before and not sure.note
+    found = sure(last)
     assert found.hands == (c,) and [one.id for one in found.lost] == [0] and found.present == (other, present(unsure))
     assert sure.frames == 1 and sure.note.startswith("1 frames have a hand with a confidence below 50%")
 
@@ -72,8 +96,9 @@ def test_a_confidence_that_is_unknown_is_not_below() -> None:
 
 
 def test_nothing_is_changed_by_0() -> None:
-    [frame] = frames_of((tracked(confidence=0.0), LostHand(7, None, 0.0, "hidden")))
-    assert SureHands(0)(frame) is frame
+    other = present(tracked(id=7))
+    [frame] = frames_of((tracked(confidence=0.0), other))
+    assert SureHands(0)(frame) == frame
 
 
 def test_no_output_has_the_joints(tmp_path: Path) -> None:

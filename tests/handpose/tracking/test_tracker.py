@@ -19,6 +19,7 @@ from handpose.frames.images import UnitError
 from handpose.frames.recording import DepthFrame
 from handpose.tracking.hand_track import HandTrack
 from handpose.tracking.reasons import NO_HAND
+from handpose.tracking.reporting import MIN_GIVEN
 from handpose.tracking.track import LEFT, LostHand, TrackedFrame
 from handpose.tracking.tracker import Tracker, load_tracker
 from netlib.errors import DataError, NetlibError
@@ -204,13 +205,16 @@ def test_a_hand_that_is_more_present_takes_the_place_of_a_doubtful_one(
     shown: Take, predictor: Predictor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tracker, frame = Tracker(predictor, hands=1), shown.frames[0]
-    tracker.step(frame)
+    for n in range(MIN_GIVEN):
+        tracker.step(frame._replace(time=n / RATE))
     [track] = tracker.tracks
     monkeypatch.setattr(HandTrack, "evidence", 0.5)
     monkeypatch.setattr("handpose.tracking.tracker.SURE", 2.0)
     reported = seeing(tracker, (250.0, 60, 1400, 0.4)).step(frame._replace(time=1.0))
     assert reported.hands and track.is_tracked and not reported.present, "no more hands than are wanted"
-    reported = seeing(tracker, (0.0, 60, 1400, 0.6), (250.0, 60, 1400, 0.9)).step(frame._replace(time=2.0))
+    seeing(tracker, (0.0, 60, 1400, 0.6), (250.0, 60, 1400, 0.9))
+    assert tracker.step(frame._replace(time=2.0)).hands and track.is_tracked, "the mean of its looks is 0.65"
+    reported = tracker.step(frame._replace(time=3.0))
     assert [lost.reason for lost in reported.lost] == ["another hand is more present"] and not track.is_tracked
     assert [one.place for one in reported.present] == [(250, 60, 1400)]
 
@@ -245,16 +249,108 @@ def test_no_more_hands_than_are_wanted(two: Take, predictor: Predictor) -> None:
     assert np.ptp(places, axis=0).max() < 60
 
 
-def test_one_hand_is_not_two(shown: Take, begun: Callable[[], Tracker]) -> None:
-    """If two tracks come to the same place, one continues and the other is lost."""
+def doubled(tracker: Tracker, time: float) -> HandTrack:
+    """A second track of the only tracked hand, begun at a time."""
+    double = HandTrack(tracker.estimator, [tracker.tracks[0].best.estimate], time)
+    double.identify(1)
+    tracker.known[1] = double
+    return double
+
+
+@pytest.mark.parametrize(("begun_s", "id"), [(-1.0, 1), (5 / RATE, 0)])
+def test_one_hand_is_not_two(shown: Take, begun: Callable[[], Tracker], begun_s: float, id: int) -> None:
+    """Of two tracks of one hand the better one goes on, with the older one's id; the other is not lost."""
     tracker = begun()
-    last = tracker.tracks[0].best.estimate
-    tracker.known[1] = HandTrack(tracker.estimator, [last], shown.frames[5].time)
-    tracker.known[1].identify(1)
-    reported = tracker.step(shown.frames[6])
-    assert len(reported.hands) == len(reported.lost) == 1 and reported.hands[0].id != reported.lost[0].id
-    assert reported.lost[0].reason == "another hand is tracked at its position"
-    assert [hand.id for hand in tracker.step(shown.frames[7]).hands] == [reported.hands[0].id]
+    double = doubled(tracker, 5 / RATE)
+    double.begun = begun_s
+    for frame in shown.frames[6:9]:
+        reported = tracker.step(frame)
+        assert [hand.id for hand in reported.hands] == [id] and not reported.lost
+    assert [*tracker.known] == [id]
+
+
+def test_of_two_hands_at_one_place_one_is_lost(shown: Take, begun: Callable[[], Tracker]) -> None:
+    """They are two if their sides are different."""
+    tracker = begun()
+    tracker.known[0].decided = "left"
+    assert doubled(tracker, 5 / RATE).decided == "right"
+    tracker.step(shown.frames[6])
+    reasons = sorted(track.reason for track in tracker.known.values())
+    assert reasons == ["", "another hand is tracked at its position"]
+
+
+def test_a_hand_that_is_found_twice_at_once_is_one(shown: Take, predictor: Predictor) -> None:
+    x, y, z = shown.truth[0].hands[0].palm_mm
+    tracker = seeing(Tracker(predictor), (x - 40, y, z, 0.8), (x + 40, y, z, 0.7))
+    for frame in shown.frames[:3]:
+        reported = tracker.step(frame)
+        assert len(reported.hands) == 1 and not reported.lost and not reported.present
+
+
+# ------------------------------------------------------------------------------- beside a hand with joints
+
+ELSEWHERE = (-250.0, 60.0, 1400.0)
+
+
+@pytest.fixture
+def following(predictor: Predictor, shown: Take) -> Tracker:
+    """A tracker with the default options that has seen the first six frames of the gestures."""
+    tracker = Tracker(predictor)
+    for frame in shown.frames[:6]:
+        tracker.step(frame)
+    return tracker
+
+
+def seen_beside(tracker: Tracker, shown: Take, *presences: float) -> list[int]:
+    """The number of present hands in each further frame, while the finder sees one at ELSEWHERE, thus present."""
+    counts = []
+    for frame, presence in zip(shown.frames[6:], presences):
+        reported = seeing(tracker, (*ELSEWHERE, presence)).step(frame)
+        assert len(reported.hands) == 1
+        counts.append(len(reported.present))
+    return counts
+
+
+def test_beside_a_hand_with_joints_a_doubtful_place_is_not_present(shown: Take, following: Tracker) -> None:
+    assert not any(seen_beside(following, shown, *[0.7] * 12))
+
+
+def test_a_place_of_high_presence_is_and_stays_present(shown: Take, following: Tracker) -> None:
+    assert all(seen_beside(following, shown, *[0.9] * 4, *[0.4] * 10)[3:])
+
+
+def test_a_place_with_a_doubtful_pose_is_not_present(
+    shown: Take, following: Tracker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    doubtful = dataclasses.replace(following.tracks[0].best.estimate, confidence=0.6)
+    monkeypatch.setattr(following, "_seen_at", lambda *_: [doubtful])
+    assert not any(seen_beside(following, shown, *[0.5] * 8))
+
+
+def test_a_hand_that_was_followed_remains_present(
+    two: Take, predictor: Predictor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tracker = Tracker(predictor)
+    for frame in two.frames[:6]:
+        tracker.step(frame)
+    kept, ended = tracker.tracks
+    ended.end("hidden")
+    monkeypatch.setattr(tracker, "_seen_at", lambda *_: [])
+    seeing(tracker, (*ended.place, 0.4))
+    *_, last = (tracker.step(frame) for frame in two.frames[6:])
+    assert [hand.id for hand in last.hands] == [kept.id] and np.allclose(last.present[0].place, ended.place)
+
+
+@pytest.mark.parametrize("still", [False, True])
+def test_a_second_hand_of_another_recording_is_found(shown: Take, predictor: Predictor, still: bool) -> None:
+    """Laid into the frames, the nearest depth in front: it is there in nearly all frames, and nothing else is."""
+    tracker, other = Tracker(predictor), shown.frames[20:]
+    counts = []
+    for n, frame in enumerate(shown.frames[:16]):
+        moved = np.roll(other[0 if still else n].depth, -150, axis=1)
+        reported = tracker.step(frame._replace(depth=np.minimum(frame.depth, moved)))
+        counts.append(len(reported.hands) + len(reported.present))
+    assert max(counts) == 2 and np.mean(np.array(counts) == 2) > 0.9
 
 
 @pytest.mark.parametrize("mm", [0, 250, 600, 1200, 3000])
