@@ -11,13 +11,13 @@ ADD_BIAS = "self.bias.diff[...] += dy.sum(axis=2).reshape(-1)"
 ADD_WINDOWS = "padded[part] += patches[:, element]"
 STAMP = "self.images(x.diff)[n] = self.col2im(w.swapaxes(1, 2) @ dy, image.shape, gradient.shape)"
 STAMP_WINDOWS = """x.diff[n] = 0
-                    for h, v in np.ndindex(gradient.shape[1:]):
-                        stamp = np.tensordot(gradient[:, h, v], self.weight.data, 1)
-                        x.diff[n, :, h : h + self.kernel[0], v : v + self.kernel[1]] = stamp"""
+for h, v in np.ndindex(gradient.shape[1:]):
+    stamp = np.tensordot(gradient[:, h, v], self.weight.data, 1)
+    x.diff[n, :, h : h + self.kernel[0], v : v + self.kernel[1]] = stamp"""
 STAMP_MAPS_AND_WINDOWS = """x.diff[n] = 0
-                    for o, h, v in np.ndindex(gradient.shape):
-                        stamp = gradient[o, h, v] * self.weight.data[o]
-                        x.diff[n, :, h : h + self.kernel[0], v : v + self.kernel[1]] = stamp"""
+for o, h, v in np.ndindex(gradient.shape):
+    stamp = gradient[o, h, v] * self.weight.data[o]
+    x.diff[n, :, h : h + self.kernel[0], v : v + self.kernel[1]] = stamp"""
 
 MISTAKES = (
     Mistake("Count the first window as well: the division gives the number of shifts, so the size is one more.",
@@ -37,7 +37,7 @@ MISTAKES = (
             (ADD_BIAS, "self.bias.diff[...] = dy[..., -1].reshape(-1)")),
     Mistake("dx begins at the corner of the padded image. Cut the padding off: rows pad to pad + H, and columns "
             "likewise.",
-            ("slice(p, p + n) for n, p", "slice(n) for n, p")),
+            ("slice(p, p + n)", "slice(n)")),
 )
 
 

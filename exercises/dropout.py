@@ -18,9 +18,9 @@ MISTAKES = (
     Mistake("backward propagates the gradient of dropped values. They do not affect the loss: dx = dy factor.",
             (DX, "bottom[0].diff[...] = top[0].diff")),
     Mistake("backward draws a new mask. It must use that of the last forward, stored in self.factor.",
-            (DX, f"self.forward(bottom, [type(top[0])(top[0].shape, self.dtype)])\n            {DX}")),
+            (DX, f"self.forward(bottom, [type(top[0])(top[0].shape, self.dtype)])\n{DX}")),
     Mistake("In phase TEST nothing is dropped: y = x. Draw a mask only if self.active.",
-            ("        if self.active:\n            drawn", "        if True:\n            drawn")),
+            ("self.active", "True")),
 )
 
 

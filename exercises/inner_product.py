@@ -10,9 +10,9 @@ ADD_BIAS = "self.bias.diff[...] += dy.sum(axis=0, dtype=np.float64)"
 MISTAKES = (
     Mistake("w has a row for each output, (O, I). y[n, o] is the product of row n of x and row o of w: y = x wᵀ, not x"
             " w.",
-            ("y[...] = x @ w.T", "y[...] = x @ w")),
+            ("x @ w.T", "x @ w")),
     Mistake("dx = dy w, without a transpose: y = x wᵀ already has one, and transposing it again gives w.",
-            ("[...] = dy @ w", "[...] = dy @ w.T")),
+            ("dy @ w", "dy @ w.T")),
     Mistake("dw has the shape of w, (O, I): dyᵀ x, not xᵀ dy.",
             (ADD_WEIGHTS, "self.output_first(self.weight.diff)[...] += x.T @ dy")),
     Mistake("A gradient is assigned in a loop over the items, which replaces the sum of the items before and what "

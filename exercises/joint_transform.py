@@ -40,8 +40,8 @@ def _caffe(part: Part) -> Values:
     return {"joints": joints}
 
 
-ROTATION = """= cos, -sin
-    R[..., j, i], R[..., j, j] = sin, cos"""
+ROTATION = """R[..., i, i], R[..., i, j] = cos, -sin
+R[..., j, i], R[..., j, j] = sin, cos"""
 TURN = "F = F @ rotation(motion.axis, motion.sign * theta[:, motion.dof])"
 MISTAKES = (
     Mistake("The rotation has the wrong direction: the minus belongs to the sine in the first row, of (x, y) for z, "
@@ -53,7 +53,7 @@ MISTAKES = (
     Mistake("motion.sign is ignored: NEG_Y is a rotation about -y, that is, about y by -theta.",
             (TURN, "F = F @ rotation(motion.axis, theta[:, motion.dof])")),
     Mistake("F[:, axis] is a row of F. F e_axis is a column: F[:, :, axis].",
-            ("a = motion.sign * F[:, :, motion.axis]", "a = motion.sign * F[:, motion.axis]")),
+            ("F[:, :, motion.axis]", "F[:, motion.axis]")),
     Mistake("p += ... also changes the parent's joint: p is a view of pose.joints[:, parent]. Write p = p + ..., which"
             " creates a new array.",
             ("p = p + a * theta[:, motion.dof, None]", "p += a * theta[:, motion.dof, None]")),

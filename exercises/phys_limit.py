@@ -10,7 +10,7 @@ from exercises.layers import Example, Letters, layer_exercise
 from netlib.blob import Array
 
 BEYOND = "self.beyond = np.maximum(x - self.upper, 0) - np.maximum(self.lower - x, 0)"
-DX = "(top[0].diff / len(slope) * slope)"
+DX = "top[0].diff / len(slope) * slope"
 
 MISTAKES = (
     Mistake("An angle below its lower limit is also out of limits: v = max(lower - x, 0) + max(x - upper, 0).",
@@ -20,8 +20,8 @@ MISTAKES = (
     Mistake("The sum is not divided by the number of poses N.",
             ("top[0].data[...] = total / len(x)", "top[0].data[...] = total")),
     Mistake("The gradient below a lower limit is negative: v grows as x decreases.",
-            (DX, "(top[0].diff / len(slope) * np.abs(slope))")),
-    Mistake("backward ignores top[0].diff (dL), the loss weight of the prototxt.", (DX, "(slope / len(slope))")),
+            (DX, "top[0].diff / len(slope) * np.abs(slope)")),
+    Mistake("backward ignores top[0].diff (dL), the loss weight of the prototxt.", (DX, "slope / len(slope)")),
 )
 
 

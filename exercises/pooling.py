@@ -10,16 +10,16 @@ from netlib.blob import Array
 
 ADD_MAX = "np.add.at(padded, (c, h * sh + i, w * sw + j), dy[n])"
 ADD_MEANS = """for rows, across in self.window_slices(dy.shape):
-                    padded[:, rows, across] += share"""
+    padded[:, rows, across] += share"""
 ASSIGN_MEANS = ADD_MEANS.replace("+=", "=")
 ADD_TO_EQUAL = """source = self.padded(bottom[0].data[n], dy.shape, -np.inf)
-                for rows, across in self.window_slices(dy.shape):
-                    padded[:, rows, across] += dy[n] * (source[:, rows, across] == top[0].data[n])"""
+for rows, across in self.window_slices(dy.shape):
+    padded[:, rows, across] += dy[n] * (source[:, rows, across] == top[0].data[n])"""
 
 MISTAKES = (
     Mistake("Caffe's pooling rounds the output size up, not down: the last window may extend past the edge.",
-            ('(-(-extent // self.stride[i]) if self.param.round_mode == "CEIL" else extent // self.stride[i])',
-             "(extent // self.stride[i])")),
+            ('-(-extent // self.stride[i]) if self.param.round_mode == "CEIL" else extent // self.stride[i]',
+             "extent // self.stride[i]")),
     Mistake("dx is assigned where it must be added to: windows overlap, and a pixel receives the gradient of each. Use"
             " += in a loop; with an array of indices, += adds only once per index, and np.add.at adds all.",
             (ADD_MAX, "padded[c, h * sh + i, w * sw + j] += dy[n]"),

@@ -20,7 +20,7 @@ MISTAKES = (
             (BACKWARD, "bottom[0].diff[...] = dy * (x > 0)")),
     Mistake("forward changes bottom[0].data. It belongs to the previous layer, which may need it in its backward; "
             "write only into top[0].data.",
-            (FORWARD, "x[x < 0] *= self.slope\n        top[0].data[...] = x")),
+            (FORWARD, "x[x < 0] *= self.slope\ntop[0].data[...] = x")),
 )
 
 EXERCISE = layer_exercise(

@@ -84,14 +84,14 @@ def _rows(folder: Path) -> str:
 
 
 COPY = """target = solver.history[i % count][i // count]
-        target[...] = weights_of.legacy_shape(array, target.shape)"""
+target[...] = weights_of.legacy_shape(array, target.shape)"""
 MIXED_UP = """each = len(solver.history[0])
-        target = solver.history[i // each][i % each]
-        target[...] = weights_of.legacy_shape(array, target.shape)"""
+target = solver.history[i // each][i % each]
+target[...] = weights_of.legacy_shape(array, target.shape)"""
 MISTAKES = (
     Mistake("The iteration is not restored: solver.iter = state.iter. The learning rate and Adam's bias correction "
             "depend on it.",
-            ("    solver.iter = state.iter\n", "")),
+            ("solver.iter = state.iter", "")),
     Mistake("The history is not restored: the momentum starts from 0, which slows the training for some iterations. "
             "Copy state.history into solver.history.",
             (COPY, COPY.replace("target[...] =", "target ="))),
@@ -100,10 +100,10 @@ MISTAKES = (
             (COPY, MIXED_UP)),
     Mistake("The states of the layers are not restored: the next row of the data and the random number generators. "
             "Save layer_states() and restore it with _restore_layers.",
-            ("    _restore_layers(solver, path, _states_of_rank(solver, state))\n", "")),
+            ("_restore_layers(solver, path, _states_of_rank(solver, state))", "")),
     Mistake("The losses averaged for display, solver.smoothed, are not restored, so the displayed values differ from "
             "those of an uninterrupted run.",
-            ('    solver.smoothed.extend(state.extra.get("smoothed", []))\n', "")),
+            ('solver.smoothed.extend(state.extra.get("smoothed", []))', "")),
 )
 
 

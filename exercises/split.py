@@ -7,15 +7,15 @@ from exercises.layers import Example, Letters, layer_exercise, numbers
 
 COPY = "y.data[...] = bottom[0].data"
 SUM = """bottom[0].diff[...] = top[0].diff
-            for y in top[1:]:
-                bottom[0].diff[...] += y.diff"""
+for y in top[1:]:
+    bottom[0].diff[...] += y.diff"""
 
 MISTAKES = (
     Mistake("dx contains only the gradient of the last top: every iteration of the loop overwrites the previous one. L"
             " depends on x through all tops, so their gradients are summed.",
             (SUM, SUM.replace("+=", "="))),
     Mistake("dx is the mean of the gradients. By the chain rule it is their sum.",
-            (SUM, f"{SUM}\n            bottom[0].diff[...] /= len(top)")),
+            (SUM, f"{SUM}\nbottom[0].diff[...] /= len(top)")),
     Mistake("The gradient of the first top is counted twice: it is assigned first, then added with the others.",
             (SUM, SUM.replace("top[1:]", "top"))),
     Mistake("x is not divided among the consumers: each gets all of it.", (COPY, f"{COPY} / len(top)")),
