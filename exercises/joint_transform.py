@@ -42,16 +42,18 @@ def _caffe(part: Part) -> Values:
 
 ROTATION = """R[..., i, i], R[..., i, j] = cos, -sin
 R[..., j, i], R[..., j, j] = sin, cos"""
-TURN = "F = F @ rotation(motion.axis, motion.sign * theta[:, motion.dof])"
+BACKWARDS = """R[..., i, i], R[..., i, j] = cos, sin
+R[..., j, i], R[..., j, j] = -sin, cos"""
+TURN = "F @ rotation(motion.axis, motion.sign * theta[:, motion.dof])"
 MISTAKES = (
     Mistake("The rotation has the wrong direction: the minus belongs to the sine in the first row, of (x, y) for z, "
             "(y, z) for x, (z, x) for y.",
-            (ROTATION, ROTATION.replace("sin", "-sin").replace("--sin", "sin"))),
+            (ROTATION, BACKWARDS)),
     Mistake("The matrices are multiplied in the wrong order. A joint rotates about its own axes, already moved by the "
             "previous rotations: F <- F R, not R F.",
-            (TURN, "F = rotation(motion.axis, motion.sign * theta[:, motion.dof]) @ F")),
+            (TURN, "rotation(motion.axis, motion.sign * theta[:, motion.dof]) @ F")),
     Mistake("motion.sign is ignored: NEG_Y is a rotation about -y, that is, about y by -theta.",
-            (TURN, "F = F @ rotation(motion.axis, theta[:, motion.dof])")),
+            ("motion.sign * theta[:, motion.dof]", "theta[:, motion.dof]")),
     Mistake("F[:, axis] is a row of F. F e_axis is a column: F[:, :, axis].",
             ("F[:, :, motion.axis]", "F[:, motion.axis]")),
     Mistake("p += ... also changes the parent's joint: p is a view of pose.joints[:, parent]. Write p = p + ..., which"

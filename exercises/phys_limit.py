@@ -39,14 +39,13 @@ def _poses(count: int, seed: int) -> Array:
     return np.asarray(np.random.default_rng(seed).normal(0, 1, (count, 47)))
 
 
-L2 = "phys_limit_param { norm: L2 }"
-
 EXERCISE = layer_exercise(
     "phys_limit",
     "PhysLimit",
     title="PhysLimit: a loss on angles beyond their limits",
     chapter=10,
     file="layers/hand/phys_limit.py",
+    block="phys_limit_param",
     to_do={
         "forward": "Write top[0].data: L, of x as (N, D). setup has made self.lower "
         "and self.upper. self.param.norm is L1 or L2. Store what backward needs.",
@@ -57,9 +56,9 @@ EXERCISE = layer_exercise(
     examples=[
         Example("", (_arm_like(),), on_kinks=True),
         Example("", (_poses(2, 1),)),
-        Example(L2, (_arm_like(),), "norm: L2", on_kinks=True),
-        Example(L2, (_poses(2, 2),), "norm: L2"),
-        Example(L2, option="norm: L2", caffe="phys_limit"),
+        Example("norm: L2", (_arm_like(),), "norm: L2", on_kinks=True),
+        Example("norm: L2", (_poses(2, 2),), "norm: L2"),
+        Example("norm: L2", option="norm: L2", caffe="phys_limit"),
     ],
     hints={"norm: L2": "Each v is squared before the sum, so dx is dL / N times 2 v, with the sign of the violation."},
     mistakes=MISTAKES,

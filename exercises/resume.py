@@ -94,7 +94,7 @@ MISTAKES = (
             ("solver.iter = state.iter", "")),
     Mistake("The history is not restored: the momentum starts from 0, which slows the training for some iterations. "
             "Copy state.history into solver.history.",
-            (COPY, COPY.replace("target[...] =", "target ="))),
+            ("target[...] = weights_of.legacy_shape(array, target.shape)", "pass")),
     Mistake("The histories are assigned to the wrong parameters. state_of writes, and restore_state reads, the first "
             "histories of all parameters, then the second ones: entry i is history i // count of parameter i % count.",
             (COPY, MIXED_UP)),
@@ -135,9 +135,9 @@ EXERCISE = Exercise(
         "extra_state": "Return, as plain values (snapshot.as_plain), what Caffe's format cannot store: solver "
         "(_course), smoothed (the averaged losses), layers (layer_states() of solver.net and of each test net); "
         "and ranks, the list of others, if there are any.",
-        "restore_state": "Read the state (snapshot.read_state), find its weights (snapshot.pair_of) and restore "
-        "all of it: the weights, solver.history, solver.iter, solver.smoothed, the states of the "
-        "layers (_restore_layers, of _states_of_rank).\n"
+        "restore_state": "Read the state (snapshot.read_state), find its weights (snapshot.weights_of(path, state)) and "
+        "restore all of it: the weights, solver.history, solver.iter, solver.smoothed, the states of the layers "
+        "(_restore_layers, of _states_of_rank).\n"
         "writes, _, _ = weights_of.fitting(solver.net, weights, strict=True), then "
         "weights_of.write(writes), copies weights. (The project's function also checks the histories first and "
         "logs what it does.)",

@@ -50,14 +50,16 @@ def _caffe(part: Part) -> Values:
     return {"dtheta": found["dtheta"]}
 
 
-ADD = "dtheta[:, motion.dof] += (a * generalized_force).sum(axis=1)"
 MISTAKES = (
     Mistake("The cross product has the wrong order: a torque is arm x force, (X - P) x f.",
             ("np.cross(X[:, j] - P, force[:, j])", "np.cross(force[:, j], X[:, j] - P)")),
     Mistake("The child's torque is about the child, not about its parent: add (X_c - X_j) x force_c.",
             ("torque[:, j] + np.cross(X[:, j] - X[:, parent], force[:, j])", "torque[:, j]")),
     Mistake("A DoF may drive several motions; its gradient is the sum over them: dtheta[:, dof] += ...",
-            (ADD, ADD.replace("+=", "="))),
+            (
+            "dtheta[:, motion.dof] += (a * generalized_force).sum(axis=1)",
+            "dtheta[:, motion.dof] = (a * generalized_force).sum(axis=1)",
+        )),
     Mistake("The joints are visited from the root to the tips. Visit children before parents: "
             "reversed(skeleton.order).",
             ("reversed(sk.order)", "sk.order")),
