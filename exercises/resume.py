@@ -135,7 +135,7 @@ EXERCISE = Exercise(
         "extra_state": "Return, as plain values (snapshot.as_plain), what Caffe's format cannot store: solver "
         "(_course), smoothed (the averaged losses), layers (layer_states() of solver.net and of each test net); "
         "and ranks, the list of others, if there are any.",
-        "restore_state": "Read the state (snapshot.read_state), find its weights (snapshot.weights_of(path, state)) and "
+        "restore_state": "Read the state (snapshot.read_state), find its weights (snapshot.weights_of(path, state)), "
         "restore all of it: the weights, solver.history, solver.iter, solver.smoothed, the states of the layers "
         "(_restore_layers, of _states_of_rank).\n"
         "writes, _, _ = weights_of.fitting(solver.net, weights, strict=True), then "
