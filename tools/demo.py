@@ -46,7 +46,7 @@ VIEWS = 3  # of a hand: the skeleton on the crop, the fitted surface, the hand i
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__, nets=True)
-    parser.add_argument("--out", metavar="DIR", type=Path, default=Path("demo"), help="default: demo")
+    parser.add_argument("--out", metavar="DIR", type=Path, default=Path("demo"), help="default: %(default)s")
     parser.add_argument("--frames", type=count, default=6, metavar="N", help="default: %(default)s")
     parser.add_argument("--seed", type=seed, default=0, metavar="N", help="random seed (default: %(default)s)")
     return guarded(run, parser.parse_args(argv))

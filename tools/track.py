@@ -64,8 +64,9 @@ def main(argv: list[str] | None = None) -> int:
     add_output_options(parser)
     parser.add_argument("--fit", choices=("fast", "accurate"), default="fast", help="default: %(default)s")
     parser.add_argument("--hand", choices=SOUGHT_SIDES, default="either",
-                        help="hands in the recording, if known (default: either, decided from the depth)")
-    parser.add_argument("--hands", type=whole(1, MAX_HANDS), default=2, metavar="N", help="maximum number (default: 2)")
+                        help="hands in the recording, if known (default: %(default)s, decided from the depth)")
+    parser.add_argument("--hands", type=whole(1, MAX_HANDS), default=2, metavar="N",
+                        help="maximum number (default: %(default)s)")
     parser.add_argument("--size", type=real(MIN_SIZE, MAX_SIZE), metavar="S",
                         help="relative to the skeleton (default: estimated)")
     sources.add_min_confidence(parser)
