@@ -1,4 +1,4 @@
-"""Paths, commands and make targets in any text of the project exist: code, comments, help, prototxt, cards, settings."""
+"""Paths, commands and make targets in any text of the project exist: code, help, prototxt, cards, settings."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_what_texts_name_exists(files: list[str]) -> None:
 
 def test_what_does_not_exist_is_found(files: list[str]) -> None:
     good = "tools/train.py, netlib/proto/, proto/options.py, `make test`, `netlib run` and `handpose NAME`"
-    bad = "tools/gone.py, `make person`, engine/choice.py, prototxt/gone/, `netlib gone` and `python tools/demo.py --gone`"
+    bad = "tools/gone.py, `make person`, engine/choice.py, prototxt/gone/, `netlib gone`, `python tools/demo.py --gone`"
     assert set(wrong_paths(good + bad, files)) == {
         "tools/gone.py", "engine/choice.py", "prototxt/gone"
     }
