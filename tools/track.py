@@ -56,6 +56,11 @@ from tools.common.console import DONE, aligned, guarded, say
 from tools.common.progress import ProgressBar, StoppedError, Stopper
 from tools.common.track_outputs import Outputs, add_output_options, is_drawn, refuse_inputs, settle_outputs
 
+NO_POSE = (
+    "At a desk, with body, table and objects in view, hands are found without a pose (docs/camera.md#limits); "
+    "--min-confidence 0 writes the uncertain ones."
+)
+
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
@@ -151,6 +156,8 @@ def _say_summary(summary: Summary, seconds: float, note: str, outputs: Outputs, 
     say(f"{summary.frames} frames of {summary.seconds:.1f} s, {summary.frames / seconds:.0f} frames/s", file=talk)
     if not summary.hands:
         say(f"{summary.nothing_found}{doubt and f'; {doubt}'}", file=talk)
+        if summary.present:
+            say(NO_POSE, file=talk)
     else:
         print(aligned(summary.rows), file=talk)
     if note:
