@@ -52,7 +52,7 @@ from handpose.frames.images import UnitError, read_crop, read_frame
 from handpose.frames.inspection import checked
 from netlib.errors import DataError
 from netlib.files.paths import ROOT
-from tools.common import arguments, findings, outputs, sources
+from tools.common import arguments, outputs, prediction_outputs, sources
 from tools.common.console import DONE, guarded, say
 
 MODEL = ROOT / "prototxt" / "nyu_deploy.prototxt"
@@ -122,17 +122,17 @@ def run(args: argparse.Namespace) -> int:
             confidence = 0.0 if found.fit is None else found.confidence
             sources.print_warnings(image, depth, found.camera, given.unit_mm, confidence)
         hands.append((image, found))
-        findings.draw(place, found, predictor)
+        prediction_outputs.draw(place, found, predictor)
         if args.json != "-":
-            words, lines = findings.table(found, predictor, args.joints)
+            words, lines = prediction_outputs.table(found, predictor, args.joints)
             for line in (f"{image}: {words}; picture {place}", *lines):
                 say(line)
     if args.csv:
-        findings.write_csv(Path(args.csv), hands, predictor, args.joints)
+        prediction_outputs.write_csv(Path(args.csv), hands, predictor, args.joints)
     if args.json:
-        findings.write_json(args.json, hands, places, predictor, args.joints)
+        prediction_outputs.write_json(args.json, hands, places, predictor, args.joints)
     if args.html:
-        findings.write_page(Path(args.html), hands, predictor)
+        prediction_outputs.write_page(Path(args.html), hands, predictor)
     return DONE
 
 

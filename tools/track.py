@@ -50,7 +50,7 @@ from handpose.tracking.summary import Summary
 from handpose.tracking.track import TrackedFrame
 from handpose.tracking.tracker import MAX_HANDS
 from netlib.errors import DataError
-from tools.common import findings, sources
+from tools.common import prediction_outputs, sources
 from tools.common.arguments import add_engine, count, parser_of, real, seed, whole
 from tools.common.console import DONE, aligned, guarded, say
 from tools.common.progress import ProgressBar, StoppedError, Stopper
@@ -100,7 +100,7 @@ def run(args: argparse.Namespace) -> int:
         predictor = load_predictor(recording.camera, fit=args.fit, hand=args.hand, engine=args.engine,
                                    min_confidence=args.min_confidence, seed=args.seed)
         if args.look is not None:
-            return findings.draw_first(seen, predictor, args.look)
+            return prediction_outputs.draw_first(seen, predictor, args.look)
         tracker = Tracker(predictor, hands=args.hands, smooth=not args.raw, size=args.size, surface=is_drawn(args),
                           min_confidence=0, min_presence=args.min_presence)
         summary, begun = Summary(predictor.skeleton), time.perf_counter()
