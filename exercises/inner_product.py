@@ -36,8 +36,8 @@ EXERCISE = layer_exercise(
         "project's layer also raises an error if the number of inputs is no longer self.inputs.)",
         "forward": "Write top[0].data: y = x wᵀ + b. w is self.weight.data, b is self.bias.data, if "
         "self.param.bias_term. rows() and output_first() give the matrices of the formula, as views.",
-        "backward": "Add to self.weight.diff and self.bias.diff, with +=: dw = dyᵀ x, db = sum of dy over the "
-        "items. If propagate_down[0], write bottom[0].diff: dx = dy w.",
+        "backward": "Add to self.weight.diff and self.bias.diff, with [...] += on the left: dw = dyᵀ x, db = sum of "
+        "dy over the items. If propagate_down[0], write bottom[0].diff: dx = dy w.",
     },
     letters=Letters(("x",), ("y",), ("w", "b"), {"x": "ni", "y": "no", "w": "oi", "b": "o"}),
     examples=[

@@ -70,15 +70,14 @@ EXERCISE = Exercise(
     chapter=8,
     file="layers/hand/kinematics.py",
     to_do={
-        "Kinematics.forward": "Return the Pose of each row of inputs. theta = self.skeleton.theta(inputs) has the "
-        "DoF values, (N, D), with fixed DoFs and initial values applied. Loop over skeleton.order, parents first. A "
-        "joint starts at its parent's pose.joints and pose.frames (a root, whose skeleton.parents "
-        "is -1: at 0, with the identity). Apply skeleton.motions[j] in their order: motion.kind, "
-        ".axis, .sign, .dof. Then write pose.joints[:, j] and pose.frames[:, j]; skeleton.bones "
-        "and .bone_axes describe each joint's bone; bones, if given, replaces the lengths. "
-        "Where motion.row >= 0, write pose.axis[:, row] and pose.pivot[:, row] before the motion "
-        "is applied: its axis in world coordinates, with the sign, and the current point p of the "
-        "joint. backward needs them.",
+        "Kinematics.forward": "Return the Pose of each row of inputs, Pose(N, K, len(skeleton.driven)). theta = "
+        "self.skeleton.theta(inputs) has the DoF values, (N, D), with fixed DoFs and initial values applied. Loop "
+        "over skeleton.order, parents first. A joint starts at its parent's pose.joints and pose.frames (a root, "
+        "whose skeleton.parents is -1: at 0, with the identity). Apply skeleton.motions[j] in their order: "
+        "motion.kind, .axis, .sign, .dof. Then write pose.joints[:, j] and pose.frames[:, j]; skeleton.bones and "
+        ".bone_axes describe each joint's bone; bones, if given, replaces the lengths. Where motion.row >= 0, write "
+        "pose.axis[:, row] and pose.pivot[:, row] before the motion is applied: its axis in world coordinates, with "
+        "the sign, and the current point p of the joint. backward needs them.",
         "rotation": "Return R for every angle: the standard rotation matrices. About z, x rotates to y; about x, y to "
         "z; about y, z to x. For axis 2, z, R is [[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]].",
     },

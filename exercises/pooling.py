@@ -63,8 +63,8 @@ EXERCISE = layer_exercise(
         "that starts beyond the image. The kernel is self.whole_kernel[i]. (The project's layer also raises "
         "an error if no window is left.)",
         "forward": "Write top[0].data, and the mask into top[1].data if there is one. self.is_max is true for MAX. "
-        "Store what backward needs, as self.winners. padded(), windows(), _index() and area() help. Begin with MAX "
-        "without options, the check adds one after the other, then AVE.",
+        "Store what backward needs, as self.winners. padded(x[n], y.shape, value), windows(), _index() and area() "
+        "help. Begin with MAX without options, the check adds one after the other, then AVE.",
         "backward": "If propagate_down[0], write every element of bottom[0].diff: sum the contributions of windows "
         "that share a pixel; pixels of no window are 0.",
     },

@@ -101,9 +101,12 @@ MISTAKES = (
     Mistake("The states of the layers are not restored: the next row of the data and the random number generators. "
             "Save layer_states() and restore it with _restore_layers.",
             ("_restore_layers(solver, path, _states_of_rank(solver, state))", "")),
-    Mistake("The losses averaged for display, solver.smoothed, are not restored, so the displayed values differ from "
-            "those of an uninterrupted run.",
-            ('solver.smoothed.extend(state.extra.get("smoothed", []))', "")),
+    Mistake(
+        "The losses averaged for display, solver.smoothed, are not restored, so the displayed values differ from those "
+        "of an uninterrupted run. Write into the deque: a list in its place grows.",
+        ('solver.smoothed.extend(state.extra.get("smoothed", []))', ""),
+        ('solver.smoothed.extend(state.extra.get("smoothed", []))', 'solver.smoothed = state.extra["smoothed"]'),
+    ),
 )
 
 
@@ -129,15 +132,15 @@ EXERCISE = Exercise(
     file="netlib/training/resume.py",
     to_do={
         "state_of": "Return the SolverState of the solver: its iteration, steps_taken(solver.param, "
-        "solver.iter), str(learned_net), the histories in one list, and extra_state(solver). "
+        "solver.iter), str(learned_net), the histories in one list, and extra_state(solver, others). "
         "solver.history holds a list of histories per parameter; the file holds the first "
         "histories of all parameters, then the second ones, as in Caffe.",
         "extra_state": "Return, as plain values (snapshot.as_plain), what Caffe's format cannot store: solver "
         "(_course), smoothed (the averaged losses), layers (layer_states() of solver.net and of each test net); "
         "and ranks, the list of others, if there are any.",
         "restore_state": "Read the state (snapshot.read_state), find its weights (snapshot.weights_of(path, state)), "
-        "restore all of it: the weights, solver.history, solver.iter, solver.smoothed, the states of the layers "
-        "(_restore_layers, of _states_of_rank).\n"
+        "restore all of it: the weights, solver.history (write into its arrays), solver.iter, solver.smoothed (a "
+        "deque: clear() and extend() it), the states of the layers (_restore_layers, of _states_of_rank).\n"
         "writes, _, _ = weights_of.fitting(solver.net, weights, strict=True), then "
         "weights_of.write(writes), copies weights. (The project's function also checks the histories first and "
         "logs what it does.)",

@@ -73,12 +73,11 @@ EXERCISE = Exercise(
     chapter=9,
     file="layers/hand/kinematics.py",
     to_do={
-        "Kinematics.backward": "Return dtheta (N, D) in self.dtype. Begin with force = a float64 copy of dX and torque "
-        "= 0, and loop over reversed(skeleton.order), so that a joint contains the sums of its children "
-        "before it is visited. For each of its motions with motion.row >= 0 (the others are fixed) "
-        "add to dtheta[:, motion.dof]; a is pose.axis[:, row], P is pose.pivot[:, row], and a DoF "
-        "may drive several motions. Then add the joint's force and torque to its parent's. "
-        "np.cross(u, v) works along the last axis.",
+        "Kinematics.backward": "Return dtheta (N, len(skeleton.initial)) in self.dtype. Begin with force = a float64 "
+        "copy of dX and torque = 0, and loop over reversed(skeleton.order), so that a joint contains the sums of its "
+        "children before it is visited. For each of its motions with motion.row >= 0 (the others are fixed) add to "
+        "dtheta[:, motion.dof]; a is pose.axis[:, row], P is pose.pivot[:, row], and a DoF may drive several motions. "
+        "Then add the joint's force and torque to its parent's. np.cross(u, v) works along the last axis.",
     },
     checks=(
         Check("gradient: a finger, against finite differences", (

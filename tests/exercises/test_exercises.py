@@ -197,7 +197,7 @@ def test_a_pooling_is_told_the_next_option(old: str, new: str, said: str) -> Non
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"forward": "top[0].data = 0"}, "write into them, with [...] = on the left"),
+        ({"forward": "top[0].data = 0"}, "write into them, with [...] = or [...] += on"),
         ({"forward": "y = np.maximum(bottom[0].data, 0)"}, "NaN, their initial value. Write every element"),
         ({"backward": "bottom[0].diff[bottom[0].data > 0] = 1"}, "backward must assign every element, also zeros"),
         ({"forward": "top[0].data[...] = np.random.rand(*top[0].shape)"}, "changes from call to call: draw random"),
