@@ -54,7 +54,7 @@ EXAMPLES = {
     PROGRAM: {
         "demo": "--out demo",
         "predict": "demo/frame_0.png --camera nyu --out pictures",
-        "track": '"frames/*.png" --camera kinect2 --json hands.json --sheet hands.png',
+        "track": '"frames/*.png" --camera sr305 --json hands.json --sheet hands.png',
     },
     "netlib": {
         "run": "deploy.prototxt net.caffemodel cat.jpg --mean 104,117,123 --labels labels.txt",

@@ -19,6 +19,7 @@ import pytest
 pytest.importorskip("sybil", reason="as tests/documents/test_blocks.py")
 
 import netlib
+from handpose.__main__ import EXAMPLES, NET_TOOLS
 from handpose.datasets import icvl_files, nyu_files
 from netlib.files.paths import ROOT
 from tests.documents import commands, given, workplace
@@ -102,6 +103,13 @@ def recordings(folder: Path) -> None:
     write_ros1(folder / "take.bag", np.full((3, 48, 64), 900, np.uint16))
 
 
+def demo(folder: Path) -> None:
+    """frame.png and crop.png, and demo/frame_0.png, as of tools/demo.py."""
+    given.frame(folder)
+    run_tool("make_recording", "rest", "--camera", "nyu", "--seconds", "0.1", "--out", "demo")
+    min((folder / "demo").glob("*.png")).rename(folder / "demo" / "frame_0.png")
+
+
 def classifier(folder: Path) -> None:
     """train_val.prototxt and net_iter_1.caffemodel."""
     given.pictures(folder)
@@ -141,11 +149,11 @@ GIVEN: dict[str, tuple[Callable[[Path], object], ...]] = {
     "caffe": (trained,),
     "compute_image_mean": (lists,),
     "evaluate": (annotation,),
-    "export_onnx": (trained,),
+    "export_onnx": (trained, lists),
     "finetune": (lists,),
     "fit_pose": (annotation, given.data),
     "plot_log": (trained,),
-    "predict": (given.frame,),
+    "predict": (demo,),
     "prepare_icvl": (lambda folder: write_icvl(folder / "ICVL_ROOT"),),
     "prepare_nyu": (nyu,),
     "record": (recordings,),
@@ -155,13 +163,17 @@ GIVEN: dict[str, tuple[Callable[[Path], object], ...]] = {
     "test_net": (classifier,),
     "time": (given.data,),
     "track": (recordings,),
-    "train": (trained,),
+    "train": (trained, given.nets),
     "upgrade_net": (old,),
 }
 
 
 def examples(name: str) -> Iterator[str]:
-    """The commands in a docstring, without comments and pipes."""
+    """The commands in a docstring, without comments and pipes, and those in the list of commands."""
+    for program, shown in EXAMPLES.items():
+        for command, arguments in shown.items():
+            if name == (NET_TOOLS.get(command) if program == "netlib" else command):
+                yield f"python tools/{name}.py {arguments}"
     for line in commands.lines_of(importlib.import_module(f"tools.{name}").__doc__ or ""):
         if re.match(rf"(mpiexec .*)?python .*tools/{name}\.py", line):
             yield line.partition(" | ")[0]
