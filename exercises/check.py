@@ -123,7 +123,7 @@ def _of_error(error: BaseException, check: Check, case: Case, path: Path | None)
     if isinstance(error, NotImplementedError):
         return
     if isinstance(error, AttributeError) and re.search("no setter|can't set", str(error)):
-        yield "data and diff are arrays that other layers share: write into them, with [...] = on the left."
+        yield "data and diff are arrays that other layers share: write into them, with [...] = or [...] += on the left."
     if check.hint:
         yield check.hint
     elif not check.option and re.search("broadcast|mismatch in its core dimension|not aligned", str(error)):

@@ -5,19 +5,18 @@ from __future__ import annotations
 from exercises.exercise import Mistake
 from exercises.layers import Example, Letters, layer_exercise, numbers
 
-WINDOWS = "self.by_group(self.im2col(image, gradient.shape))"
-ADD_WEIGHTS = f"dw += dy @ {WINDOWS}.swapaxes(1, 2)"
+ADD_WEIGHTS = "dw += dy @ self.by_group(self.im2col(image, gradient.shape)).swapaxes(1, 2)"
 ADD_BIAS = "self.bias.diff[...] += dy.sum(axis=2).reshape(-1)"
 ADD_WINDOWS = "padded[part] += patches[:, element]"
 STAMP = "self.images(x.diff)[n] = self.col2im(w.swapaxes(1, 2) @ dy, image.shape, gradient.shape)"
 STAMP_WINDOWS = """x.diff[n] = 0
-                    for h, v in np.ndindex(gradient.shape[1:]):
-                        stamp = np.tensordot(gradient[:, h, v], self.weight.data, 1)
-                        x.diff[n, :, h : h + self.kernel[0], v : v + self.kernel[1]] = stamp"""
+for h, v in np.ndindex(gradient.shape[1:]):
+    stamp = np.tensordot(gradient[:, h, v], self.weight.data, 1)
+    x.diff[n, :, h : h + self.kernel[0], v : v + self.kernel[1]] = stamp"""
 STAMP_MAPS_AND_WINDOWS = """x.diff[n] = 0
-                    for o, h, v in np.ndindex(gradient.shape):
-                        stamp = gradient[o, h, v] * self.weight.data[o]
-                        x.diff[n, :, h : h + self.kernel[0], v : v + self.kernel[1]] = stamp"""
+for o, h, v in np.ndindex(gradient.shape):
+    stamp = gradient[o, h, v] * self.weight.data[o]
+    x.diff[n, :, h : h + self.kernel[0], v : v + self.kernel[1]] = stamp"""
 
 MISTAKES = (
     Mistake("Count the first window as well: the division gives the number of shifts, so the size is one more.",
@@ -31,22 +30,19 @@ MISTAKES = (
             (STAMP, STAMP_MAPS_AND_WINDOWS)),
     Mistake("A gradient of a parameter is assigned in a loop over images or windows, so only the last one is left, "
             "without what earlier batches have added. Use dw[...] += and db[...] += there.",
-            (ADD_WEIGHTS, f"dw[...] = dy @ {WINDOWS}.swapaxes(1, 2)"),
-            (ADD_WEIGHTS, f"dw[...] = dy[..., -1:] @ {WINDOWS}[..., -1:].swapaxes(1, 2)"),
+            (ADD_WEIGHTS, "dw[...] = dy @ self.by_group(self.im2col(image, gradient.shape)).swapaxes(1, 2)"),
+            (ADD_WEIGHTS, "columns = self.by_group(self.im2col(image, gradient.shape))\n"
+             "dw[...] = dy[..., -1:] @ columns[..., -1:].swapaxes(1, 2)"),
             (ADD_BIAS, "self.bias.diff[...] = dy.sum(axis=2).reshape(-1)"),
             (ADD_BIAS, "self.bias.diff[...] = dy[..., -1].reshape(-1)")),
     Mistake("dx begins at the corner of the padded image. Cut the padding off: rows pad to pad + H, and columns "
             "likewise.",
-            ("slice(p, p + n) for n, p", "slice(n) for n, p")),
+            ("slice(p, p + n)", "slice(n)")),
 )
 
 
-def _options(more: str = "", outputs: int = 2, kernel: str = "kernel_size: 3") -> str:
-    return f"convolution_param {{ num_output: {outputs} {kernel}{' ' if more else ''}{more} }}"
-
-
-NO_BIAS, RECTANGLE = "bias_term: false", "kernel_h: 2 kernel_w: 3"
-STRIDE, PAD, DILATION, GROUP, ALL = "stride: 2", "pad: 1", "dilation: 2", "group: 2", "a combination of options"
+NO_BIAS, RECTANGLE, STRIDE = "bias_term: false", "kernel_h: 2 kernel_w: 3", "stride_h: 2 stride_w: 3"
+PAD, DILATION, GROUP, ALL = "pad_h: 1 pad_w: 2", "dilation: 2 dilation: 3", "group: 2", "a combination of options"
 
 EXERCISE = layer_exercise(
     "convolution",
@@ -54,6 +50,7 @@ EXERCISE = layer_exercise(
     title="Convolution: a small kernel slides over the image",
     chapter=3,
     file="layers/vision/convolution.py",
+    block="convolution_param",
     to_do={
         "_outputs": "Return [Ho, Wo] for the shape of x: its spatial axes begin at self.axis + 1. self.pad, "
         "self.stride and self.kernel have one value per spatial axis, and self._extent() is the span of "
@@ -71,24 +68,32 @@ EXERCISE = layer_exercise(
     shaped_by="_outputs",
     letters=Letters(("x",), ("y",), ("w", "b"), {"x": "nchw", "y": "nohw", "w": "ocij", "b": "o"}),
     examples=[
-        Example(_options(), (numbers(2, 2, 4, 5),)),
-        Example(_options(outputs=6), caffe="conv_k3"),
-        Example(_options(NO_BIAS), (numbers(2, 2, 4, 5),), NO_BIAS),
-        Example(_options(kernel=RECTANGLE), (numbers(2, 2, 4, 5, seed=1),), RECTANGLE),
-        Example(_options(STRIDE), (numbers(2, 2, 6, 7, seed=2),), STRIDE),
-        Example(_options(PAD), (numbers(2, 2, 4, 5, seed=3),), PAD),
-        Example(_options(DILATION), (numbers(2, 2, 5, 6, seed=4),), DILATION),
-        Example(_options(GROUP, 4, "kernel_size: 2"), (numbers(2, 4, 3, 4, seed=5),), GROUP),
-        Example(_options("stride: 2 pad: 2", 2, RECTANGLE), (numbers(2, 1, 4, 6, seed=6),), ALL),
-        Example(_options("stride: 2 pad: 1", 6), option=ALL, caffe="conv_k3_s2_p1"),
-        Example(_options("pad: 1 group: 2", 6), option=ALL, caffe="conv_group2"),
-        Example(_options("dilation: 2 pad: 2 stride: 2", 6), option=ALL, caffe="conv_dil2_p2_s2"),
+        Example("num_output: 2 kernel_size: 3", (numbers(2, 2, 4, 5),)),
+        Example("num_output: 6 kernel_size: 3", caffe="conv_k3"),
+        Example("num_output: 2 kernel_size: 3 bias_term: false", (numbers(2, 2, 4, 5),), NO_BIAS),
+        Example("num_output: 2 kernel_h: 2 kernel_w: 3", (numbers(2, 2, 4, 5, seed=1),), RECTANGLE),
+        Example(
+            "num_output: 2 kernel_h: 2 kernel_w: 3 stride_h: 2 stride_w: 3", (numbers(2, 2, 6, 7, seed=2),), STRIDE
+        ),
+        Example("num_output: 2 kernel_h: 2 kernel_w: 3 pad_h: 1 pad_w: 2", (numbers(2, 2, 4, 5, seed=3),), PAD),
+        Example(
+            "num_output: 2 kernel_h: 2 kernel_w: 3 dilation: 2 dilation: 3", (numbers(2, 2, 5, 8, seed=4),), DILATION
+        ),
+        Example("num_output: 4 kernel_h: 2 kernel_w: 3 group: 2", (numbers(2, 4, 3, 4, seed=5),), GROUP),
+        Example(
+            "num_output: 2 kernel_h: 2 kernel_w: 3 stride_h: 2 stride_w: 1 pad_h: 0 pad_w: 2 dilation: 1 dilation: 2",
+            (numbers(2, 1, 4, 6, seed=6),),
+            ALL,
+        ),
+        Example("num_output: 6 kernel_size: 3 stride: 2 pad: 1", option=ALL, caffe="conv_k3_s2_p1"),
+        Example("num_output: 6 kernel_size: 3 pad: 1 group: 2", option=ALL, caffe="conv_group2"),
+        Example("num_output: 6 kernel_size: 3 dilation: 2 pad: 2 stride: 2", option=ALL, caffe="conv_dil2_p2_s2"),
     ],
     hints={
         NO_BIAS: "There is no self.bias then: use it only if self.param.bias_term.",
         RECTANGLE: "self.kernel is (kh, kw), and so are the last two axes of w: height and width may differ.",
         STRIDE: "The window of output row h begins at row h stride, in forward and backward, and only whole windows "
-        "count: Ho = (H - kh) // stride + 1.",
+        "count: Ho = (H - kh) // stride + 1. self.stride, like self.pad and self.dilation, is (down, across).",
         PAD: "The window of output row h begins at row h - pad, and outside the image x is 0: pad the image on both "
         "sides, and cut the padding off dx (rows pad to pad + H).",
         DILATION: "Element i of the kernel multiplies row h + i dilation, so the kernel spans dilation (kh - 1) + 1 "

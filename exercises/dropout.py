@@ -5,28 +5,24 @@ from __future__ import annotations
 from exercises.exercise import Mistake
 from exercises.layers import Example, Letters, layer_exercise, numbers
 
-FACTOR = "self.factor = (drawn >= least) * self.in_training"
 DX = "bottom[0].diff[...] = top[0].diff * self.factor"
+NEW_MASK = """self.forward(bottom, [type(top[0])(top[0].shape, self.dtype)])
+bottom[0].diff[...] = top[0].diff * self.factor"""
 
 MISTAKES = (
     Mistake("The values kept are not scaled. In phase TRAIN they are x / (1 - p), which preserves the mean, so TEST "
             "needs no scaling.",
-            (FACTOR, "self.factor = (drawn >= least).astype(self.dtype)")),
+            ("(drawn >= least) * self.in_training", "(drawn >= least).astype(self.dtype)")),
     Mistake("The mask is inverted: p, the dropout_ratio, is the fraction dropped, so a value is kept where drawn >= "
             "least.",
-            (FACTOR, FACTOR.replace(">=", "<"))),
+            ("drawn >= least", "drawn < least")),
     Mistake("backward propagates the gradient of dropped values. They do not affect the loss: dx = dy factor.",
-            (DX, "bottom[0].diff[...] = top[0].diff")),
+            ("top[0].diff * self.factor", "top[0].diff")),
     Mistake("backward draws a new mask. It must use that of the last forward, stored in self.factor.",
-            (DX, f"self.forward(bottom, [type(top[0])(top[0].shape, self.dtype)])\n            {DX}")),
+            (DX, NEW_MASK)),
     Mistake("In phase TEST nothing is dropped: y = x. Draw a mask only if self.active.",
-            ("        if self.active:\n            drawn", "        if True:\n            drawn")),
+            ("self.active", "True")),
 )
-
-
-def _options(p: float, more: str = "") -> str:
-    return f"dropout_param {{ dropout_ratio: {p}{more} }}"
-
 
 
 EXERCISE = layer_exercise(
@@ -35,6 +31,7 @@ EXERCISE = layer_exercise(
     title="Dropout: random values are set to zero",
     chapter=7,
     file="layers/common/dropout.py",
+    block="dropout_param",
     to_do={
         "reshape": "Give top[0] the shape of bottom[0].",
         "forward": "Write top[0].data: y = x factor, and store self.factor for backward. If not self.active it is "
@@ -45,14 +42,14 @@ EXERCISE = layer_exercise(
     },
     letters=Letters(("x",), ("y",), axes={"x": "ni", "y": "ni"}),
     examples=[
-        Example(_options(0.3), (numbers(4, 5),)),
-        Example(_options(0), caffe="dropout_train_ratio0"),
-        Example(_options(0.3), (numbers(4, 5, seed=1),), "phase: TEST", phase="TEST"),
-        Example(_options(0.3), option="phase: TEST", caffe="dropout_test", phase="TEST"),
-        Example(_options(0.3, " scale_train: false"), (numbers(4, 5, seed=2),), "scale_train: false"),
-        Example(_options(0.3, " scale_train: false"), (numbers(4, 5, seed=4),), "scale_train: false in phase TEST",
+        Example("dropout_ratio: 0.3", (numbers(4, 5),)),
+        Example("dropout_ratio: 0", caffe="dropout_train_ratio0"),
+        Example("dropout_ratio: 0.3", (numbers(4, 5, seed=1),), "phase: TEST", phase="TEST"),
+        Example("dropout_ratio: 0.3", option="phase: TEST", caffe="dropout_test", phase="TEST"),
+        Example("dropout_ratio: 0.3 scale_train: false", (numbers(4, 5, seed=2),), "scale_train: false"),
+        Example("dropout_ratio: 0.3 scale_train: false", (numbers(4, 5, seed=4),), "scale_train: false in phase TEST",
                 phase="TEST"),
-        Example(_options(0.7), (numbers(4, 5, seed=5),), "a layer in place", in_place=True),
+        Example("dropout_ratio: 0.7", (numbers(4, 5, seed=5),), "a layer in place", in_place=True),
     ],
     mistakes=MISTAKES,
 )

@@ -41,7 +41,6 @@ EXERCISE = layer_exercise(
         Example("", (numbers(4, 3), numbers(4, 3, seed=1))),
         Example("", caffe="euclid"),
         Example("", (numbers(3, 2, 2), numbers(3, 4, seed=2)), "bottom[1] of another shape"),
-        Example("", (numbers(2, 5), numbers(2, 5, seed=3)), "propagate_down: false", wanted=(True, False)),
         Example("loss_weight: 3", option="loss_weight: 3", caffe="euclid_lw3"),
     ],
     mistakes=MISTAKES,

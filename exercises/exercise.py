@@ -7,6 +7,7 @@ until one reproduces the results of the reader's part.
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import functools
 import sys
@@ -82,8 +83,9 @@ class Check:
 class Mistake:
     """A mistake, and the advice for a reader who makes it.
 
-    forms  pairs (old, new): a text that occurs once in the project's source, and the mistake in its place. A mistake
-           has several forms if its results differ, say in a loop over windows and in one over images
+    forms  pairs (old, new): code that occurs once in the project's source, and the mistake in its place, as for
+           ``edited``. A mistake has several forms if its results differ, say in a loop over windows and in one over
+           images
     """
 
     def __init__(self, advice: str, *forms: tuple[str, str]) -> None:
@@ -92,10 +94,7 @@ class Mistake:
     def sources(self, exercise: Exercise) -> list[str]:
         """Return the project's source with each form of the mistake. Raises ValueError if it cannot be placed."""
         text = exercise.source()
-        for old, _ in self.forms:
-            if text.count(old) != 1:
-                raise ValueError(f"{exercise.file}: {text.count(old)} times {old!r}; expected once")
-        return [text.replace(old, new) for old, new in self.forms]
+        return [edited(text, old, new) for old, new in self.forms]
 
     @functools.cache  # noqa: B019  mistakes are constants of a module
     def parts(self, exercise: Exercise) -> list[Part]:
@@ -155,6 +154,30 @@ class Difference:
     got: Array
     wanted: Array
     count: int = 0
+
+
+def edited(text: str, old: str, new: str) -> str:
+    """Return Python source with other code in place of ``old``, an expression or whole statements.
+
+    Code is found by its syntax, in any layout; ``new`` is indented like it. Raises ValueError if it is not there once.
+    """
+    nodes = [*ast.walk(ast.parse(text))]
+    statements: list[Any] = ast.parse(old).body
+
+    def only(statement: Any) -> Any:
+        """Return the node of the source with the syntax of a statement, or of the expression that it consists of."""
+        wanted = ast.dump(statement.value if isinstance(statement, ast.Expr) else statement)
+        found = [node for node in nodes if ast.dump(node) == wanted]
+        if len(found) != 1:
+            raise ValueError(f"{len(found)} times {ast.unparse(statement)!r}; expected once")
+        return found[0]
+
+    first, last = only(statements[0]), only(statements[-1])
+    lines = text.encode().splitlines(keepends=True)  # columns count bytes
+    before = [*lines[: first.lineno - 1], lines[first.lineno - 1][: first.col_offset]]
+    after = [lines[last.end_lineno - 1][last.end_col_offset :], *lines[last.end_lineno :]]
+    indented = new.replace("\n", "\n" + " " * first.col_offset)
+    return b"".join([*before, indented.encode(), *after]).decode()
 
 
 def module_of(text: str, path: str, name: str) -> ModuleType:

@@ -10,22 +10,18 @@ ADD_BIAS = "self.bias.diff[...] += dy.sum(axis=0, dtype=np.float64)"
 MISTAKES = (
     Mistake("w has a row for each output, (O, I). y[n, o] is the product of row n of x and row o of w: y = x wᵀ, not x"
             " w.",
-            ("y[...] = x @ w.T", "y[...] = x @ w")),
+            ("x @ w.T", "x @ w")),
     Mistake("dx = dy w, without a transpose: y = x wᵀ already has one, and transposing it again gives w.",
-            ("[...] = dy @ w", "[...] = dy @ w.T")),
+            ("dy @ w", "dy @ w.T")),
     Mistake("dw has the shape of w, (O, I): dyᵀ x, not xᵀ dy.",
-            (ADD_WEIGHTS, "self.output_first(self.weight.diff)[...] += x.T @ dy")),
+            ("dy.T @ x", "x.T @ dy")),
     Mistake("A gradient is assigned in a loop over the items, which replaces the sum of the items before and what "
             "earlier batches have added. Use dw[...] += and db[...] += there.",
             (ADD_WEIGHTS, "self.output_first(self.weight.diff)[...] = np.outer(dy[-1], x[-1])"),
             (ADD_BIAS, "self.bias.diff[...] = dy[-1]")),
     Mistake("db is summed over the outputs. b[o] is added to y[n, o] of every item n, so sum over the items: axis 0.",
-            (ADD_BIAS, "self.bias.diff[...] += dy.sum(axis=1, dtype=np.float64)")),
+            ("dy.sum(axis=0, dtype=np.float64)", "dy.sum(axis=1, dtype=np.float64)")),
 )
-
-
-def _options(more: str = "", outputs: int = 3) -> str:
-    return f"inner_product_param {{ num_output: {outputs}{' ' if more else ''}{more} }}"
 
 
 EXERCISE = layer_exercise(
@@ -34,24 +30,25 @@ EXERCISE = layer_exercise(
     title="InnerProduct: a weighted sum of all inputs",
     chapter=2,
     file="layers/common/inner_product.py",
+    block="inner_product_param",
     to_do={
         "reshape": "Give top[0] the axes before self.axis, followed by one of size self.param.num_output. (The "
         "project's layer also raises an error if the number of inputs is no longer self.inputs.)",
         "forward": "Write top[0].data: y = x wᵀ + b. w is self.weight.data, b is self.bias.data, if "
         "self.param.bias_term. rows() and output_first() give the matrices of the formula, as views.",
-        "backward": "Add to self.weight.diff and self.bias.diff, with +=: dw = dyᵀ x, db = sum of dy over the "
-        "items. If propagate_down[0], write bottom[0].diff: dx = dy w.",
+        "backward": "Add to self.weight.diff and self.bias.diff, with [...] += on the left: dw = dyᵀ x, db = sum of "
+        "dy over the items. If propagate_down[0], write bottom[0].diff: dx = dy w.",
     },
     letters=Letters(("x",), ("y",), ("w", "b"), {"x": "ni", "y": "no", "w": "oi", "b": "o"}),
     examples=[
-        Example(_options(), (numbers(3, 3),)),
-        Example(_options(outputs=2), (numbers(3, 4, seed=4),)),
-        Example(_options(outputs=2), (numbers(3, 2, 1, 2, seed=5),), "an item with several axes"),
-        Example(_options(outputs=7), option="an item with several axes", caffe="ip_4d"),
-        Example(_options("bias_term: false", 2), (numbers(2, 3, seed=2),), "bias_term: false"),
-        Example(_options("transpose: true"), (numbers(3, 3, seed=1),), "transpose: true"),
-        Example(_options("axis: 2"), (numbers(2, 2, 2, 2, seed=3),), "axis: 2"),
-        Example(_options("axis: 2", 7), option="axis: 2", caffe="ip_axis2"),
+        Example("num_output: 3", (numbers(3, 3),)),
+        Example("num_output: 2", (numbers(3, 4, seed=4),)),
+        Example("num_output: 2", (numbers(3, 2, 1, 2, seed=5),), "an item with several axes"),
+        Example("num_output: 7", option="an item with several axes", caffe="ip_4d"),
+        Example("num_output: 2 bias_term: false", (numbers(2, 3, seed=2),), "bias_term: false"),
+        Example("num_output: 3 transpose: true", (numbers(3, 3, seed=1),), "transpose: true"),
+        Example("num_output: 3 axis: 2", (numbers(2, 2, 2, 2, seed=3),), "axis: 2"),
+        Example("num_output: 7 axis: 2", option="axis: 2", caffe="ip_axis2"),
     ],
     hints={
         "an item with several axes": "All axes from self.axis on are the inputs of one item, and one axis of size "

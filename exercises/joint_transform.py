@@ -40,20 +40,22 @@ def _caffe(part: Part) -> Values:
     return {"joints": joints}
 
 
-ROTATION = """= cos, -sin
-    R[..., j, i], R[..., j, j] = sin, cos"""
-TURN = "F = F @ rotation(motion.axis, motion.sign * theta[:, motion.dof])"
+ROTATION = """R[..., i, i], R[..., i, j] = cos, -sin
+R[..., j, i], R[..., j, j] = sin, cos"""
+BACKWARDS = """R[..., i, i], R[..., i, j] = cos, sin
+R[..., j, i], R[..., j, j] = -sin, cos"""
+TURN = "F @ rotation(motion.axis, motion.sign * theta[:, motion.dof])"
 MISTAKES = (
     Mistake("The rotation has the wrong direction: the minus belongs to the sine in the first row, of (x, y) for z, "
             "(y, z) for x, (z, x) for y.",
-            (ROTATION, ROTATION.replace("sin", "-sin").replace("--sin", "sin"))),
+            (ROTATION, BACKWARDS)),
     Mistake("The matrices are multiplied in the wrong order. A joint rotates about its own axes, already moved by the "
             "previous rotations: F <- F R, not R F.",
-            (TURN, "F = rotation(motion.axis, motion.sign * theta[:, motion.dof]) @ F")),
+            (TURN, "rotation(motion.axis, motion.sign * theta[:, motion.dof]) @ F")),
     Mistake("motion.sign is ignored: NEG_Y is a rotation about -y, that is, about y by -theta.",
-            (TURN, "F = F @ rotation(motion.axis, theta[:, motion.dof])")),
+            ("motion.sign * theta[:, motion.dof]", "theta[:, motion.dof]")),
     Mistake("F[:, axis] is a row of F. F e_axis is a column: F[:, :, axis].",
-            ("a = motion.sign * F[:, :, motion.axis]", "a = motion.sign * F[:, motion.axis]")),
+            ("F[:, :, motion.axis]", "F[:, motion.axis]")),
     Mistake("p += ... also changes the parent's joint: p is a view of pose.joints[:, parent]. Write p = p + ..., which"
             " creates a new array.",
             ("p = p + a * theta[:, motion.dof, None]", "p += a * theta[:, motion.dof, None]")),
@@ -68,15 +70,14 @@ EXERCISE = Exercise(
     chapter=8,
     file="layers/hand/kinematics.py",
     to_do={
-        "Kinematics.forward": "Return the Pose of each row of inputs. theta = self.skeleton.theta(inputs) has the "
-        "DoF values, (N, D), with fixed DoFs and initial values applied. Loop over skeleton.order, parents first. A "
-        "joint starts at its parent's pose.joints and pose.frames (a root, whose skeleton.parents "
-        "is -1: at 0, with the identity). Apply skeleton.motions[j] in their order: motion.kind, "
-        ".axis, .sign, .dof. Then write pose.joints[:, j] and pose.frames[:, j]; skeleton.bones "
-        "and .bone_axes describe each joint's bone; bones, if given, replaces the lengths. "
-        "Where motion.row >= 0, write pose.axis[:, row] and pose.pivot[:, row] before the motion "
-        "is applied: its axis in world coordinates, with the sign, and the current point p of the "
-        "joint. backward needs them.",
+        "Kinematics.forward": "Return the Pose of each row of inputs, Pose(N, K, len(skeleton.driven)). theta = "
+        "self.skeleton.theta(inputs) has the DoF values, (N, D), with fixed DoFs and initial values applied. Loop "
+        "over skeleton.order, parents first. A joint starts at its parent's pose.joints and pose.frames (a root, "
+        "whose skeleton.parents is -1: at 0, with the identity). Apply skeleton.motions[j] in their order: "
+        "motion.kind, .axis, .sign, .dof. Then write pose.joints[:, j] and pose.frames[:, j]; skeleton.bones and "
+        ".bone_axes describe each joint's bone; bones, if given, replaces the lengths. Where motion.row >= 0, write "
+        "pose.axis[:, row] and pose.pivot[:, row] before the motion is applied: its axis in world coordinates, with "
+        "the sign, and the current point p of the joint. backward needs them.",
         "rotation": "Return R for every angle: the standard rotation matrices. About z, x rotates to y; about x, y to "
         "z; about y, z to x. For axis 2, z, R is [[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]].",
     },

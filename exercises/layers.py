@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import SimpleNamespace
@@ -17,6 +18,9 @@ from netlib.blob import Array, Blob, Blobs
 from netlib.layer import Layer
 from netlib.proto.schema import Phase
 
+KEPT = 7.0  # initial value of a diff that backward must not write
+NOT_DOWN = "propagate_down: false"
+LEAVE = "If propagate_down is false for a bottom, backward must not write its diff: no layer needs this gradient."
 SINGLE, DIFFERENCES, DOUBLE = 1e-5, 2e-6, 1e-10  # tolerances: Caffe's float32, finite differences, float64 reference
 
 
@@ -39,10 +43,9 @@ class Letters:
 class Example:
     """A layer with its inputs, which avoid points where it is not differentiable unless ``on_kinks``.
 
-    options   the fields of its ``layer { ... }`` except the type
+    options   the fields of its block, or of its ``layer { ... }`` except the type
     option    the option that it shows, in a separate step; empty: none
     caffe     name of the recorded case that holds the inputs, parameters and Caffe's results
-    wanted    which bottoms get a gradient; default: all
     gradient  whether to check it
     on_kinks  compare the gradient with the reference layer's, not with finite differences
     """
@@ -54,7 +57,6 @@ class Example:
     tops: int = 1
     phase: Phase = "TRAIN"
     in_place: bool = False
-    wanted: tuple[bool, ...] | None = None
     gradient: bool = True
     on_kinks: bool = False
 
@@ -130,6 +132,16 @@ class _Runner:
         layer.backward(top, [True] * len(bottom), bottom)
         return self._by_letter([blob.diff.copy() for blob in bottom] + [blob.diff - 1 for blob in layer.blobs])
 
+    def unwanted(self, part: Part) -> Values:
+        """Run backward without propagate_down of the last bottom; returns its diff, which was initialized to KEPT."""
+        layer, bottom, top = self.built(part, np.float64)
+        layer.forward(bottom, top)
+        for blob in top:
+            blob.diff[...] = numbers(*blob.shape)
+        bottom[-1].diff[...] = KEPT
+        layer.backward(top, [*[True] * (len(bottom) - 1), False], bottom)
+        return {f"d{self.letters.bottoms[-1]}": bottom[-1].diff}
+
     def differences(self, part: Part) -> Values:
         """Return the finite differences of forward."""
         return {name: gradient.differences() for name, gradient in self._gradients(part)}
@@ -137,7 +149,7 @@ class _Runner:
     def _gradients(self, part: Part) -> Iterator[tuple[str, gradcheck.Gradient]]:
         layer, _, _ = self.built(part, np.float64)
         example = self.example
-        found = gradcheck.gradients(layer, example.inputs, example.tops, example.wanted, in_place=example.in_place)
+        found = gradcheck.gradients(layer, example.inputs, example.tops, in_place=example.in_place)
         for gradient in found:
             names = self.letters.bottoms if gradient.kind == "bottom" else self.letters.params
             yield f"d{names[gradient.number]}", gradient
@@ -174,6 +186,7 @@ def layer_exercise(
     title: str,
     chapter: int,
     file: str,
+    block: str = "",
     to_do: Mapping[str, str],
     letters: Letters,
     examples: Sequence[Example],
@@ -183,17 +196,24 @@ def layer_exercise(
 ) -> Exercise:
     """Return the exercise for a layer.
 
+    block      the field of a layer that has its options, such as relu_param
     to_do      maps its methods to instructions
     examples   those without an option first; the options in the order in which a reader adds them
     hints      what the layer must do for an option of the examples
     shaped_by  the method that sets the tops' shapes
     """
+    if block:
+        blocks = [old.options and f"{block} {{ {old.options} }}" for old in examples]
+        examples = [dataclasses.replace(old, options=options) for old, options in zip(examples, blocks)]
     cls = LAYER_TYPES[type_name]
     reference = SimpleNamespace(**{cls.__name__: cls})
     cases: dict[str, list[Case]] = {}  # by option
     for example in examples:
         runner = _Runner(type_name, cls.__name__, letters, example)
         cases.setdefault(example.option, []).extend(runner.cases(reference, shaped_by))
+    first = _Runner(type_name, cls.__name__, letters, examples[0])
+    unwanted = (first.unwanted, lambda: first.unwanted(reference), "expected", letters.all_axes(), 0, "backward")
+    cases[NOT_DOWN] = [Case(examples[0].title, *unwanted)]
     by_method = {method: tuple(case for case in cases[""] if case.method == method)
                  for method in (shaped_by, "forward", "backward")}
 
@@ -213,7 +233,7 @@ def layer_exercise(
             Check("shapes", by_method[shaped_by]),
             Check(f"values: forward agrees with {source}", by_method["forward"]),
             Check(f"gradient: backward agrees with finite differences and with {source}", by_method["backward"]),
-            *(Check(f"with {option}", tuple(found), option, (hints or {}).get(option, ""))
+            *(Check(f"with {option}", tuple(found), option, {NOT_DOWN: LEAVE, **(hints or {})}.get(option, ""))
               for option, found in cases.items() if option),
         ),
         mistakes=mistakes,

@@ -10,7 +10,7 @@ from exercises.layers import Example, Letters, layer_exercise
 from netlib.blob import Array
 
 BEYOND = "self.beyond = np.maximum(x - self.upper, 0) - np.maximum(self.lower - x, 0)"
-DX = "(top[0].diff / len(slope) * slope)"
+DX = "top[0].diff / len(slope) * slope"
 
 MISTAKES = (
     Mistake("An angle below its lower limit is also out of limits: v = max(lower - x, 0) + max(x - upper, 0).",
@@ -20,8 +20,8 @@ MISTAKES = (
     Mistake("The sum is not divided by the number of poses N.",
             ("top[0].data[...] = total / len(x)", "top[0].data[...] = total")),
     Mistake("The gradient below a lower limit is negative: v grows as x decreases.",
-            (DX, "(top[0].diff / len(slope) * np.abs(slope))")),
-    Mistake("backward ignores top[0].diff (dL), the loss weight of the prototxt.", (DX, "(slope / len(slope))")),
+            (DX, "top[0].diff / len(slope) * np.abs(slope)")),
+    Mistake("backward ignores top[0].diff (dL), the loss weight of the prototxt.", (DX, "slope / len(slope)")),
 )
 
 
@@ -39,14 +39,13 @@ def _poses(count: int, seed: int) -> Array:
     return np.asarray(np.random.default_rng(seed).normal(0, 1, (count, 47)))
 
 
-L2 = "phys_limit_param { norm: L2 }"
-
 EXERCISE = layer_exercise(
     "phys_limit",
     "PhysLimit",
     title="PhysLimit: a loss on angles beyond their limits",
     chapter=10,
     file="layers/hand/phys_limit.py",
+    block="phys_limit_param",
     to_do={
         "forward": "Write top[0].data: L, of x as (N, D). setup has made self.lower "
         "and self.upper. self.param.norm is L1 or L2. Store what backward needs.",
@@ -57,9 +56,9 @@ EXERCISE = layer_exercise(
     examples=[
         Example("", (_arm_like(),), on_kinks=True),
         Example("", (_poses(2, 1),)),
-        Example(L2, (_arm_like(),), "norm: L2", on_kinks=True),
-        Example(L2, (_poses(2, 2),), "norm: L2"),
-        Example(L2, option="norm: L2", caffe="phys_limit"),
+        Example("norm: L2", (_arm_like(),), "norm: L2", on_kinks=True),
+        Example("norm: L2", (_poses(2, 2),), "norm: L2"),
+        Example("norm: L2", option="norm: L2", caffe="phys_limit"),
     ],
     hints={"norm: L2": "Each v is squared before the sum, so dx is dL / N times 2 v, with the sign of the violation."},
     mistakes=MISTAKES,

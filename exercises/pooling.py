@@ -10,21 +10,22 @@ from netlib.blob import Array
 
 ADD_MAX = "np.add.at(padded, (c, h * sh + i, w * sw + j), dy[n])"
 ADD_MEANS = """for rows, across in self.window_slices(dy.shape):
-                    padded[:, rows, across] += share"""
-ASSIGN_MEANS = ADD_MEANS.replace("+=", "=")
+    padded[:, rows, across] += share"""
+ASSIGN_FROM_THE_END = """for rows, across in [*self.window_slices(dy.shape)][::-1]:
+    padded[:, rows, across] = share"""
 ADD_TO_EQUAL = """source = self.padded(bottom[0].data[n], dy.shape, -np.inf)
-                for rows, across in self.window_slices(dy.shape):
-                    padded[:, rows, across] += dy[n] * (source[:, rows, across] == top[0].data[n])"""
+for rows, across in self.window_slices(dy.shape):
+    padded[:, rows, across] += dy[n] * (source[:, rows, across] == top[0].data[n])"""
 
 MISTAKES = (
     Mistake("Caffe's pooling rounds the output size up, not down: the last window may extend past the edge.",
-            ('(-(-extent // self.stride[i]) if self.param.round_mode == "CEIL" else extent // self.stride[i])',
-             "(extent // self.stride[i])")),
+            ('-(-extent // self.stride[i]) if self.param.round_mode == "CEIL" else extent // self.stride[i]',
+             "extent // self.stride[i]")),
     Mistake("dx is assigned where it must be added to: windows overlap, and a pixel receives the gradient of each. Use"
             " += in a loop; with an array of indices, += adds only once per index, and np.add.at adds all.",
             (ADD_MAX, "padded[c, h * sh + i, w * sw + j] += dy[n]"),
-            (ADD_MEANS, ASSIGN_MEANS),
-            (ADD_MEANS, ASSIGN_MEANS.replace("self.window_slices(dy.shape)", "[*self.window_slices(dy.shape)][::-1]"))),
+            ("padded[:, rows, across] += share", "padded[:, rows, across] = share"),
+            (ADD_MEANS, ASSIGN_FROM_THE_END)),
     Mistake("The padding must never be the maximum, and 0 exceeds negative values: pad with -infinity.",
             ("-np.inf if self.is_max else 0", "0")),
     Mistake("Of equal maxima only the first receives the gradient; here all do. Store in forward which one was "
@@ -42,14 +43,12 @@ def _different(*shape: int, seed: int = 0) -> Array:
     return np.asarray(np.random.default_rng(seed).permutation(count).reshape(shape) / 7.0 - count / 9)
 
 
-def _options(more: str) -> str:
-    return f"pooling_param {{ {more} }}"
-
-
-TIES = np.random.default_rng(5).integers(0, 3, (1, 1, 5, 5)).astype(float)
-OVERLAP, ROUNDED, RECTANGLE = "an overlap of windows", "a size that is rounded up", "kernel_h: 2 kernel_w: 3"
-EQUAL, MASK, PAD, FLOOR, GLOBAL = "a tie", "a second top", "pad: 1", "round_mode: FLOOR", "global_pooling: true"
-AVE, AVE_OVERLAP, AVE_ROUNDED, AVE_PAD = "pool: AVE", f"AVE and {OVERLAP}", f"AVE and {ROUNDED}", "AVE and pad: 1"
+TIES = np.random.default_rng(5).integers(0, 3, (1, 1, 5, 6)).astype(float)
+OVERLAP, ROUNDED, RECTANGLE = "an overlap of windows", "a size that is rounded up", "unequal kernel and stride"
+EQUAL, MASK, PAD, FLOOR, GLOBAL = "a tie", "a second top", "padding", "round_mode: FLOOR", "global_pooling: true"
+AVE, AVE_OVERLAP, AVE_PAD = "pool: AVE", "AVE and an overlap of windows", "AVE and padding"
+AVE_ROUNDED = "AVE and a size that is rounded up"
+MEANS = "pool: AVE kernel_h: 2 kernel_w: 3 stride_h: 2 stride_w: 3"
 
 EXERCISE = layer_exercise(
     "pooling",
@@ -57,44 +56,49 @@ EXERCISE = layer_exercise(
     title="Pooling: the maximum or the mean of a window",
     chapter=4,
     file="layers/vision/pooling.py",
+    block="pooling_param",
     to_do={
         "_outputs": "Return the size of the output in direction i (0 down, 1 across) for an input of this size: round "
         "up unless self.param.round_mode is FLOOR; with padding in either direction, any(self.pad), drop a last window "
         "that starts beyond the image. The kernel is self.whole_kernel[i]. (The project's layer also raises "
         "an error if no window is left.)",
         "forward": "Write top[0].data, and the mask into top[1].data if there is one. self.is_max is true for MAX. "
-        "Store what backward needs, as self.winners. padded(), windows(), _index() and area() help. Begin with MAX "
-        "without options, the check adds one after the other, then AVE.",
+        "Store what backward needs, as self.winners. padded(x[n], y.shape, value), windows(), _index() and area() "
+        "help. Begin with MAX without options, the check adds one after the other, then AVE.",
         "backward": "If propagate_down[0], write every element of bottom[0].diff: sum the contributions of windows "
         "that share a pixel; pixels of no window are 0.",
     },
     shaped_by="_outputs",
     letters=Letters(("x",), ("y", "mask"), axes={"x": "nchw", "y": "nchw", "mask": "nchw"}),
     examples=[
-        Example(_options("kernel_size: 2 stride: 2"), (_different(2, 2, 4, 6),)),
-        Example(_options("kernel_size: 4 stride: 4"), caffe="pool_MAX_k4s4_even"),
-        Example(_options("kernel_size: 3"), (_different(1, 1, 5, 5, seed=2),), OVERLAP),
-        Example(_options("kernel_size: 2 stride: 2"), (_different(2, 2, 5, 4),), ROUNDED),
-        Example(_options("kernel_size: 2 stride: 2"), option=ROUNDED, caffe="pool_MAX_k2s2_odd"),
-        Example(_options(RECTANGLE), (_different(1, 2, 4, 5, seed=8),), RECTANGLE),
-        Example(_options("kernel_size: 3 stride: 2"), option=EQUAL, caffe="pool_MAX_ties"),
-        Example(_options("kernel_size: 3 stride: 2"), (TIES,), MASK, tops=2, gradient=False),
-        Example(_options("kernel_size: 3 stride: 2 pad: 1"), (_different(1, 2, 5, 6, seed=1),), PAD),
-        Example(_options("kernel_size: 2 stride: 2 pad: 1"), (_different(1, 1, 5, 5, seed=7),), PAD),
-        Example(_options("kernel_size: 3 stride: 2 pad: 1"), option=PAD, caffe="pool_MAX_k3s2p1_odd"),
-        Example(_options("kernel_size: 2 stride: 2 round_mode: FLOOR"), (_different(1, 1, 5, 5, seed=3),), FLOOR),
-        Example(_options("global_pooling: true"), (_different(1, 2, 3, 4, seed=4),), GLOBAL),
-        Example(_options("pool: AVE kernel_size: 2 stride: 2"), (_different(2, 1, 4, 6, seed=5),), AVE),
-        Example(_options("pool: AVE kernel_size: 3"), (_different(1, 1, 5, 5, seed=9),), AVE_OVERLAP),
-        Example(_options("pool: AVE kernel_size: 2 stride: 2"), (_different(2, 1, 5, 4, seed=5),), AVE_ROUNDED),
-        Example(_options("pool: AVE kernel_size: 2 stride: 2"), option=AVE_ROUNDED, caffe="pool_AVE_k2s2_odd"),
-        Example(_options("pool: AVE kernel_size: 3 stride: 2 pad: 1"), (_different(1, 2, 5, 6, seed=6),), AVE_PAD),
-        Example(_options("pool: AVE kernel_size: 3 stride: 2 pad: 1"), option=AVE_PAD, caffe="pool_AVE_k3s2p1_odd"),
+        Example("kernel_size: 2 stride: 2", (_different(2, 2, 4, 6),)),
+        Example("kernel_size: 4 stride: 4", caffe="pool_MAX_k4s4_even"),
+        Example("kernel_size: 3", (_different(1, 1, 5, 6, seed=2),), OVERLAP),
+        Example("kernel_size: 2 stride: 2", (_different(2, 2, 5, 4),), ROUNDED),
+        Example("kernel_size: 2 stride: 2", option=ROUNDED, caffe="pool_MAX_k2s2_odd"),
+        Example("kernel_h: 2 kernel_w: 3 stride_h: 2 stride_w: 1", (_different(1, 2, 5, 6, seed=8),), RECTANGLE),
+        Example("kernel_size: 3 stride: 2", option=EQUAL, caffe="pool_MAX_ties"),
+        Example("kernel_size: 3 stride_h: 2 stride_w: 1", (TIES,), MASK, tops=2, gradient=False),
+        Example("kernel_size: 3 stride_h: 2 stride_w: 1 pad_h: 1 pad_w: 2", (_different(1, 2, 5, 6, seed=1),), PAD),
+        Example("kernel_size: 2 stride_h: 2 stride_w: 1 pad_h: 1 pad_w: 0", (_different(1, 1, 5, 6, seed=7),), PAD),
+        Example("kernel_size: 3 stride: 2 pad: 1", option=PAD, caffe="pool_MAX_k3s2p1_odd"),
+        Example("kernel_size: 2 stride_h: 2 stride_w: 3 round_mode: FLOOR", (_different(1, 1, 5, 7, seed=3),), FLOOR),
+        Example("global_pooling: true", (_different(1, 2, 3, 4, seed=4),), GLOBAL),
+        Example(MEANS, (_different(2, 1, 4, 6, seed=5),), AVE),
+        Example("pool: AVE kernel_h: 2 kernel_w: 3", (_different(1, 1, 5, 6, seed=9),), AVE_OVERLAP),
+        Example(MEANS, (_different(2, 1, 5, 7, seed=5),), AVE_ROUNDED),
+        Example("pool: AVE kernel_size: 2 stride: 2", option=AVE_ROUNDED, caffe="pool_AVE_k2s2_odd"),
+        Example(
+            "pool: AVE kernel_size: 3 stride_h: 2 stride_w: 1 pad_h: 1 pad_w: 2",
+            (_different(1, 2, 5, 6, seed=6),),
+            AVE_PAD,
+        ),
+        Example("pool: AVE kernel_size: 3 stride: 2 pad: 1", option=AVE_PAD, caffe="pool_AVE_k3s2p1_odd"),
     ],
     hints={
         OVERLAP: "A pixel can be the maximum of several windows, and its gradient is the sum of theirs.",
         ROUNDED: "The size is rounded up, and the last window covers only the pixels inside the image.",
-        RECTANGLE: "self.kernel is (kh, kw): the height and the width may differ.",
+        RECTANGLE: "self.kernel is (kh, kw), and self.stride and self.pad have the same order: down, across.",
         EQUAL: "Of equal maxima the first in row-major order is selected: in a loop over the window use >, not >=. It "
         "alone receives the gradient.",
         MASK: "top[1] is the mask: the index h W + w of the maximum in the map of the input, not in the window.",

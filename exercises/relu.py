@@ -5,22 +5,22 @@ from __future__ import annotations
 from exercises.exercise import Mistake
 from exercises.layers import Example, Letters, layer_exercise, numbers
 
-LEAKY, SLOPE, IN_PLACE = "relu_param { negative_slope: 0.1 }", "negative_slope: 0.1", "a layer in place"
+SLOPE, IN_PLACE = "negative_slope: 0.1", "a layer in place"
 FORWARD = "top[0].data[...] = np.where(x > 0, x, self.slope * x)"
-BACKWARD = "bottom[0].diff[...] = np.where(x > 0, dy, self.slope * dy)"
+BACKWARD = "np.where(x > 0, dy, self.slope * dy)"
 
 MISTAKES = (
     Mistake("backward ignores top[0].diff. By the chain rule, dx is dy where x > 0 and slope * dy elsewhere.",
-            (BACKWARD, "bottom[0].diff[...] = np.where(x > 0, 1, self.slope)")),
+            (BACKWARD, "np.where(x > 0, 1, self.slope)")),
     Mistake("backward uses the sign of dy. It must use the sign of x: dx is dy where x > 0.",
-            (BACKWARD, "bottom[0].diff[...] = np.where(dy > 0, dy, self.slope * dy)")),
+            (BACKWARD, "np.where(dy > 0, dy, self.slope * dy)")),
     Mistake("At x = 0 Caffe uses the slope of the negative side: dx is dy only where x > 0, so use > instead of >=.",
-            (BACKWARD, "bottom[0].diff[...] = np.where(x >= 0, dy, self.slope * dy)")),
+            (BACKWARD, "np.where(x >= 0, dy, self.slope * dy)")),
     Mistake("backward ignores the slope: where x <= 0 the gradient is slope * dy, not 0.",
-            (BACKWARD, "bottom[0].diff[...] = dy * (x > 0)")),
+            (BACKWARD, "dy * (x > 0)")),
     Mistake("forward changes bottom[0].data. It belongs to the previous layer, which may need it in its backward; "
             "write only into top[0].data.",
-            (FORWARD, "x[x < 0] *= self.slope\n        top[0].data[...] = x")),
+            (FORWARD, "x[x < 0] *= self.slope\ntop[0].data[...] = x")),
 )
 
 EXERCISE = layer_exercise(
@@ -29,6 +29,7 @@ EXERCISE = layer_exercise(
     title="ReLU: set negative values to zero",
     chapter=1,
     file="layers/activation/relu.py",
+    block="relu_param",
     to_do={
         "reshape": "Give top[0] the shape of bottom[0].",
         "forward": "Read bottom[0].data (x) and write top[0].data (y): x where x > 0, self.slope * x elsewhere. Write "
@@ -40,9 +41,9 @@ EXERCISE = layer_exercise(
     examples=[
         Example("", (numbers(2, 3, 4),)),
         Example("", caffe="relu"),
-        Example(LEAKY, (numbers(2, 3, 4, seed=1),), SLOPE),
-        Example(LEAKY, option=SLOPE, caffe="relu_neg"),
-        Example(LEAKY, (numbers(2, 3, 4, seed=2),), IN_PLACE, in_place=True),
+        Example(SLOPE, (numbers(2, 3, 4, seed=1),), SLOPE),
+        Example(SLOPE, option=SLOPE, caffe="relu_neg"),
+        Example(SLOPE, (numbers(2, 3, 4, seed=2),), IN_PLACE, in_place=True),
     ],
     hints={
         SLOPE: "Where x <= 0, y is self.slope * x and dx is self.slope * dy, not 0.",

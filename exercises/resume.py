@@ -84,26 +84,29 @@ def _rows(folder: Path) -> str:
 
 
 COPY = """target = solver.history[i % count][i // count]
-        target[...] = weights_of.legacy_shape(array, target.shape)"""
+target[...] = weights_of.legacy_shape(array, target.shape)"""
 MIXED_UP = """each = len(solver.history[0])
-        target = solver.history[i // each][i % each]
-        target[...] = weights_of.legacy_shape(array, target.shape)"""
+target = solver.history[i // each][i % each]
+target[...] = weights_of.legacy_shape(array, target.shape)"""
 MISTAKES = (
     Mistake("The iteration is not restored: solver.iter = state.iter. The learning rate and Adam's bias correction "
             "depend on it.",
-            ("    solver.iter = state.iter\n", "")),
+            ("solver.iter = state.iter", "")),
     Mistake("The history is not restored: the momentum starts from 0, which slows the training for some iterations. "
             "Copy state.history into solver.history.",
-            (COPY, COPY.replace("target[...] =", "target ="))),
+            ("target[...] = weights_of.legacy_shape(array, target.shape)", "pass")),
     Mistake("The histories are assigned to the wrong parameters. state_of writes, and restore_state reads, the first "
             "histories of all parameters, then the second ones: entry i is history i // count of parameter i % count.",
             (COPY, MIXED_UP)),
     Mistake("The states of the layers are not restored: the next row of the data and the random number generators. "
             "Save layer_states() and restore it with _restore_layers.",
-            ("    _restore_layers(solver, path, _states_of_rank(solver, state))\n", "")),
-    Mistake("The losses averaged for display, solver.smoothed, are not restored, so the displayed values differ from "
-            "those of an uninterrupted run.",
-            ('    solver.smoothed.extend(state.extra.get("smoothed", []))\n', "")),
+            ("_restore_layers(solver, path, _states_of_rank(solver, state))", "")),
+    Mistake(
+        "The losses averaged for display, solver.smoothed, are not restored, so the displayed values differ from those "
+        "of an uninterrupted run. Write into the deque: a list in its place grows.",
+        ('solver.smoothed.extend(state.extra.get("smoothed", []))', ""),
+        ('solver.smoothed.extend(state.extra.get("smoothed", []))', 'solver.smoothed = state.extra["smoothed"]'),
+    ),
 )
 
 
@@ -129,15 +132,15 @@ EXERCISE = Exercise(
     file="netlib/training/resume.py",
     to_do={
         "state_of": "Return the SolverState of the solver: its iteration, steps_taken(solver.param, "
-        "solver.iter), str(learned_net), the histories in one list, and extra_state(solver). "
+        "solver.iter), str(learned_net), the histories in one list, and extra_state(solver, others). "
         "solver.history holds a list of histories per parameter; the file holds the first "
         "histories of all parameters, then the second ones, as in Caffe.",
         "extra_state": "Return, as plain values (snapshot.as_plain), what Caffe's format cannot store: solver "
         "(_course), smoothed (the averaged losses), layers (layer_states() of solver.net and of each test net); "
         "and ranks, the list of others, if there are any.",
-        "restore_state": "Read the state (snapshot.read_state), find its weights (snapshot.pair_of) and restore "
-        "all of it: the weights, solver.history, solver.iter, solver.smoothed, the states of the "
-        "layers (_restore_layers, of _states_of_rank).\n"
+        "restore_state": "Read the state (snapshot.read_state), find its weights (snapshot.weights_of(path, state)), "
+        "restore all of it: the weights, solver.history (write into its arrays), solver.iter, solver.smoothed (a "
+        "deque: clear() and extend() it), the states of the layers (_restore_layers, of _states_of_rank).\n"
         "writes, _, _ = weights_of.fitting(solver.net, weights, strict=True), then "
         "weights_of.write(writes), copies weights. (The project's function also checks the histories first and "
         "logs what it does.)",

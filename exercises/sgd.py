@@ -80,24 +80,25 @@ def _by_caffe(name: str) -> Case:
                 "_sgd")
 
 
-SGD = """    h *= p.momentum
-    h += rate * g
-    w -= h
-"""
+ADD = """h *= p.momentum
+h += rate * g"""
+SGD = """h *= p.momentum
+h += rate * g
+w -= h"""
 MISTAKES = (
     Mistake("The rate is applied when w is changed, as in PyTorch. In Caffe it is part of the history, h <- m h + r g:"
             " when the rate decreases, earlier gradients keep the rate they were added with.",
-            (SGD, "    h[...] = p.momentum * h + g\n    w -= rate * h\n")),
+            (SGD, "h[...] = p.momentum * h + g\nw -= rate * h")),
     Mistake("The update ascends. The gradient points towards a larger loss, so subtract h.",
-            (SGD, SGD.replace("w -= h", "w += h"))),
+            ("w -= h", "w += h")),
     Mistake("The new h is lost: h = ... creates a new array; the next update uses the old one. Write into it: h[...] ="
             " ...",
-            (SGD, "    h = p.momentum * h + rate * g\n    w -= h\n")),
+            (SGD, "h = p.momentum * h + rate * g\nw -= h")),
     Mistake("The new w is lost: w = ... creates a new array, and the net keeps the old one. Write into it: w -= h.",
-            (SGD, SGD.replace("w -= h", "w = w - h"))),
+            ("w -= h", "w = w - h")),
     Mistake("g is modified. The rule must not change it: debugging output and clipping use it; compute rate * g in the"
             " expression.",
-            (SGD, SGD.replace("h += rate * g", "g *= rate\n    h += g"))),
+            (ADD, "h *= p.momentum\ng *= rate\nh += g")),
 )
 
 

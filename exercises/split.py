@@ -5,21 +5,31 @@ from __future__ import annotations
 from exercises.exercise import Mistake
 from exercises.layers import Example, Letters, layer_exercise, numbers
 
-COPY = "y.data[...] = bottom[0].data"
-SUM = """bottom[0].diff[...] = top[0].diff
-            for y in top[1:]:
-                bottom[0].diff[...] += y.diff"""
+SUM = """for y in top[1:]:
+    bottom[0].diff[...] += y.diff"""
+MEAN = """for y in top[1:]:
+    bottom[0].diff[...] += y.diff
+bottom[0].diff[...] /= len(top)"""
 
 MISTAKES = (
-    Mistake("dx contains only the gradient of the last top: every iteration of the loop overwrites the previous one. L"
-            " depends on x through all tops, so their gradients are summed.",
-            (SUM, SUM.replace("+=", "="))),
-    Mistake("dx is the mean of the gradients. By the chain rule it is their sum.",
-            (SUM, f"{SUM}\n            bottom[0].diff[...] /= len(top)")),
-    Mistake("The gradient of the first top is counted twice: it is assigned first, then added with the others.",
-            (SUM, SUM.replace("top[1:]", "top"))),
-    Mistake("x is not divided among the consumers: each gets all of it.", (COPY, f"{COPY} / len(top)")),
-    Mistake("Copy into every top, not only the first: for y in top.", (COPY, f"top[0].{COPY.removeprefix('y.')}")),
+    Mistake(
+        "dx contains only the gradient of the last top: every iteration of the loop overwrites the previous one. L "
+        "depends on x through all tops, so their gradients are summed.",
+        ("bottom[0].diff[...] += y.diff", "bottom[0].diff[...] = y.diff"),
+    ),
+    Mistake("dx is the mean of the gradients. By the chain rule it is their sum.", (SUM, MEAN)),
+    Mistake(
+        "The gradient of the first top is counted twice: it is assigned first, then added with the others.",
+        ("top[1:]", "top"),
+    ),
+    Mistake(
+        "x is not divided among the consumers: each gets all of it.",
+        ("bottom[0].data", "bottom[0].data / len(top)"),
+    ),
+    Mistake(
+        "Copy into every top, not only the first: for y in top.",
+        ("y.data[...] = bottom[0].data", "top[0].data[...] = bottom[0].data"),
+    ),
 )
 
 EXERCISE = layer_exercise(

@@ -56,10 +56,13 @@ MISTAKES = (
     Mistake("The child's torque is about the child, not about its parent: add (X_c - X_j) x force_c.",
             ("torque[:, j] + np.cross(X[:, j] - X[:, parent], force[:, j])", "torque[:, j]")),
     Mistake("A DoF may drive several motions; its gradient is the sum over them: dtheta[:, dof] += ...",
-            ("dtheta[:, motion.dof] +=", "dtheta[:, motion.dof] =")),
+            (
+            "dtheta[:, motion.dof] += (a * generalized_force).sum(axis=1)",
+            "dtheta[:, motion.dof] = (a * generalized_force).sum(axis=1)",
+        )),
     Mistake("The joints are visited from the root to the tips. Visit children before parents: "
             "reversed(skeleton.order).",
-            ("for j in reversed(sk.order):", "for j in sk.order:")),
+            ("reversed(sk.order)", "sk.order")),
     Mistake("dX is modified: it belongs to the next layer. Sum the forces in a copy.",
             ("np.array(dX, dtype=np.float64)", "dX")),
 )
@@ -70,12 +73,11 @@ EXERCISE = Exercise(
     chapter=9,
     file="layers/hand/kinematics.py",
     to_do={
-        "Kinematics.backward": "Return dtheta (N, D) in self.dtype. Begin with force = a float64 copy of dX and torque "
-        "= 0, and loop over reversed(skeleton.order), so that a joint contains the sums of its children "
-        "before it is visited. For each of its motions with motion.row >= 0 (the others are fixed) "
-        "add to dtheta[:, motion.dof]; a is pose.axis[:, row], P is pose.pivot[:, row], and a DoF "
-        "may drive several motions. Then add the joint's force and torque to its parent's. "
-        "np.cross(u, v) works along the last axis.",
+        "Kinematics.backward": "Return dtheta (N, len(skeleton.initial)) in self.dtype. Begin with force = a float64 "
+        "copy of dX and torque = 0, and loop over reversed(skeleton.order), so that a joint contains the sums of its "
+        "children before it is visited. For each of its motions with motion.row >= 0 (the others are fixed) add to "
+        "dtheta[:, motion.dof]; a is pose.axis[:, row], P is pose.pivot[:, row], and a DoF may drive several motions. "
+        "Then add the joint's force and torque to its parent's. np.cross(u, v) works along the last axis.",
     },
     checks=(
         Check("gradient: a finger, against finite differences", (

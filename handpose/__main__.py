@@ -27,7 +27,7 @@ TOOLS = INSTALLED if INSTALLED.is_dir() else BASE / "tools"
 GROUPS = {
     "Hands in depth images": ("demo", "predict", "track"),
     "Recordings and data": ("record", "make-recording", "make-synthetic", "show-data", "prepare-nyu", "prepare-icvl"),
-    "Hand models and scores": ("fit-pose", "evaluate"),
+    "Hand models and scores": ("fit-pose", "evaluate", "score"),
     "Nets": ("train", "test", "finetune", "run-net", "test-net", "plot-log", "time", "draw-net", "export-onnx"),
     "Caffe's commands": ("caffe", "compute-image-mean", "upgrade-net"),
     "Learning": ("docs", "exercise"),
@@ -54,7 +54,7 @@ EXAMPLES = {
     PROGRAM: {
         "demo": "--out demo",
         "predict": "demo/frame_0.png --camera nyu --out pictures",
-        "track": '"frames/*.png" --camera kinect2 --json hands.json --sheet hands.png',
+        "track": '"frames/*.png" --camera sr305 --json hands.json --sheet hands.png',
     },
     "netlib": {
         "run": "deploy.prototxt net.caffemodel cat.jpg --mean 104,117,123 --labels labels.txt",
@@ -99,7 +99,8 @@ def _run_command(program: str, groups: dict[str, dict[str, Path]], known: dict[s
 
 def commands() -> dict[str, Path]:
     """The file of each sub-command of ``handpose`` by its name."""
-    return {path.stem.replace("_", "-"): path for path in sorted(TOOLS.glob("*.py")) if path.stem != "__init__"}
+    files = {path.stem.replace("_", "-"): path for path in sorted(TOOLS.glob("*.py")) if path.stem != "__init__"}
+    return files | {"score": files["test"]}  # `netlib test` is another program: of any net
 
 
 def usage(program: str, groups: dict[str, dict[str, Path]]) -> str:

@@ -35,7 +35,7 @@ from handpose.scoring.metrics import mean_errors_14
 from netlib.blob import Array
 from netlib.files import atomic
 from netlib.files.paths import command
-from tools.common import findings, outputs
+from tools.common import outputs, prediction_outputs
 from tools.common.arguments import count, parser_of, seed
 from tools.common.console import DONE, guarded, say
 from tools.common.progress import ProgressBar
@@ -46,7 +46,7 @@ VIEWS = 3  # of a hand: the skeleton on the crop, the fitted surface, the hand i
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__, nets=True)
-    parser.add_argument("--out", metavar="DIR", type=Path, default=Path("demo"), help="default: demo")
+    parser.add_argument("--out", metavar="DIR", type=Path, default=Path("demo"), help="default: %(default)s")
     parser.add_argument("--frames", type=count, default=6, metavar="N", help="default: %(default)s")
     parser.add_argument("--seed", type=seed, default=0, metavar="N", help="random seed (default: %(default)s)")
     return guarded(run, parser.parse_args(argv))
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
             (frame, truth), name = scene(args.seed + n), f"frame_{n}.png"
             outputs.write_image(args.out / name, frame)
             found = predictor.in_frame(frame)
-            drawn = findings.views(found, predictor, zoom=2)
+            drawn = prediction_outputs.views(found, predictor, zoom=2)
             images += [*drawn, *[np.full_like(drawn[0], 255)] * (VIEWS - len(drawn))]
             titles += [f"{found.hand}, {percent(found.confidence)} sure", f"expected {found.error_mm:.0f} mm"]
             frames.append({"image": name, **frame_values(n, found, predictor.skeleton)})

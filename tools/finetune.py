@@ -78,11 +78,12 @@ def main(argv: list[str] | None = None) -> int:
     add_value_options(parser.add_argument_group("preprocessing with which the net was trained"), None)
     parser.add_argument("--freeze", metavar="all|none|LAYER", default="all",
                         help="layers that keep their weights: all but the new one, none, or those up to a layer "
-                             "(default: all)")
+                             "(default: %(default)s)")
     parser.add_argument("--held-out", type=real(0, 0.9, above=True), default=0.2, metavar="SHARE",
                         help="share of each class to test on, at least one picture (default: %(default)s)")
     parser.add_argument("--iterations", type=count, metavar="N",
-                        help=f"steps of training (default: {EPOCHS} per picture, at least {MIN_ITERATIONS} in all)")
+                        help=f"steps of training (default: {EPOCHS} passes over the pictures, at least "
+                             f"{MIN_ITERATIONS})")
     parser.add_argument("--batch", type=count, default=32, metavar="N", help="pictures per step (default: %(default)s)")
     parser.add_argument("--rate", type=positive_number, default=5e-4, metavar="R",
                         help="learning rate, for the new layer ten times as high (default: %(default)s)")

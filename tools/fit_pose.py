@@ -56,7 +56,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--skeleton", metavar="FILE", help="skeleton file of the hand (default: NYU's)")
     parser.add_argument("--no-limits", action="store_true", help="allow angles outside their limits")
     parser.add_argument("--ridge", type=real(0), default=0.0, metavar="W",
-                        help="weight of squared angles, which favours the initial pose (default: 0)")
+                        help="weight of squared angles, which favours the initial pose (default: %(default)g)")
     parser.add_argument("--swarm", action="store_true", help="particle swarm, as in the paper")
     parser.add_argument("--particles", type=count, default=128, metavar="N", help="default: %(default)s")
     parser.add_argument("--generations", type=count, default=200, metavar="N", help="default: %(default)s")

@@ -51,7 +51,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("script", metavar="SCRIPT", choices=SCRIPTS, help=", ".join(SCRIPTS))
     parser.add_argument("--out", required=True, metavar="FOLDER|FILE.npz", type=Path, help="output, new")
     parser.add_argument("--camera", type=camera, default=NYU, metavar="NAME|FX,FY,U0,V0",
-                        help=f"{', '.join(CAMERAS)}, or four numbers in px (default: nyu)")
+                        help=f"{', '.join(CAMERAS)}, or four numbers in px (default: {NYU.name})")
     parser.add_argument("--rate", type=rate, default=30.0, metavar="HZ",
                         help="frames per second (default: %(default)g)")
     parser.add_argument("--seconds", type=seconds, metavar="S", help="duration (default: that of the script)")

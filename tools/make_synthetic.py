@@ -44,18 +44,21 @@ from tools.common.arguments import count, parser_of, seed, workers
 from tools.common.console import DONE, duration, guarded, say
 from tools.common.progress import fill_folder
 
+HANDS = Path("data/nyu")  # where frames of hands are written by default
+RECIPE = "nyu"
+
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
     parser.add_argument("--body", metavar="PRIOR", type=Path, help="draw the body of this prior file instead of hands")
-    parser.add_argument("--out", type=Path, help="output folder (default: data/nyu; with --body data/ and the "
-                        "skeleton's name)")
+    parser.add_argument("--out", type=Path, help=f"output folder (default: {HANDS}; with --body {HANDS.parent}/ "
+                        "and the skeleton's name)")
     parser.add_argument("--train", type=count, default=20000, metavar="N", help="frames (default: %(default)s)")
     parser.add_argument("--test", type=count, default=2000, metavar="N", help="frames (default: %(default)s)")
     parser.add_argument("--seed", type=seed, default=0, metavar="N",
                         help="random seed (default: %(default)s)")
-    parser.add_argument("--recipe", choices=recipes.NAMES, help="hands and cameras (default: nyu)")
+    parser.add_argument("--recipe", choices=recipes.NAMES, help=f"hands and cameras (default: {RECIPE})")
     parser.add_argument("--workers", type=workers, default=engine.available_cpus(), metavar="N",
                         help="processes (default: one per processor, %(default)s)")
     parser.add_argument("--force", action="store_true", help="replace existing data, even real data")
@@ -67,10 +70,10 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Generate the missing data."""
-    recipe = recipes.recipe_of(args.body) if args.body else recipes.recipe(args.recipe or "nyu")
+    recipe = recipes.recipe_of(args.body) if args.body else recipes.recipe(args.recipe or RECIPE)
     if args.body:
         recipes.check_in_view(recipe, args.seed)
-    out: Path = args.out or Path("data") / _folder(args, recipe)
+    out: Path = args.out or (HANDS.with_name(_name(args, recipe)) if args.body else HANDS)
     counts: dict[Split, int] = {"train": args.train, "test": args.test}
     summary = f"{out}: {args.train} train and {args.test} test frames (synthetic, seed {args.seed})"
     data = DataSet(out, [(Generator(args.seed, split, recipe), n) for split, n in counts.items()], args.force)
@@ -84,10 +87,8 @@ def run(args: argparse.Namespace) -> int:
     return status
 
 
-def _folder(args: argparse.Namespace, recipe: Recipe) -> str:
-    """The subfolder of data/ for the frames. Raises NetlibError if a body's name cannot be a folder."""
-    if not args.body:
-        return "nyu"
+def _name(args: argparse.Namespace, recipe: Recipe) -> str:
+    """The name of the body. Raises NetlibError if it cannot be a folder."""
     name = recipe.prior.body().name
     if re.fullmatch(r"\w[\w.-]*", name):
         return name

@@ -31,7 +31,7 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
@@ -52,8 +52,12 @@ from handpose.frames.images import UnitError, read_crop, read_frame
 from handpose.frames.inspection import checked
 from netlib.errors import DataError
 from netlib.files.paths import ROOT
-from tools.common import arguments, findings, outputs, sources
+from tools.common import arguments, outputs, prediction_outputs, sources
 from tools.common.console import DONE, guarded, say
+
+MODEL = ROOT / "prototxt" / "nyu_deploy.prototxt"
+FIT: Literal["accurate"] = "accurate"  # of hands, by default
+EITHER, UNFITTED = "either", "right"  # sides with a fit and without one, by default
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -63,10 +67,10 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--weights", metavar="FILE", help="*.caffemodel.h5 (default: those of models/synthetic_hand)")
     parser.add_argument("--model", metavar="NET",
                         help="net with input depth and output pred (default: that of the packaged weights; with "
-                             "--weights, nyu_deploy.prototxt)")
-    parser.add_argument("--fit", choices=("no", *PLANS), help="refine the predicted hand to match the depth (default: "
-                        "accurate; fast for other bodies, no for those without a surface)")
-    parser.add_argument("--hand", choices=SOUGHT_SIDES, help="default: either, with --fit no right")
+                             f"--weights, {MODEL.name})")
+    parser.add_argument("--fit", choices=("no", *PLANS), help=f"refine the predicted hand to match the depth (default: "
+                        f"{FIT}; fast for other bodies, no for those without a surface)")
+    parser.add_argument("--hand", choices=SOUGHT_SIDES, help=f"default: {EITHER}, with --fit no {UNFITTED}")
     parser.add_argument("--out", metavar="DIR", default=".", help="output folder (default: the working folder)")
     parser.add_argument("--html", metavar="FILE", help="write a page on which the hands can be rotated")
     parser.add_argument("--cube", type=sources.cube, metavar="MM",
@@ -118,17 +122,17 @@ def run(args: argparse.Namespace) -> int:
             confidence = 0.0 if found.fit is None else found.confidence
             sources.print_warnings(image, depth, found.camera, given.unit_mm, confidence)
         hands.append((image, found))
-        findings.draw(place, found, predictor)
+        prediction_outputs.draw(place, found, predictor)
         if args.json != "-":
-            words, lines = findings.table(found, predictor, args.joints)
+            words, lines = prediction_outputs.table(found, predictor, args.joints)
             for line in (f"{image}: {words}; picture {place}", *lines):
                 say(line)
     if args.csv:
-        findings.write_csv(Path(args.csv), hands, predictor, args.joints)
+        prediction_outputs.write_csv(Path(args.csv), hands, predictor, args.joints)
     if args.json:
-        findings.write_json(args.json, hands, places, predictor, args.joints)
+        prediction_outputs.write_json(args.json, hands, places, predictor, args.joints)
     if args.html:
-        findings.write_page(Path(args.html), hands, predictor)
+        prediction_outputs.write_page(Path(args.html), hands, predictor)
     return DONE
 
 
@@ -137,9 +141,9 @@ def _predictor(args: argparse.Namespace, camera: Camera) -> Predictor:
     options = {"cube_mm": args.cube, "refine": args.refine, "engine": args.engine,
                "min_confidence": args.min_confidence}
     if not args.weights:
-        options["hand"] = args.hand or ("right" if args.fit == "no" else "either")
-        return load_predictor(camera, fit=args.fit or "accurate", **options)
-    model = args.model or str(ROOT / "prototxt" / "nyu_deploy.prototxt")
+        options["hand"] = args.hand or (UNFITTED if args.fit == "no" else EITHER)
+        return load_predictor(camera, fit=args.fit or FIT, **options)
+    model = args.model or str(MODEL)
     return predictor_of(model, args.weights, camera, fit=args.fit, hand=args.hand, **options)
 
 

@@ -48,6 +48,8 @@ from tools.common.net_images import Preprocessing, add_value_options, image_inpu
 from tools.common.net_results import Confusion, Results, Shown
 from tools.common.progress import ProgressBar
 
+TOP = 5  # classes or detections to show
+
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
@@ -65,7 +67,7 @@ def main(argv: list[str] | None = None) -> int:
                        help="keep the aspect ratio: cut off what does not fit (default: stretch)")
     parser.add_argument("--labels", metavar="FILE", help="names of the classes, one per line, or a LabelMap of SSD")
     parser.add_argument("--top", type=count, metavar="N",
-                        help="classes or detections to show (default: 5, with --threshold all)")
+                        help=f"classes or detections to show (default: {TOP}, with --threshold all)")
     parser.add_argument("--threshold", type=real(0, 1), metavar="P", help="least confidence to show, from 0 to 1")
     parser.add_argument("--draw", metavar="FILE|FOLDER", type=Path,
                         help="draw the detections: a .jpg or .png of one image, or a folder for those of all")
@@ -101,7 +103,7 @@ def run(args: argparse.Namespace) -> int:
         raise NetlibError(f"{args.out}: a .npy file holds one array, found {', '.join(blobs)}; expected .npz or --blob")
     results = [Results(net, blob, labels, args.labels) for blob in blobs]
     places = _pictures(args.draw, paths, results) if args.draw else []
-    shown = Shown(args.top, args.threshold) if args.threshold is not None else Shown(args.top or 5)
+    shown = Shown(args.top, args.threshold) if args.threshold is not None else Shown(args.top or TOP)
     printed = not args.confusion and (labels or not args.out)
     confusion = _confusion(net, blobs, labels, truth) if args.confusion else None
     with ProgressBar(0 if printed else len(paths), "images") as progress:

@@ -43,7 +43,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("sets", metavar="DATA", nargs="+", help="a list, an HDF5 file, or a folder of crops")
     parser.add_argument("--out", metavar="FILE", type=name_in(".png", ".jpg"), required=True,
                         help="figure, .png or .jpg")
-    parser.add_argument("--frames", type=count, default=16, metavar="N", help="frames per set (default: 16)")
+    parser.add_argument("--frames", type=count, default=16, metavar="N", help="frames per set (default: %(default)s)")
     parser.add_argument("--skeleton", metavar="FILE", help="skeleton file of the bodies (default: NYU's hand)")
     parser.add_argument("--plain", action="store_true", help="do not draw annotations")
     return guarded(run, parser.parse_args(argv))

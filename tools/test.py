@@ -59,6 +59,7 @@ COLUMNS = {  # figure -> heading, format
     "fit_error_mm": ("fit: all joints mm", "{:.2f}"),
     "fit_error_14_mm": ("14 joints mm", "{:.2f}"),
 }
+MODEL, DEPLOY = (ROOT / "prototxt" / f"nyu_{kind}.prototxt" for kind in ("train_test", "deploy"))
 WITHIN = re.compile(r"(?:fit_)?within_(\d+)_mm")
 
 
@@ -66,11 +67,11 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__, nets=True)
     parser.add_argument("snapshots", metavar="SNAPSHOT", nargs="+", help="weights, *.caffemodel.h5")
-    parser.add_argument("--model", metavar="NET", default=str(ROOT / "prototxt" / "nyu_train_test.prototxt"),
-                        help="the net's prototxt (default: nyu_train_test.prototxt)")
+    parser.add_argument("--model", metavar="NET", default=str(MODEL),
+                        help=f"the net's prototxt (default: {MODEL.name})")
     parser.add_argument("--fit", choices=PLANS, help="also fit the predicted hands to the depth")
-    parser.add_argument("--deploy", metavar="NET", default=str(ROOT / "prototxt" / "nyu_deploy.prototxt"),
-                        help="with --fit: deploy prototxt of the net (default: nyu_deploy.prototxt)")
+    parser.add_argument("--deploy", metavar="NET", default=str(DEPLOY),
+                        help=f"with --fit: deploy prototxt of the net (default: {DEPLOY.name})")
     parser.add_argument("--picture", metavar="FILE.png", type=name_in(".png"),
                         help=f"draw {DRAWN} frames with predictions of the last snapshot")
     parser.add_argument("--joints", action="store_true", help="print the error per joint of the last snapshot")

@@ -32,13 +32,15 @@ from tools.common.arguments import add_engine, count, parser_of
 from tools.common.console import DONE, guarded, say
 from tools.common.costs import memory_of, report_time
 
+PHASE, DEPLOY_PHASE = "TRAIN", "TEST"
+
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__, nets=True)
     parser.add_argument("model", metavar="MODEL", help="prototxt of the net")
     parser.add_argument("--iterations", type=count, default=20, metavar="N", help="default: %(default)s")
-    parser.add_argument("--phase", choices=tuple(PHASES), help="default: TRAIN, of deploy nets TEST")
+    parser.add_argument("--phase", choices=tuple(PHASES), help=f"default: {PHASE}, of deploy nets {DEPLOY_PHASE}")
     add_engine(parser, threads=True)
     parser.add_argument("--memory", action="store_true", help="report memory use instead")
     return guarded(run, parser.parse_args(argv))
@@ -48,9 +50,9 @@ def run(args: argparse.Namespace) -> int:
     """Time the net."""
     if args.threads:
         engine.get(args.engine).set_threads(args.threads)
-    net = Net(args.model, PHASES[args.phase or "TRAIN"], engine=args.engine)
+    net = Net(args.model, PHASES[args.phase or PHASE], engine=args.engine)
     if args.phase is None and net.inputs and not net.losses:
-        net = Net(args.model, netlib.TEST, engine=args.engine)
+        net = Net(args.model, PHASES[DEPLOY_PHASE], engine=args.engine)
     for blob in (net.blobs[name] for name in net.inputs):
         if len(blob.shape) == 4 and blob.shape[3] > 1:  # images; other inputs, such as regions, count items
             blob.data[...] = np.random.default_rng(0).uniform(-1, 1, blob.shape)

@@ -51,11 +51,16 @@ from handpose.tracking.summary import Summary
 from handpose.tracking.track import TrackedFrame
 from handpose.tracking.tracker import MAX_HANDS
 from netlib.errors import DataError
-from tools.common import findings, sources
+from tools.common import prediction_outputs, sources
 from tools.common.arguments import add_engine, count, parser_of, real, seed, whole
 from tools.common.console import DONE, aligned, guarded, say
 from tools.common.progress import ProgressBar, StoppedError, Stopper
 from tools.common.track_outputs import Outputs, add_output_options, is_drawn, refuse_inputs, settle_outputs
+
+NO_POSE = (
+    "At a desk, with body, table and objects in view, hands are found without a pose (docs/camera.md#limits); "
+    "--min-confidence 0 writes the uncertain ones."
+)
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -65,8 +70,9 @@ def main(argv: list[str] | None = None) -> int:
     add_output_options(parser)
     parser.add_argument("--fit", choices=("fast", "accurate"), default="fast", help="default: %(default)s")
     parser.add_argument("--hand", choices=SOUGHT_SIDES, default="either",
-                        help="hands in the recording, if known (default: either, decided from the depth)")
-    parser.add_argument("--hands", type=whole(1, MAX_HANDS), default=2, metavar="N", help="maximum number (default: 2)")
+                        help="hands in the recording, if known (default: %(default)s, decided from the depth)")
+    parser.add_argument("--hands", type=whole(1, MAX_HANDS), default=2, metavar="N",
+                        help="maximum number (default: %(default)s)")
     parser.add_argument("--size", type=real(MIN_SIZE, MAX_SIZE), metavar="S",
                         help="relative to the skeleton (default: estimated)")
     sources.add_min_confidence(parser)
@@ -95,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
         predictor = load_predictor(recording.camera, fit=args.fit, hand=args.hand, engine=args.engine,
                                    min_confidence=args.min_confidence, seed=args.seed)
         if args.look is not None:
-            return findings.draw_first(seen, predictor, args.look)
+            return prediction_outputs.draw_first(seen, predictor, args.look)
         tracker = Tracker(predictor, hands=args.hands, smooth=not args.raw, size=args.size, surface=is_drawn(args),
                           min_confidence=0, min_presence=args.min_presence)
         summary, begun = Summary(predictor.skeleton), time.perf_counter()
@@ -153,6 +159,8 @@ def _say_summary(summary: Summary, seconds: float, note: str, outputs: Outputs, 
     say(f"{summary.frames} frames of {summary.seconds:.1f} s, {summary.frames / seconds:.0f} frames/s", file=talk)
     if not summary.hands:
         say(f"{summary.nothing_found}{doubt and f'; {doubt}'}", file=talk)
+        if summary.present:
+            say(NO_POSE, file=talk)
     else:
         print(aligned(summary.rows), file=talk)
     if note:

@@ -2,7 +2,7 @@
 """Upgrade a net of Caffe's older formats, or a solver, to the current format. Replaces Caffe's upgrade_net_proto_text,
 upgrade_net_proto_binary and upgrade_solver_proto_text.
 
-    python tools/upgrade_net.py lenet_v0.prototxt lenet.prototxt
+    python tools/upgrade_net.py lenet_v1.prototxt lenet.prototxt
     python tools/upgrade_net.py old.caffemodel new.caffemodel
     python tools/upgrade_net.py --solver old_solver.prototxt solver.prototxt
 

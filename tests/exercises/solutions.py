@@ -66,6 +66,8 @@ for n, c, h, v in np.ndindex(*y.shape):
         y[n, c, h, v] = sum(x[n, c, i, j] for i, j in inside) / area[h, v]
 """,
     "backward": """
+if not propagate_down[0]:
+    return
 dx, dy = bottom[0].diff, top[0].diff
 (N, C, H, W), (k, l), (s, t), (p, q) = dx.shape, self.kernel, self.stride, self.pad
 area = self.area(dx.shape, dy.shape)

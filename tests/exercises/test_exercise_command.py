@@ -46,7 +46,7 @@ def test_a_solution_passes(here: Path) -> None:
     done = check(here, "--iterations", "2")
     lines = done.out.splitlines()
     assert lines[0] == "Split: one blob for several consumers (split.py)"
-    assert [line[0] for line in lines[1:-1]] == ["✓"] * 4
+    assert [line[0] for line in lines[1:-1]] == ["✓"] * 5
     assert lines[-1] == "Everything is correct. For comparison, the project's file: layers/common/split.py"
     assert "in forward" in done.err
 

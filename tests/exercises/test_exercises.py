@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 
 from exercises import recorded
 from exercises.check import Step, in_network, loaded, steps
-from exercises.exercise import Exercise, Mistake, module_of
+from exercises.exercise import Exercise, Mistake, edited, module_of
 from exercises.stubs import bugs, stub
 from exercises.table import EXERCISES
 from layers import LAYER_TYPES
@@ -27,7 +28,10 @@ MISTAKES = [
 RELU = {
     "reshape": "top[0].reshape(bottom[0].shape)",
     "forward": "top[0].data[...] = np.where(bottom[0].data > 0, 1, self.slope) * bottom[0].data",
-    "backward": "bottom[0].diff[...] = np.where(bottom[0].data > 0, 1, self.slope) * top[0].diff",
+    "backward": """
+if propagate_down[0]:
+    bottom[0].diff[...] = np.where(bottom[0].data > 0, 1, self.slope) * top[0].diff
+""",
 }
 
 
@@ -91,6 +95,21 @@ def test_a_mistake_gets_its_own_advice(exercise: Exercise, mistake: Mistake) -> 
         assert given == [mistake.advice]
 
 
+@exercises
+def test_mistakes_do_not_depend_on_layout(exercise: Exercise, monkeypatch: pytest.MonkeyPatch) -> None:
+    as_written = [ast.unparse(ast.parse(text)) for mistake in exercise.mistakes for text in mistake.sources(exercise)]
+    laid_out = ast.unparse(ast.parse(exercise.source()))
+    monkeypatch.setattr(Exercise, "source", lambda self: laid_out)
+    otherwise = [ast.unparse(ast.parse(text)) for mistake in exercise.mistakes for text in mistake.sources(exercise)]
+    assert otherwise == as_written
+
+
+@pytest.mark.parametrize(("code", "count"), [("z = x", 0), ("f(x)", 2), ("x + 1", 0)])
+def test_code_that_is_not_there_once_is_an_error(code: str, count: int) -> None:
+    with pytest.raises(ValueError, match=f"^{count} times '{re.escape(code)}'"):
+        edited("y = f(x)\nz = f(x) + 1\n", code, "pass")
+
+
 @pytest.mark.parametrize(("name", "bodies"), [("convolution", CONVOLUTION), ("pooling", POOLING), ("relu", RELU)])
 def test_a_solution_with_plain_loops_passes(name: str, bodies: dict[str, str]) -> None:
     assert last_step(name, filled(name, bodies)).passed
@@ -106,6 +125,32 @@ def test_the_recorded_numbers_are_caffes(monkeypatch: pytest.MonkeyPatch, tmp_pa
     assert recorded.FILE.stat().st_size < 180_000  # it is installed
 
 
+KERNEL, STRIDE = "kernel_h: 2 kernel_w: 3", "stride_h: 2 stride_w: 3"
+PAD, DIL, KEPT = "pad_h: 1 pad_w: 2", "dilation: 2 dilation: 3", "propagate_down: false"
+
+
+@pytest.mark.parametrize(
+    ("name", "attribute"),
+    [(name, attribute) for name in ("convolution", "pooling") for attribute in ("kernel", "stride", "pad")]
+    + [("convolution", "dilation")],
+)
+@pytest.mark.parametrize("methods", [("_outputs",), ("forward",), ("backward",), ("_outputs", "forward", "backward")])
+def test_exchanged_axes_are_an_error(name: str, attribute: str, methods: tuple[str, ...]) -> None:
+    bodies = dict({"convolution": CONVOLUTION, "pooling": POOLING}[name])
+    for method in methods:
+        exchanged = re.sub(rf"self\.(whole_)?{attribute}\b(?!\[i\])", rf"self.\1{attribute}[::-1]", bodies[method])
+        bodies[method] = exchanged.replace(f"{attribute}[i]", f"{attribute}[1 - i]")
+    lines_of(name, bodies)
+
+
+@pytest.mark.parametrize("name", [name for name, exercise in EXERCISES.items() if "shapes" in exercise.checks[0].title])
+def test_a_backward_that_ignores_propagate_down_is_told_so(name: str) -> None:
+    text = re.sub(r"\bif (not )?(propagate_down\[0\]|down):", r"if \1True:", EXERCISES[name].source())
+    step = last_step(name, text)
+    assert not step.passed and step.title == "with propagate_down: false"
+    assert any("If propagate_down is false for a bottom, backward must not" in line for line in step.lines)
+
+
 def without(options: str, *methods: str) -> dict[str, str]:
     """Return the convolution without these options, in some methods or in all."""
     bodies = dict(CONVOLUTION)
@@ -119,13 +164,13 @@ def without(options: str, *methods: str) -> dict[str, str]:
     ("bodies", "said"),
     [
         (without("bias_term stride pad dilation group"),
-         "with kernel_h: 2 kernel_w: 3; bias_term: false is not handled in forward, nor stride: 2, pad: 1, dilation"),
-        (without("stride pad dilation group"), "kernel_w: 3; stride: 2 is not handled, nor pad: 1, dilation: 2, group"),
-        (without("stride pad", "forward"), "group: 2; stride: 2 is not handled in forward, nor pad: 1, a combination"),
-        (without("stride", "backward"), "; stride: 2 is not handled in backward, nor a combination of options."),
-        (without("pad dilation group"), "stride: 2; pad: 1 is not handled, nor dilation: 2, group: 2, a combination"),
-        (without("dilation group"), "pad: 1; dilation: 2 is not handled, nor group: 2, a combination"),
-        (without("group"), "dilation: 2; group: 2 is not handled in forward, nor a combination of options."),
+         f"with {KERNEL}, {KEPT}; bias_term: false is not handled in forward, nor {STRIDE}, {PAD}, {DIL}"),
+        (without("stride pad dilation group"), f"{STRIDE} is not handled, nor {PAD}, {DIL}, group: 2, a combination"),
+        (without("stride pad", "forward"), f"{STRIDE} is not handled in forward, nor {PAD}, a combination"),
+        (without("stride", "backward"), f"{STRIDE} is not handled in backward, nor a combination of options."),
+        (without("pad dilation group"), f"{STRIDE}, {KEPT}; {PAD} is not handled, nor {DIL}, group: 2, a"),
+        (without("dilation group"), f"{PAD}, {KEPT}; {DIL} is not handled, nor group: 2, a combination"),
+        (without("group"), "; group: 2 is not handled in forward, nor a combination of options."),
     ],
 )
 def test_each_stage_of_a_convolution_is_told_the_next_option(bodies: dict[str, str], said: str) -> None:
@@ -152,7 +197,7 @@ def test_a_pooling_is_told_the_next_option(old: str, new: str, said: str) -> Non
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"forward": "top[0].data = 0"}, "write into them, with [...] = on the left"),
+        ({"forward": "top[0].data = 0"}, "write into them, with [...] = or [...] += on"),
         ({"forward": "y = np.maximum(bottom[0].data, 0)"}, "NaN, their initial value. Write every element"),
         ({"backward": "bottom[0].diff[bottom[0].data > 0] = 1"}, "backward must assign every element, also zeros"),
         ({"forward": "top[0].data[...] = np.random.rand(*top[0].shape)"}, "changes from call to call: draw random"),

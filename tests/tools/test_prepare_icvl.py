@@ -21,10 +21,14 @@ FRAMES = {"Training/labels.txt": 20, "Testing/test_seq_1.txt": 5, "Testing/test_
 
 @pytest.fixture
 def root(tmp_path) -> Path:
-    """A small data set in ICVL's layout, with a slanted plate in place of the hand."""
+    return write_icvl(tmp_path / "icvl")
+
+
+def write_icvl(root: Path) -> Path:
+    """Write a small data set in ICVL's layout, with a slanted plate in place of the hand."""
     rng = np.random.default_rng(0)
     for name, count in FRAMES.items():
-        labels = tmp_path / "icvl" / name
+        labels = root / name
         (labels.parent / "Depth" / labels.stem).mkdir(parents=True)
         lines = []
         for i in range(count):
@@ -37,7 +41,7 @@ def root(tmp_path) -> Path:
             assert cv2.imwrite(str(labels.parent / "Depth" / path), image)
             lines.append(f"{path} {' '.join(f'{value:.3f}' for value in uvd.ravel())} \n")
         labels.write_text("".join(lines) + "\n")
-    return tmp_path / "icvl"
+    return root
 
 
 def prepare(root: Path) -> Done:

@@ -145,6 +145,7 @@ def test_no_hand_is_sure_enough() -> None:
     done = run_tool("track", "takes/take.npz", "--json", "a.json", "--min-confidence", "1")
     assert f"no pose was found of the hands that were seen: the pose is uncertain ({COUNT})" in done.out
     assert f"{COUNT} frames have a hand with a confidence below 100%" in done.out
+    assert "(docs/camera.md#limits); --min-confidence 0 writes" in done.out
     assert not any(frame.hands for frame in read_track("a.json").frames)
 
 

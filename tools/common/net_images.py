@@ -79,7 +79,7 @@ def add_value_options(group: argparse._ArgumentGroup, scale: float | None) -> No
     mean = group.add_mutually_exclusive_group()
     mean.add_argument("--mean", type=numbers(), metavar="M[,M,M]", default=(),
                       help="to subtract: one number, or one per channel of the input"
-                           f"{'' if scale is None else ' (default: 0)'}")
+                           f"{'' if scale is None else ' (default: nothing)'}")
     mean.add_argument("--mean-file", metavar="FILE", help="mean image to subtract, .binaryproto or .npy")
     group.add_argument("--scale", type=positive_number, metavar="S", default=scale,
                        help=f"factor, after the mean{'' if scale is None else f' (default: {scale:g})'}")

@@ -16,7 +16,7 @@ from handpose.body.joint_formats.formats import FORMAT_NAMES
 from handpose.estimate.hand import MIN_CONFIDENCE
 from handpose.frames import camera_file
 from handpose.frames.camera_file import INTRINSICS, RANGES, TIME_UNITS
-from handpose.frames.cameras import CAMERAS, VIEWS, View, by_field_of_view
+from handpose.frames.cameras import CAMERAS, UNIT_MM, VIEWS, View, by_field_of_view
 from handpose.frames.crops import CUBES_MM
 from handpose.frames.formats import EXPECTED
 from handpose.frames.images import read_picture
@@ -30,6 +30,7 @@ from tools.common.console import say
 
 CONFIRMS_UNIT = 0.95  # confidence of a fit that confirms the depth unit: a wrong unit changes the size of the hand
 FILES = (".json", ".yaml", ".yml", ".txt", ".ini", ".csv")  # with a camera
+OTHER_UNITS = ", ".join(f"for {name} {unit:g}" for name, unit in UNIT_MM.items())
 ABOUT_FRAMES = ("unit", "distortion")  # options of add_camera_options that need a camera
 # argument types of values that a camera.json may also give
 unit_mm, rate = (real(*RANGES[key], above=True) for key in ("unit_mm", "rate"))
@@ -103,8 +104,8 @@ def add_camera_options(parser: argparse.ArgumentParser, of: str, default: str = 
     camera.add_argument("--fov", type=_field_of_view, metavar="DEGREES", dest="camera",
                         help="if the intrinsics are unknown: the horizontal field of view of the depth image, or "
                              "horizontal,vertical")
-    parser.add_argument("--unit", type=unit_mm, metavar="MM", help="depth unit: mm per stored value of 1 (default: 1, "
-                        "for sr305 0.125)")
+    parser.add_argument("--unit", type=unit_mm, metavar="MM",
+                        help=f"depth unit: mm per stored value of 1 (default: one, {OTHER_UNITS})")
     parser.add_argument("--distortion", type=_lens, metavar="K1,K2,P1,P2[,K3]",
                         help="lens distortion in OpenCV's order; write --distortion= before a minus sign")
 
