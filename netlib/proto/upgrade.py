@@ -9,11 +9,12 @@ dropped here too, with the same note.
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 from netlib.errors import PrototxtError
-from netlib.proto import schema
+from netlib.proto import scaled_batch_norm, schema
 from netlib.proto.fork_types import v1_advice
 from netlib.proto.messages import BlobProto, NetParameter, NetStateRule
 from netlib.proto.options import layer_types
@@ -89,7 +90,7 @@ def upgraded(net: Message) -> Message:
         raise PrototxtError(old[0].position, "this net has both 'layer' and 'layers' (Caffe's V1 format); "
                                              "expected one of them")
     if not old:
-        return Message([_with_fixed_statistics(item) for item in net.fields], net.position)
+        return Message([_with_fixed_statistics(item) for item in _with_scales(net.fields)], net.position)
     layers = [schema.message_of(item) for item in old]
     for layer in layers:
         refuse_v0(layer)
@@ -161,6 +162,17 @@ def _with_transform(old: Message, block: str | None) -> Message:
     if moved:
         fields.append(Field("transform_param", Message(moved, old.position), old.position))
     return Message(fields, old.position)
+
+
+def _with_scales(fields: Sequence[Field]) -> Iterator[Field]:
+    """The fields of a net, with a Scale after each BatchNorm that has a scale of its own (scaled_batch_norm.py)."""
+    names = [name.text for item in fields if item.name == "layer" and isinstance(item.value, Message)
+             for name in item.value.values("name") if isinstance(name, Scalar)]
+    for item in fields:
+        if item.name == "layer" and isinstance(item.value, Message):
+            yield from (Field("layer", one, item.position) for one in scaled_batch_norm.separated(item.value, names))
+        else:
+            yield item
 
 
 def _with_fixed_statistics(item: Field) -> Field:
