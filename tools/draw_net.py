@@ -24,6 +24,7 @@ from netlib.proto.messages import NetParameter
 from netlib.proto.upgrade import upgraded
 from tools.common.arguments import parser_of
 from tools.common.console import DONE, guarded, say
+from tools.common.deploy_nets import advice, is_training_net
 
 PHASES = {"TRAIN": TRAIN, "TEST": TEST, "ALL": None}
 
@@ -51,6 +52,9 @@ def run(args: argparse.Namespace) -> int:
     net = caffe_pb2.NetParameter.FromString(wire.encode(tree, NetParameter))
     draw.draw_net_to_file(net, args.output_image_file, args.rankdir, PHASES[args.phase], args.display_lrm)
     say(f"wrote {args.output_image_file}")
+    if is_training_net(args.input_net_proto_file):
+        say(f"this is a training net; {advice(args.input_net_proto_file)} writes it without data and losses",
+            file=sys.stderr)
     return DONE
 
 

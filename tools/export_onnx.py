@@ -36,6 +36,7 @@ from netlib.net import Net
 from tools.common import outputs
 from tools.common.arguments import parser_of, pixels
 from tools.common.console import DONE, FAILED, guarded, say
+from tools.common.deploy_nets import refuse_training_net
 from tools.common.sources import cube
 
 BATCHES = (1, 3)  # batch sizes of --check
@@ -60,6 +61,7 @@ def main(argv: list[str] | None = None) -> int:
 def run(args: argparse.Namespace) -> int:
     """Write and optionally check the file. Raises NetlibError."""
     outputs.refuse_inputs(args.out, [args.net, args.weights])
+    refuse_training_net(args.net)
     net = load(args.net, args.weights)
     if args.size:
         _reshape(net, *args.size)

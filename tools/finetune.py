@@ -40,11 +40,19 @@ from netlib.proto.binaryproto import write_blob
 from tools.common import training
 from tools.common.arguments import add_engine, count, natural, parser_of, positive_number, real
 from tools.common.console import DONE, guarded, say
-from tools.common.net_images import Preprocessing, add_value_options, image_input, mean_of, passes
+from tools.common.deploy_nets import refuse_training_net
+from tools.common.net_images import (
+    PICTURES,
+    Preprocessing,
+    add_value_options,
+    image_input,
+    mean_of,
+    passes,
+    pictures_in,
+)
 from tools.common.net_results import Confusion
 from tools.common.new_classes import NewClasses
 
-PICTURES = (".bmp", ".jpeg", ".jpg", ".png", ".pgm", ".ppm", ".tif", ".tiff", ".webp")
 EPOCHS, MIN_ITERATIONS = 20, 300
 MEAN_FILE = "mean.binaryproto"
 SOLVER = """net: "{net}"
@@ -97,6 +105,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Write the files, train and test. Raises NetlibError."""
+    refuse_training_net(args.net)
     old = Net(args.net, args.weights, netlib.TEST, engine=args.engine)
     name, (_, channels, height, width) = image_input(old)
     mean = mean_of(args.mean, args.mean_file, channels)
@@ -131,8 +140,7 @@ def pictures_of(folder: Path, color: bool) -> dict[str, list[str]]:
     classes: dict[str, list[str]] = {}
     for name in sorted(list_folder(folder)):
         if (folder / name).is_dir() and not name.startswith("."):
-            inner = sorted(one for one in list_folder(folder / name) if Path(one).suffix.lower() in PICTURES)
-            classes[name] = [str(folder / name / one) for one in inner if not one.startswith(".")]
+            classes[name] = sorted(pictures_in(folder / name))
     if len(classes) < 2:
         raise DataError(f"{folder}: {'one class, ' + repr(next(iter(classes))) if classes else 'no folder in it'}; "
                         "expected a folder of pictures for each of two or more classes")
