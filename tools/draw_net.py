@@ -31,7 +31,7 @@ PHASES = {"TRAIN": TRAIN, "TEST": TEST, "ALL": None}
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
-    parser = parser_of(__doc__)
+    parser = parser_of(__doc__, nets=True)
     parser.add_argument("input_net_proto_file", help="the net's prototxt, in any of Caffe's formats")
     parser.add_argument("output_image_file", help="image to write; its suffix selects the format: png, svg, pdf; dot "
                         "or raw is Graphviz's own language and does not need Graphviz")
