@@ -1,8 +1,8 @@
 """ONNX graph builder: collects operators and constants, then serializes the model.
 
 Files have opset 17 and IR version 8, of ONNX 1.12 (June 2022), for compatibility; tested with onnxruntime 1.16 to 1.31
-and OpenCV 4.8 to 5.0. Older runtimes need an older opset, down to 11, with the same operators; Shape has no range of axes
-before opset 15. Opset 18 changes the form of reductions.
+and OpenCV 4.8 to 5.0. Older runtimes need an older opset, down to 11; before opset 15
+Shape has no range of axes. Opset 18 changes the form of reductions.
 """
 
 from __future__ import annotations
