@@ -28,7 +28,9 @@ GROUPS = {
     "Hands in depth images": ("demo", "predict", "track"),
     "Recordings and data": ("record", "make-recording", "make-synthetic", "show-data", "prepare-nyu", "prepare-icvl"),
     "Hand models and scores": ("fit-pose", "evaluate", "score"),
-    "Nets": ("train", "test", "finetune", "run-net", "test-net", "plot-log", "time", "draw-net", "export-onnx"),
+    "Nets": (
+        "train", "test", "finetune", "deploy", "run-net", "test-net", "plot-log", "time", "draw-net", "export-onnx",
+    ),
     "Caffe's commands": ("caffe", "compute-image-mean", "upgrade-net"),
     "Learning": ("docs", "exercise"),
 }
@@ -36,6 +38,7 @@ GROUPS = {
 # Commands for nets of any kind, in the order in which a user needs them: short name -> file in tools/.
 NET_TOOLS = {
     "run": "run_net",
+    "deploy": "deploy",
     "finetune": "finetune",
     "train": "train",
     "test": "test_net",
@@ -58,6 +61,7 @@ EXAMPLES = {
     },
     "netlib": {
         "run": "deploy.prototxt net.caffemodel cat.jpg --mean 104,117,123 --labels labels.txt",
+        "deploy": "train_val.prototxt deploy.prototxt",
         "finetune": "deploy.prototxt net.caffemodel pictures/ --mean 104,117,123 --scale 1",
         "train": "solver.prototxt --weights net.caffemodel",
         "export-onnx": "deploy.prototxt net.caffemodel net.onnx --check",

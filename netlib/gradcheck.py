@@ -2,7 +2,7 @@
 
     from netlib import gradcheck
     layer = gradcheck.make_layer('type: "ReLU"', [x])
-    gradcheck.check(layer, [x])
+    gradcheck.check(layer, [x])                         what was checked, or a GradientError
 
 A layer maps bottoms and parameters to tops. With random weights dy on the tops, the number L = sum of dy · y is a
 function of every bottom and parameter value; backward must give its gradient. Each value v is moved by ±step:
@@ -50,6 +50,22 @@ class Gradient(NamedTuple):
     doubt: Callable[[tuple[int, ...]], str]  # why the central difference at a place may be wrong, or an empty string
 
 
+class Checked(NamedTuple):
+    """What ``check`` compared: its repr names the bottoms and parameters with their shapes.
+
+    differences  largest difference of each, relative to its largest gradient (or to 1, if that is larger)
+    """
+
+    differences: dict[str, float]
+    tolerance: float
+
+    def __repr__(self) -> str:
+        """Name what agrees."""
+        if not self.differences:
+            return "no gradient was wanted, and there are no parameters: nothing was checked"
+        return f"backward agrees with central differences to {self.tolerance:g}: {', '.join(self.differences)}"
+
+
 def make_layer(
     text: str,
     bottoms: Sequence[ArrayLike],
@@ -83,15 +99,19 @@ def check(
     wanted: Sequence[bool] | None = None,
     tolerance: float = 1e-6,
     in_place: bool = False,
-) -> None:
-    """Raise GradientError unless backward agrees with central differences.
+) -> Checked:
+    """Raise GradientError unless backward agrees with central differences; returns what was compared.
 
     wanted      the bottoms to check; default all
     tolerance   maximum difference, relative to the largest gradient of the same array (or to 1, if that is larger)
     in_place    make the first top the same blob as the first bottom, as in a net where they have the same name
     """
+    found: dict[str, float] = {}
     for gradient in gradients(layer, bottoms, tops, wanted, in_place):
-        _compare(f"{_described(layer)}: gradient of {gradient.kind} {gradient.number}", gradient, tolerance)
+        what = f"{gradient.kind} {gradient.number}"
+        error = _compare(f"{_described(layer)}: gradient of {what}", gradient, tolerance)
+        found[f"{what} {gradient.analytic.shape}"] = error
+    return Checked(found, tolerance)
 
 
 def gradients(
@@ -192,10 +212,11 @@ def _doubt(
     return ""
 
 
-def _compare(what: str, gradient: Gradient, tolerance: float) -> None:
+def _compare(what: str, gradient: Gradient, tolerance: float) -> float:
+    """The largest difference of a gradient, relative to its scale. Raises GradientError if it is too large."""
     analytic, numeric = gradient.analytic, gradient.differences()
     if analytic.size == 0:
-        return
+        return 0.0
     error = np.array(np.abs(analytic - numeric))
     error[~np.isfinite(analytic)] = np.inf
     worst = np.unravel_index(int(error.argmax()), error.shape)
@@ -207,6 +228,7 @@ def _compare(what: str, gradient: Gradient, tolerance: float) -> None:
             f"{what} at {place}: backward computed {analytic[worst]:.9g}, central differences give "
             f"{numeric[worst]:.9g}{doubt and f'; {doubt}'}"
         )
+    return float(error[worst] / scale)
 
 
 def _described(layer: Layer) -> str:

@@ -1,9 +1,12 @@
 #!/usr/bin/env python3
-"""Draw the graph of a net: its layers and blobs. The command line is that of Caffe's draw_net.py.
+"""Draw the graph of a net: its layers, blobs and their shapes. The command line is that of Caffe's draw_net.py.
 
     python tools/draw_net.py prototxt/nyu_train_test.prototxt net.png --phase TRAIN --rankdir TB
+    python tools/draw_net.py deploy.prototxt --out net.svg
 
-Requires the packages pydot and protobuf (pip install pydot protobuf) and, except for .dot files, Graphviz.
+A layer in place stands in the box of the layer before it. The shapes are those of phase TEST, if the net can be built.
+Requires the packages pydot and protobuf (pip install pydot protobuf) and, except for .dot files, Graphviz. The program
+Netron (netron.app) shows prototxts interactively.
 """
 
 from __future__ import annotations
@@ -19,21 +22,26 @@ import tools
 tools.begin(__name__)
 
 from netlib import TEST, TRAIN
+from netlib.errors import NetlibError
+from netlib.net import Net
 from netlib.proto import prototxt, wire
 from netlib.proto.messages import NetParameter
 from netlib.proto.upgrade import upgraded
 from tools.common.arguments import parser_of
 from tools.common.console import DONE, guarded, say
+from tools.common.deploy_nets import advice, is_training_net
 
 PHASES = {"TRAIN": TRAIN, "TEST": TEST, "ALL": None}
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
-    parser = parser_of(__doc__)
+    parser = parser_of(__doc__, nets=True)
     parser.add_argument("input_net_proto_file", help="the net's prototxt, in any of Caffe's formats")
-    parser.add_argument("output_image_file", help="image to write; its suffix selects the format: png, svg, pdf; dot "
-                        "or raw is Graphviz's own language and does not need Graphviz")
+    image = parser.add_mutually_exclusive_group(required=True)
+    image.add_argument("output_image_file", nargs="?", help="image to write; its suffix selects the format: png, svg, "
+                       "pdf; dot or raw is Graphviz's own language and does not need Graphviz")
+    image.add_argument("--out", metavar="FILE", help="the same")
     parser.add_argument("--rankdir", choices=["LR", "RL", "TB", "BT"], default="LR",
                         help="direction: left to right, top to bottom ... (default: %(default)s)")
     parser.add_argument("--phase", choices=list(PHASES), default="ALL",
@@ -47,11 +55,26 @@ def run(args: argparse.Namespace) -> int:
     from netlib.caffe import draw
     from netlib.caffe.proto import caffe_pb2
 
+    out = args.out or args.output_image_file
     tree = upgraded(prototxt.parse_file(args.input_net_proto_file))
     net = caffe_pb2.NetParameter.FromString(wire.encode(tree, NetParameter))
-    draw.draw_net_to_file(net, args.output_image_file, args.rankdir, PHASES[args.phase], args.display_lrm)
-    say(f"wrote {args.output_image_file}")
+    shapes = _shapes(args.input_net_proto_file)
+    draw.draw_net_to_file(net, out, args.rankdir, PHASES[args.phase], args.display_lrm, shapes)
+    say(f"wrote {out}")
+    if shapes and is_training_net(args.input_net_proto_file):
+        say(f"this is a training net; {advice(args.input_net_proto_file)} writes it without data and losses",
+            file=sys.stderr)
     return DONE
+
+
+def _shapes(model: str) -> dict[str, tuple[int, ...]]:
+    """The shapes of the blobs in phase TEST; without any, and with a line, if the net cannot be built."""
+    try:
+        return {name: blob.shape for name, blob in Net(model, TEST).blobs.items()}
+    except NetlibError as error:
+        about = f"; the deploy net has some: {advice(model)} writes it" if is_training_net(model) else ""
+        say(f"without shapes: {error}{about}", file=sys.stderr)
+        return {}
 
 
 if __name__ == "__main__":

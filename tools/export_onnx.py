@@ -3,12 +3,13 @@
 
     python tools/export_onnx.py prototxt/nyu_deploy.prototxt \\
         snapshots/nyu_iter_1000.caffemodel.h5 hand.onnx
+    python tools/export_onnx.py deploy.prototxt net.caffemodel net.onnx --opset 13
     python tools/export_onnx.py models/synthetic_hand/deploy.prototxt \\
         models/synthetic_hand/synthetic_hand.caffemodel.h5 hand.onnx --blob DoF --check
 
 The file uses only standard operators, including for the hand model, and accepts batches of any size, but images of one
 size: that of the prototxt, or --size. Inputs and outputs have the names of the prototxt; their meaning is in the file's
-metadata (docs/onnx.md).
+metadata (docs/onnx.md). --opset 13 is for older runtimes and converters; the numbers are the same.
 
 --check runs it in onnxruntime on random inputs and compares outputs and layers with netlib in float64. It fails if a
 difference is larger than rounding to float32 explains: 1e-5 of the largest value plus 10 times the measured effect of
@@ -29,14 +30,16 @@ import tools
 tools.begin(__name__)
 
 from export.onnx.check import differences
+from export.onnx.graph import IR_VERSIONS, OPSET
 from export.onnx.net import load, onnx_image
 from handpose.body.nyu import CUBE_MM
 from netlib.errors import NetlibError, reason_of
 from netlib.files import atomic
 from netlib.net import Net
 from tools.common import outputs
-from tools.common.arguments import parser_of, pixels
+from tools.common.arguments import parser_of, pixels, whole
 from tools.common.console import DONE, FAILED, guarded, say
+from tools.common.deploy_nets import refuse_training_net
 from tools.common.sources import cube
 
 BATCHES = (1, 3)  # batch sizes of --check
@@ -54,6 +57,8 @@ def main(argv: list[str] | None = None) -> int:
                         help="edge of the cube around a body in its crops, for the metadata "
                              f"(default for hands: {CUBE_MM:g})")
     parser.add_argument("--size", type=pixels, metavar="WxH", help="size of images; the net is reshaped to it")
+    parser.add_argument("--opset", type=whole(min(IR_VERSIONS), max(IR_VERSIONS)), metavar="N", default=OPSET,
+                        help="version of ONNX's operators, from 13, for some nets from 11 (default: %(default)s)")
     parser.add_argument("--check", action="store_true", help="compare with onnxruntime")
     return guarded(run, parser.parse_args(argv))
 
@@ -61,10 +66,11 @@ def main(argv: list[str] | None = None) -> int:
 def run(args: argparse.Namespace) -> int:
     """Write and optionally check the file. Raises NetlibError."""
     outputs.refuse_inputs(args.out, [args.net, args.weights])
+    refuse_training_net(args.net)
     net = load(args.net, args.weights)
     if args.size:
         _reshape(net, *args.size)
-    image = onnx_image(net, args.blob, args.cube)
+    image = onnx_image(net, args.blob, args.cube, args.opset)
     try:
         atomic.replace(args.out, lambda temporary: temporary.write_bytes(image))
     except OSError as error:

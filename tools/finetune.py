@@ -17,11 +17,14 @@ the scale are those with which the net was trained; its author knows them (docs/
 from __future__ import annotations
 
 import argparse
+import logging
 import math
 import shlex
 import sys
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
@@ -33,6 +36,7 @@ import numpy as np
 
 import netlib
 from layers.data.images import read_image
+from netlib.distributed.ranks import ALONE
 from netlib.errors import DataError, NetlibError
 from netlib.files import atomic
 from netlib.files.paths import command, list_folder
@@ -41,12 +45,23 @@ from netlib.proto import schema
 from netlib.proto.binaryproto import write_blob
 from tools.common import training
 from tools.common.arguments import add_engine, count, natural, parser_of, positive_number, real
-from tools.common.console import DONE, guarded, say
-from tools.common.net_images import Preprocessing, add_value_options, image_input, mean_of, passes
+from tools.common.console import DONE, duration, guarded, say
+from tools.common.deploy_nets import refuse_training_net
+from tools.common.frozen_features import HeadSolver, NotFrozenError, use_features
+from tools.common.net_images import (
+    PICTURES,
+    Preprocessing,
+    add_value_options,
+    image_input,
+    mean_of,
+    passes,
+    pictures_in,
+)
 from tools.common.net_results import Confusion
 from tools.common.new_classes import NewClasses
+from tools.common.progress import StatusLine
 
-PICTURES = (".bmp", ".jpeg", ".jpg", ".png", ".pgm", ".ppm", ".tif", ".tiff", ".webp")
+log = logging.getLogger("netlib")
 EPOCHS, MIN_ITERATIONS = 20, 300
 MEAN_FILE = "mean.binaryproto"
 SOLVER = """net: "{net}"
@@ -100,6 +115,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Write the files, train and test. Raises NetlibError."""
+    refuse_training_net(args.net)
     old = Net(args.net, args.weights, netlib.TEST, engine=args.engine)
     name, (_, channels, height, width) = image_input(old)
     mean = mean_of(args.mean, args.mean_file, channels)
@@ -121,12 +137,52 @@ def run(args: argparse.Namespace) -> int:
         atomic.replace_text(args.out / file, text.rstrip("\n") + "\n")
     say(f"{len(classes)} classes, {len(train)} pictures to train on, {len(test)} held out; layer {nets.head!r} becomes "
         f"{nets.name!r}; layers that keep their weights: {len(frozen)}", file=sys.stderr)
-    status = training.train(args.out / "solver.prototxt", weights=[args.weights], engine=args.engine,
-                            log_file=args.out / "train.log")
+    status = _train(args, old, preprocessing)
     if status != DONE:
         return status
     (weights,) = args.out.glob("net_iter_*.caffemodel")
     return _test(args, weights, list(classes), test, preprocessing)
+
+
+def _train(args: argparse.Namespace, old: Net, how: Preprocessing) -> int:
+    """Train with one line of progress, and the log in its file; returns the exit status. Raises NetlibError."""
+    with training.logged(ALONE, args.out / "train.log") as console:
+        console.setLevel(logging.WARNING)
+        log.info("Use CPU, %s", training.set_up_engine(args.engine, ALONE))
+        path = args.out / "solver.prototxt"
+        solver = training.new_solver(path, weights=[args.weights], engine=args.engine, kind=HeadSolver)
+        assert isinstance(solver, HeadSolver)
+        if file := console.file:
+            solver.on_step.append(lambda: file.begin([]))
+        try:
+            seconds = use_features(solver, old, how)
+            say(f"the layers before {solver.first_layer!r} are computed once for each picture: {duration(seconds)}",
+                file=sys.stderr)
+        except NotFrozenError as why:
+            say(f"all layers are computed in each step: {why}", file=sys.stderr)
+        with StatusLine() as line:
+            _report(solver, line)
+            status = training.solve(solver, console, shows_bar=False)
+    if status != DONE:
+        training.say_how_to_continue(solver, {"--engine": args.engine, "--log": args.out / "train.log"})
+    return status
+
+
+def _report(solver: HeadSolver, line: StatusLine) -> None:
+    """Show the step, the accuracy on the held-out pictures and the time left while a solver trains."""
+    begun, accuracy = time.monotonic(), [""]
+
+    def update() -> None:
+        done, total = solver.iter, solver.param.max_iter
+        left = (time.monotonic() - begun) / done * (total - done)
+        line(f"step {done}/{total}{accuracy[0]}, {duration(left)} left")
+
+    def note(means: Mapping[str, Any]) -> None:
+        if "accuracy" in means:
+            accuracy[0] = f", accuracy {means['accuracy'].item():.2f}"
+
+    solver.on_update.append(update)
+    solver.on_test.append(note)
 
 
 def pictures_of(folder: Path, color: bool) -> dict[str, list[str]]:
@@ -134,8 +190,7 @@ def pictures_of(folder: Path, color: bool) -> dict[str, list[str]]:
     classes: dict[str, list[str]] = {}
     for name in sorted(list_folder(folder)):
         if (folder / name).is_dir() and not name.startswith("."):
-            inner = sorted(one for one in list_folder(folder / name) if Path(one).suffix.lower() in PICTURES)
-            classes[name] = [str(folder / name / one) for one in inner if not one.startswith(".")]
+            classes[name] = sorted(pictures_in(folder / name))
     if len(classes) < 2:
         raise DataError(f"{folder}: {'one class, ' + repr(next(iter(classes))) if classes else 'no folder in it'}; "
                         "expected a folder of pictures for each of two or more classes")

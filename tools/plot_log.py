@@ -32,6 +32,8 @@ _LOSS = re.compile(rf"Iteration (\d{{1,18}})(?: \([^()]*\))?, loss = {_NUMBER}")
 _OUTPUT = re.compile(rf"Test net output #\d+: (\S+) = {_NUMBER}")
 
 LOSS = "training loss"
+MAX_MARKED = 10  # points of a curve of the loss that are marked
+MARGIN = 0.03  # of the range of iterations
 MAX_PANELS = 8  # for test outputs
 
 Curve = list[tuple[int, float]]  # iteration, value
@@ -85,8 +87,12 @@ def plot(logs: dict[str, dict[str, Curve]], out: str | Path) -> None:
         label = outputs.label(f"{folder}/{stem}" if stems.count(stem) > 1 and folder else stem)
         for name, curve in log.items():
             if name in panels:
-                panels[name].plot(*zip(*curve), label=label, marker="" if name == LOSS else "o", markersize=3)
+                marker = "" if name == LOSS and len(curve) > MAX_MARKED else "o"  # a single point has no line
+                panels[name].plot(*zip(*curve), label=label, marker=marker, markersize=3)
+    iterations = [iteration for log in logs.values() for curve in log.values() for iteration, _ in curve]
+    first, last = min(iterations), max(*iterations, min(iterations) + 1)
     for name, axis in panels.items():
+        axis.set_xlim(first - MARGIN * (last - first), last + MARGIN * (last - first))
         axis.set_title(outputs.label(name))
         axis.set_xlabel("iteration")
         axis.grid(True, alpha=0.3)

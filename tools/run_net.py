@@ -6,12 +6,15 @@
     python tools/run_net.py deploy.prototxt net.caffemodel cat.jpg --mean-file mean.binaryproto
     python tools/run_net.py deploy.prototxt net.caffemodel *.jpg \\
         --scale 0.017 --blob fc7 --out features.npz
+    python tools/run_net.py deploy.prototxt net.caffemodel pictures/ \\
+        --labels synset_words.txt --top 1
     python tools/run_net.py deploy.prototxt net.caffemodel list.txt \\
         --root-folder pictures/ --blob fc7 --out fc7.npy
     python tools/run_net.py ssd.prototxt ssd.caffemodel street.jpg \\
         --labels map.prototxt --threshold 0.5 --draw out.jpg
 
 An IMAGE with the suffix .txt is a list of images, as for an ImageData layer: in each line a path, a space and a label.
+A folder stands for the pictures in it, in the order of the numbers in their names.
 Each image is read in 8 bits, blue first, and resized to the net's input; then the mean is subtracted, and the result
 multiplied by the scale. These are the steps and the numbers of OpenCV's blobFromImage; with a mean image, those of
 Caffe's data layers: the image is resized to the mean's size, and the input is cut from its centre. Boxes of detections
@@ -37,14 +40,24 @@ import numpy as np
 import netlib
 from layers.data.image_data import read_list
 from netlib.blob import Array
-from netlib.errors import NetlibError, did_you_mean
+from netlib.errors import DataError, NetlibError, did_you_mean
 from netlib.files import atomic
 from netlib.files.paths import find
 from netlib.net import Net
 from tools.common import outputs
 from tools.common.arguments import add_engine, count, name_in, parser_of, pixels, real
 from tools.common.console import DONE, guarded, say
-from tools.common.net_images import Preprocessing, add_value_options, image_input, mean_of, passes, read_labels
+from tools.common.deploy_nets import refuse_training_net
+from tools.common.net_images import (
+    PICTURES,
+    Preprocessing,
+    add_value_options,
+    image_input,
+    mean_of,
+    passes,
+    pictures_in,
+    read_labels,
+)
 from tools.common.net_results import Confusion, Results, Shown
 from tools.common.progress import ProgressBar
 
@@ -56,7 +69,7 @@ def main(argv: list[str] | None = None) -> int:
     parser = parser_of(__doc__, nets=True)
     parser.add_argument("net", metavar="NET", help="deploy prototxt of the net")
     parser.add_argument("weights", metavar="WEIGHTS", help="*.caffemodel or *.caffemodel.h5")
-    parser.add_argument("images", metavar="IMAGE", nargs="+", help="image files, or lists of them (.txt)")
+    parser.add_argument("images", metavar="IMAGE", nargs="+", help="image files, folders of them, or lists (.txt)")
     parser.add_argument("--root-folder", metavar="FOLDER/", default="", help="prepended to every path in a list")
     given = parser.add_argument_group("preprocessing (the net's author knows the values)")
     add_value_options(given, 1.0)
@@ -88,6 +101,7 @@ def run(args: argparse.Namespace) -> int:
     if args.out:
         outputs.check_place(Path(args.out), [args.net, args.weights, args.mean_file, args.labels, *paths])
     labels = read_labels(args.labels) if args.labels else None
+    refuse_training_net(args.net)
     net = Net(args.net, args.weights, netlib.TEST, engine=args.engine)
     _, (batch, channels, height, width) = image_input(net)
     size = args.size or (width, height)
@@ -128,7 +142,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _paths(images: Sequence[str], root: str) -> tuple[list[str], list[int]]:
-    """The paths of images, with lists replaced by what they name, and the labels if all are in lists.
+    """The paths of images, with folders and lists replaced by what they name, and the labels if all are in lists.
 
     Raises DataError.
     """
@@ -138,6 +152,11 @@ def _paths(images: Sequence[str], root: str) -> tuple[list[str], list[int]]:
             items = read_list(Path(image))[0]
             paths += [str(find(root + name, image)) for name, _ in items]
             truth += [label for _, label in items]
+        elif Path(image).is_dir():
+            found = pictures_in(Path(image))
+            if not found:
+                raise DataError(f"{image}: no picture in this folder ({', '.join(PICTURES)})")
+            paths += found
         else:
             paths.append(image)
     return paths, truth if len(truth) == len(paths) else []

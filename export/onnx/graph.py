@@ -1,7 +1,8 @@
 """ONNX graph builder: collects operators and constants, then serializes the model.
 
 Files have opset 17 and IR version 8, of ONNX 1.12 (June 2022), for compatibility; tested with onnxruntime 1.16 to 1.31
-and OpenCV 4.8 to 5.0. Opset 18 changes the form of reductions.
+and OpenCV 4.8 to 5.0. Older runtimes need an older opset, down to 11; before opset 15
+Shape has no range of axes. Opset 18 changes the form of reductions.
 """
 
 from __future__ import annotations
@@ -16,7 +17,11 @@ from numpy.typing import ArrayLike
 
 from netlib.errors import NetlibError, reason_of
 
-OPSET, IR_VERSION = 17, 8
+OPSET = 17
+IR_VERSIONS = {11: 6, 12: 7, 13: 7, 14: 7, 15: 8, 16: 8, 17: 8}  # of the ONNX release with this opset
+RANGE_OF_SHAPE = 15  # the opset from which Shape has a range of axes
+# Operators that have in older opsets another form than here, and the opset from which they have this one
+FIRST_OPSETS = {"GatherND": 12, "ReduceSum": 13, "Softmax": 13, "Split": 13, "Unsqueeze": 13}
 PRODUCER = "handpose"
 MAX_BYTES = 2**31 - 1  # of a protocol buffer
 
@@ -52,7 +57,8 @@ class Graph:
     ``values`` maps every blob to the name of its current value. ``taken`` are names reserved for ``finish``.
     """
 
-    def __init__(self, taken: Iterable[str]) -> None:
+    def __init__(self, taken: Iterable[str], opset: int = OPSET) -> None:
+        self.opset = opset
         self.nodes: list[tuple[str, Sequence[str], Sequence[str], Mapping[str, Any]]] = []  # arguments of make_node
         self.constants: dict[str, np.ndarray[Any, Any]] = {}
         self.values: dict[str, str] = {}
@@ -64,7 +70,12 @@ class Graph:
         return self.ops(op, 1, *inputs, **attributes)[0]
 
     def ops(self, op: str, outputs: int, *inputs: str, **attributes: Any) -> list[str]:
-        """Add an operator; returns the names of its outputs."""
+        """Add an operator; returns the names of its outputs. Raises NetlibError if the opset has another form of it."""
+        if (first := FIRST_OPSETS.get(op, 0)) > self.opset:
+            raise NetlibError(
+                f"layer {self.layer!r} needs the operator {op} of opset {first}, found opset {self.opset}; expected "
+                f"--opset {first} or more"
+            )
         name = self._fresh(op)
         values = [name, *(self._fresh(f"{op}_{i}") for i in range(1, outputs))]
         self.nodes.append((op, inputs, tuple(values), {"name": name, **attributes}))
@@ -98,6 +109,12 @@ class Graph:
         """Cut a value along some axes."""
         bounds = {"starts": starts, "ends": ends, "axes": axes}
         return self.op("Slice", value, *(self.constant(list(numbers), what) for what, numbers in bounds.items()))
+
+    def sizes(self, value: str, start: int, end: int) -> str:
+        """The sizes of the axes from ``start`` up to but not including ``end``, as a value."""
+        if self.opset >= RANGE_OF_SHAPE:
+            return self.op("Shape", value, start=start, end=end)
+        return self.sliced(self.op("Shape", value), [start], [end], [0])
 
     def floats(self, value: str) -> str:
         """Cast a value to float32."""
@@ -146,7 +163,10 @@ class Graph:
             [onnx.numpy_helper.from_array(array, constant) for constant, array in self.constants.items()],
         )
         model = make.make_model(
-            graph, producer_name=PRODUCER, opset_imports=[make.make_opsetid("", OPSET)], ir_version=IR_VERSION
+            graph,
+            producer_name=PRODUCER,
+            opset_imports=[make.make_opsetid("", self.opset)],
+            ir_version=IR_VERSIONS[self.opset],
         )
         make.set_model_props(model, dict(metadata))
         try:

@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 
 from export.onnx import common, hand, vision
-from export.onnx.graph import PRODUCER, Graph, Place, Shape, Translation, symbolic
+from export.onnx.graph import OPSET, PRODUCER, Graph, Place, Shape, Translation, symbolic
 from handpose.estimate.nets import cube_of, hand_layer, trained
 from netlib.errors import LayerError, NetlibError, did_you_mean
 from netlib.net import Net
@@ -100,14 +100,14 @@ def _translation(spec: LayerParameter) -> Translation:
     return LAYERS[spec.type]
 
 
-def onnx_image(net: Net, also: Sequence[str] = (), cube_mm: float | None = None) -> bytes:
+def onnx_image(net: Net, also: Sequence[str] = (), cube_mm: float | None = None, opset: int = OPSET) -> bytes:
     """Export a net in phase TEST as ONNX and return the bytes; the first axis of every input is the batch, N.
 
     ``also`` names additional output blobs. ``cube_mm`` is the edge length of the crop cube in mm; None: NYU's, for a
-    hand. Raises NetlibError.
+    hand. Raises NetlibError, also if an operator needs a later ``opset``, which is from 11 to 17.
     """
     shapes = shapes_of(net)
-    graph = Graph(net.blobs)
+    graph = Graph(net.blobs, opset)
     graph.values = {name: name for name in net.inputs}
     at_end: dict[str, Shape] = {}
     uneven: set[str] = set()  # blobs whose shape depends on values

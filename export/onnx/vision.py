@@ -107,7 +107,7 @@ def interp(graph: Graph, at: Place) -> list[str]:
     if [part.stop - part.start for part in cut] == at.sizes(y[2:]):
         return [value]
     size = graph.constant([*at.sizes(x[1:2]), *at.sizes(y[2:])], "size")
-    sizes = graph.op("Concat", graph.op("Shape", value, start=0, end=1), size, axis=0)
+    sizes = graph.op("Concat", graph.sizes(value, 0, 1), size, axis=0)
     options = {"mode": "linear", "coordinate_transformation_mode": "align_corners"}
     return [graph.op("Resize", value, "", "", sizes, **options)]
 
@@ -122,7 +122,7 @@ def upsample(graph: Graph, at: Place) -> list[str]:
         return [graph.op("Resize", at.values[0], "", scales, **options)]
     (C, H, W), (Ho, Wo) = at.sizes(at.bottom[0][1:]), at.sizes(at.top[0][2:])
     x, mask = (graph.reshaped(value, ("N", C, H * W)) for value in at.values)
-    shape = graph.op("Concat", graph.op("Shape", x, start=0, end=2), graph.constant([Ho * Wo], "size"), axis=0)
+    shape = graph.op("Concat", graph.sizes(x, 0, 2), graph.constant([Ho * Wo], "size"), axis=0)
     zeros = graph.op("Expand", graph.constant(0.0, "zero"), shape)
     y = graph.op("ScatterElements", zeros, graph.whole(mask), x, axis=2)
     return [graph.reshaped(y, at.top[0])]
@@ -221,7 +221,7 @@ def _not_suppressed(graph: Graph, at: Place, boxes: str, scores: str, K: int, k:
     chosen = graph.op("NonMaxSuppression", graph.reshaped(boxes, ("N", k, 4)),
                       graph.reshaped(scores, ("N", 1, k)), *limits)
     places = graph.op("Gather", chosen, graph.constant([0, 2], "columns"), axis=1)  # item, candidate
-    count = graph.op("Shape", places, end=1)
+    count = graph.sizes(places, 0, 1)
     ones = graph.op("Expand", graph.constant([1.0], "one"), count)
     flags = graph.op("ScatterND", _zeros_like(graph, graph.reshaped(scores, ("N", k))), places, ones)
     return graph.reshaped(flags, ("N", K * k))
@@ -242,7 +242,7 @@ def _rows(graph: Graph, flags: str, boxes: str, scores: str, labels: list[int], 
 
 def _no_rows(graph: Graph, flags: str) -> str:
     """For a batch without detections a row for each item, -1 behind its number; otherwise none."""
-    count = graph.op("Shape", flags, end=1)
+    count = graph.sizes(flags, 0, 1)
     limits = [graph.constant(0, "first"), graph.op("Squeeze", count), graph.constant(1, "step")]
     items = graph.reshaped(graph.floats(graph.op("Range", *limits)), ("N", 1))
     rows = graph.op("Pad", items, graph.constant([0, 0, 0, 6], "pads"), graph.constant(-1.0, "nothing"))

@@ -92,20 +92,33 @@ class ImageData(Reader):
         """The shape depends only on the images; forward sets it."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
+        batch, cursor = self._next_batch()
+        for i, item in batch:
+            path, top[1].data[i] = self.items[item]
+            image = self._read(path)
+            if i == 0:
+                top[0].reshape(self.batch_size, *self.transformer.shape(image, path))
+            self.transformer.transform(image, top[0].data[i], path)
+        self.cursor = cursor
+
+    def skip_batch(self) -> list[tuple[int, int]]:
+        """Move the cursor behind the next batch without reading it; returns its rows, and the index of each item."""
+        batch, self.cursor = self._next_batch()
+        return batch
+
+    def _next_batch(self) -> tuple[list[tuple[int, int]], Cursor]:
+        """Rows and indices of items of the next batch, and the start of the one after it."""
         turn, place = self.cursor
         order = self._order(turn)
+        found = []
         for i in self.shard.places(self.batch_size):
             if i is not None:
-                path, top[1].data[i] = self.items[order[place]]
-                image = self._read(path)
-                if i == 0:
-                    top[0].reshape(self.batch_size, *self.transformer.shape(image, path))
-                self.transformer.transform(image, top[0].data[i], path)
+                found.append((i, int(order[place])))
             place += 1
             if place == len(self.items):
                 turn, place = turn + 1, 0
                 order = self._order(turn)
-        self.cursor = (turn, place)
+        return found, (turn, place)
 
     def _read(self, path: str) -> Array:
         """Read and resize an image, (C, H, W)."""

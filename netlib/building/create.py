@@ -11,7 +11,7 @@ from netlib.building import python_layer
 from netlib.errors import PrototxtError
 from netlib.layer import Layer, warn
 from netlib.proto import schema
-from netlib.proto.forks import type_advice
+from netlib.proto.fork_types import type_advice
 from netlib.proto.messages import LayerParameter
 from netlib.proto.options import block_name, class_of, layer_types, option_blocks
 from netlib.proto.schema import Phase

@@ -37,7 +37,7 @@ PYTHON_2_SYNTAX = re.compile(
     r"|inconsistent use of tabs|invalid decimal literal: .*\d+L"
     r"|invalid syntax.*: (.*<>|.*`|raise \w+, |except \w+, \w+:|print |exec ))"
 )
-CONVERT = "docs/caffe.md, old scripts"
+CONVERT = "docs/caffe.md, Scripts for Python 2"
 
 _are_allowed = True
 

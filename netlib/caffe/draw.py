@@ -1,6 +1,7 @@
 """caffe.draw: images of a net's graph, drawn by the package pydot and the Graphviz program dot.
 
-Both are required only when a net is drawn.
+Both are required only when a net is drawn. Unlike Caffe's, a layer in place stands in the box of the layer before it,
+and edges carry the shapes of blobs if they are known.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ import importlib
 import re
 import shutil
 import subprocess
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,8 @@ NEURON_LAYER_STYLE = {"shape": "record", "fillcolor": "#90EE90", "style": "fille
 BLOB_STYLE = {"shape": "octagon", "fillcolor": "#E0E0E0", "style": "filled"}
 COLORS = {"Convolution": "#FF5050", "Deconvolution": "#FF5050", "Pooling": "#FF9900", "InnerProduct": "#CC33FF"}
 NOTHING = '""'  # an empty label
+Shapes = Mapping[str, Sequence[int]]  # of blobs, by their names
+GRAPHVIZ = "Graphviz (apt install graphviz, brew install graphviz)"
 _WORDS = ("node", "edge", "graph", "digraph", "subgraph", "strict")  # Graphviz's keywords
 
 
@@ -89,38 +93,77 @@ def choose_color_by_layertype(layertype: str) -> str:
 
 
 def get_pydot_graph(
-    caffe_net: Any, rankdir: str, label_edges: bool = True, phase: int | None = None, display_lrm: bool = False
+    caffe_net: Any,
+    rankdir: str,
+    label_edges: bool = True,
+    phase: int | None = None,
+    display_lrm: bool = False,
+    shapes: Shapes | None = None,
 ) -> Any:
     """Build the pydot graph of a NetParameter: layers as boxes, blobs as octagons.
 
-    ``rankdir`` is its direction, "LR", "TB" or "BT". ``label_edges`` adds sizes to the arrows. ``phase`` limits it to
-    the layers of caffe.TRAIN or caffe.TEST. Raises NetlibError if pydot is missing, RuleError.
+    ``rankdir`` is its direction, "LR", "TB" or "BT". ``label_edges`` adds shapes to the arrows, or sizes without
+    ``shapes``, those of the blobs by their names. ``phase`` limits it to the layers of caffe.TRAIN or caffe.TEST.
+    Raises NetlibError if pydot is missing, RuleError.
     """
     try:
         pydot = importlib.import_module("pydot")
     except ImportError as error:
-        raise NetlibError("pydot is missing: pip install pydot") from error
+        raise NetlibError(f"pydot is missing: pip install pydot; pictures also need {GRAPHVIZ}") from error
     graph = pydot.Dot(_quoted(caffe_net.name or "Net"), graph_type="digraph", rankdir=rankdir)
-    layers: dict[str, Any] = {}
-    blobs: dict[str, Any] = {}
-    arrows: list[tuple[Any, Any, str]] = []
-    for layer in caffe_net.layer:
-        if phase is not None and not _is_in(layer, phase):
-            continue
-        in_place = len(layer.bottom) == len(layer.top) == 1 and layer.bottom[0] == layer.top[0]
-        style = {**LAYER_STYLE_DEFAULT, "fillcolor": choose_color_by_layertype(layer.type)}
-        box = pydot.Node(get_layer_label(layer, rankdir, display_lrm), **(NEURON_LAYER_STYLE if in_place else style))
-        layers[f"{layer.name}_{layer.type}"] = box
-        for name in [*layer.bottom, *layer.top]:
-            blobs.setdefault(name, pydot.Node(_quoted(name), **BLOB_STYLE))
-        arrows += [(blobs[name], box, NOTHING) for name in layer.bottom]
-        label = get_edge_label(layer) if label_edges else NOTHING
-        arrows += [(box, blobs[name], label) for name in layer.top]
-    for node in [*layers.values(), *blobs.values()]:
+    chosen = [layer for layer in caffe_net.layer if phase is None or _is_in(layer, phase)]
+    groups = _with_layers_in_place(chosen)
+    blobs = dict.fromkeys(name for layer in chosen for name in [*layer.bottom, *layer.top])
+    nodes = {name: pydot.Node(_quoted(name), **BLOB_STYLE) for name in blobs}
+    boxes = [pydot.Node(_box_label(group, rankdir, display_lrm), **_style(group[0])) for group in groups]
+    for node in [*boxes, *nodes.values()]:
         graph.add_node(node)
-    for source, target, label in arrows:
-        graph.add_edge(pydot.Edge(source, target, label=label))
+    known = shapes if shapes and label_edges else {}
+    made = {name for layer in chosen for name in layer.top}
+    for box, (first, *_) in zip(boxes, groups):
+        size = get_edge_label(first) if label_edges else NOTHING
+        for name in first.bottom:
+            label = NOTHING if name in made else _shape_label(known, name, NOTHING)
+            graph.add_edge(pydot.Edge(nodes[name], box, label=label))
+        for name in first.top:
+            graph.add_edge(pydot.Edge(box, nodes[name], label=_shape_label(known, name, size)))
     return graph
+
+
+def _with_layers_in_place(layers: Sequence[Any]) -> list[list[Any]]:
+    """The layers, each with those in place on its top that follow it."""
+    groups: list[list[Any]] = []
+    makers: dict[str, list[Any]] = {}
+    for layer in layers:
+        group = makers.get(layer.bottom[0]) if _is_in_place(layer) else None
+        if group is None:
+            groups.append([layer])
+            makers.update((name, groups[-1]) for name in layer.top)
+        else:
+            group.append(layer)
+    return groups
+
+
+def _is_in_place(layer: Any) -> bool:
+    return len(layer.bottom) == len(layer.top) == 1 and layer.bottom[0] == layer.top[0]
+
+
+def _style(layer: Any) -> dict[str, str]:
+    """Shape and colour of a box."""
+    if _is_in_place(layer):
+        return NEURON_LAYER_STYLE
+    return {**LAYER_STYLE_DEFAULT, "fillcolor": choose_color_by_layertype(layer.type)}
+
+
+def _box_label(group: Sequence[Any], rankdir: str, display_lrm: bool) -> str:
+    """Label of the box of a layer and those in place on its top, one below the other."""
+    labels = [get_layer_label(layer, rankdir, display_lrm)[1:-1] for layer in group]
+    return '"' + r"\n".join(labels) + '"'
+
+
+def _shape_label(shapes: Shapes, name: str, otherwise: str) -> str:
+    """Label of an arrow to a blob: its shape, such as 1 x 3 x 224 x 224."""
+    return f'"{" x ".join(map(str, shapes[name]))}"' if shapes.get(name) else otherwise
 
 
 def _is_in(layer: Any, phase: int) -> bool:
@@ -145,22 +188,26 @@ def _escaped(name: str) -> str:
 
 
 def draw_net(
-    caffe_net: Any, rankdir: str, ext: str = "png", phase: int | None = None, display_lrm: bool = False
+    caffe_net: Any,
+    rankdir: str,
+    ext: str = "png",
+    phase: int | None = None,
+    display_lrm: bool = False,
+    shapes: Shapes | None = None,
 ) -> bytes:
     """Draw a NetParameter in a format of Graphviz: png, svg, pdf ...; "raw" and "dot" return Graphviz's own language,
     without its program.
 
     Raises NetlibError, also if pydot or Graphviz is missing.
     """
-    graph = get_pydot_graph(caffe_net, rankdir, phase=phase, display_lrm=display_lrm)
+    graph = get_pydot_graph(caffe_net, rankdir, phase=phase, display_lrm=display_lrm, shapes=shapes)
     text: bytes = graph.to_string().encode("utf-8", "backslashreplace")
     if ext in ("raw", "dot"):
         return text
     program = shutil.which("dot")
     if program is None:
         raise NetlibError(
-            "Graphviz's program dot is missing: install Graphviz (apt install graphviz, brew install graphviz); "
-            "the formats raw and dot do not need it"
+            f"Graphviz's program dot is missing: install {GRAPHVIZ}; the formats raw and dot do not need it"
         )
     done = subprocess.run([program, f"-T{ext}"], input=text, capture_output=True, check=False)
     if done.returncode:
@@ -170,13 +217,18 @@ def draw_net(
 
 
 def draw_net_to_file(
-    caffe_net: Any, filename: str | Path, rankdir: str = "LR", phase: int | None = None, display_lrm: bool = False
+    caffe_net: Any,
+    filename: str | Path,
+    rankdir: str = "LR",
+    phase: int | None = None,
+    display_lrm: bool = False,
+    shapes: Shapes | None = None,
 ) -> None:
     """Write the image of a NetParameter in the format of the file's suffix. Raises NetlibError."""
     ext = Path(filename).suffix.removeprefix(".")
     if not ext:
         raise NetlibError(f"{filename}: no suffix; expected one that names the format: .png, .svg, .pdf ...")
-    picture = draw_net(caffe_net, rankdir, ext, phase, display_lrm)
+    picture = draw_net(caffe_net, rankdir, ext, phase, display_lrm, shapes)
     try:
         atomic.replace(Path(filename), lambda file: file.write_bytes(picture))
     except (OSError, ValueError) as error:

@@ -224,7 +224,22 @@ class NetSpec:
         self.tops[key] = value
 
     def __getitem__(self, item: str) -> Any:
-        return self.__getattr__(item)
+        return NetSpec.__getattr__(self, item)
+
+    def __delitem__(self, name: str) -> None:
+        del self.tops[name]
+
+    def keys(self) -> list[str]:
+        """The names of the tops; as in SSD's NetSpec, like ``vals`` and ``update``."""
+        return list(self.tops)
+
+    def vals(self) -> list[Any]:
+        """The tops."""
+        return list(self.tops.values())
+
+    def update(self, name: str, params: Mapping[str, Any]) -> None:
+        """Set options of the layer that makes a top."""
+        self[name].fn.params.update(params)
 
     def to_proto(self) -> Any:
         """Build the NetParameter of all layers that the tops depend on. Raises SpecError."""

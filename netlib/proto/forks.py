@@ -1,4 +1,4 @@
-"""Options and layer types of popular forks of Caffe that this project does not have.
+"""Options of popular forks of Caffe that this project does not have; fork_types.py has their layer types.
 
 An option that only selects an implementation (an algorithm, a precision, a number of threads), or whose value has no
 effect, is accepted and ignored. Any other is an error. Options whose layers are implemented are declared with them, in
@@ -7,14 +7,10 @@ the files of layers/. Sources: caffe.proto of NVIDIA's, Intel's, SSD's and DeepL
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Iterable
-
 from netlib.proto.prototxt import Field, Scalar
 
 ANY = "any"  # all values only select an implementation, or have no effect without another option
 NONE = ""  # every value changes the result
-MISSPELT = 0.9  # similarity from which a name is taken for a misspelt one; a similar name is often another layer
 ENGINES = ("MKL2017", "MKLDNN")  # Intel's values of ``engine``
 
 
@@ -65,16 +61,6 @@ OPTIONS: dict[str, dict[str, str]] = {
     | _names("random_resize_param random_aspect_ratio_param", NONE),
 }
 
-_SSD = "the training layers of SSD are not supported; its deploy nets are"
-HINTS = {  # layer type -> what to use instead
-    "SeLu": "a layer ELU with alpha 1.67326 and a layer Power with scale 1.0507 after it compute the same",
-    "DenseImageData": "SegNet's reader of images and label images; HDF5Data reads both from one file, and Input takes "
-                      "arrays",
-    "AnnotatedData": _SSD, "MultiBoxLoss": _SSD, "DetectionEvaluate": _SSD,
-    "WindowData": "the reader of R-CNN's windows (2014) is not supported",
-    "Yolov3DetectionOutput": "the boxes of YOLO are computed outside the net; remove the layer",
-}
-
 
 def has_no_effect(message: str, item: Field) -> bool:
     """Whether a field of the named message is an option of a fork whose value does not change the result."""
@@ -88,23 +74,6 @@ def effect_of(message: str, name: str) -> str:
     if harmless is None:
         return ""
     return "of a fork of Caffe changes the result; not supported" + (f", expected {harmless}" if harmless else "")
-
-
-def type_advice(name: str, known: Iterable[str]) -> str:
-    """Advice on an unknown layer type: what to use instead, or the known types with the nearest names."""
-    if name == "BN" and name not in known:  # which are those of an older format
-        return ' (the layer BN of SegNet and PSPNet needs the current format: layer { type: "BN" bn_param { ... } })'
-    if name in HINTS:
-        return f" ({HINTS[name]})"
-    letters = {_letters(one): one for one in known}
-    near = difflib.get_close_matches(_letters(name), letters, n=3, cutoff=0.6)
-    if near and difflib.SequenceMatcher(None, _letters(name), near[0]).ratio() >= MISSPELT:
-        return f" (did you mean {letters[near[0]]!r}?)"
-    return f" (the nearest names: {', '.join(letters[one] for one in near)})" if near else ""
-
-
-def _letters(name: str) -> str:
-    return name.casefold().replace("_", "").replace("-", "").replace(" ", "")
 
 
 def _same(value: Scalar, harmless: str) -> bool:

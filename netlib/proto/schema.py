@@ -273,8 +273,7 @@ def value_of(item: Field, kind: Any) -> Any:
         where = value.position
         names = list(enum_of(kind))
         if names:
-            advise = forks.type_advice if item.name == "type" else did_you_mean
-            advice = advise(value.text, names) or f"; known values: {', '.join(names)}"
+            advice = did_you_mean(value.text, names) or f"; known values: {', '.join(names)}"
             if value.kind == "string":
                 raise PrototxtError(where, f"{item.name!r} expects a name without quotes, found {value}{advice}")
             raise PrototxtError(where, f"unknown value {value} of {item.name!r}{advice}")

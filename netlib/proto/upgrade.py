@@ -9,12 +9,15 @@ dropped here too, with the same note.
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 from netlib.errors import PrototxtError
-from netlib.proto import schema
+from netlib.proto import scaled_batch_norm, schema
+from netlib.proto.fork_types import v1_advice
 from netlib.proto.messages import BlobProto, NetParameter, NetStateRule
+from netlib.proto.options import layer_types
 from netlib.proto.prototxt import Field, Message, Scalar, Unknown
 from netlib.proto.schema import numbered
 
@@ -35,6 +38,7 @@ V1_TYPES = {
     "DECONVOLUTION": "Deconvolution",
 }
 V1Type = Annotated[str, tuple(V1_TYPES)]  # an enum
+_V1_WORDS = {("word", name) for name in V1_TYPES}
 V1_BLOCKS = {  # numbers of the options blocks in a V1 layer
     "accuracy_param": 27, "argmax_param": 23, "concat_param": 9, "contrastive_loss_param": 40, "convolution_param": 10,
     "data_param": 11, "dropout_param": 12, "dummy_data_param": 26, "eltwise_param": 24, "exp_param": 41,
@@ -86,10 +90,11 @@ def upgraded(net: Message) -> Message:
         raise PrototxtError(old[0].position, "this net has both 'layer' and 'layers' (Caffe's V1 format); "
                                              "expected one of them")
     if not old:
-        return Message([_with_fixed_statistics(item) for item in net.fields], net.position)
+        return Message([_with_fixed_statistics(item) for item in _with_scales(net.fields)], net.position)
     layers = [schema.message_of(item) for item in old]
     for layer in layers:
         refuse_v0(layer)
+        _check_type(layer)
         schema.read(layer, V1LayerParameter, "layers")  # reports every mistake at its position
     rest = [item for item in net.fields if item.name != "layers"]
     return Message([*rest, *(Field("layer", _layer(layer), layer.position) for layer in layers)], net.position)
@@ -101,6 +106,17 @@ def refuse_v0(layer: Message) -> None:
         if item.name == "layer" or (isinstance(item.value, Unknown) and item.value.encoded.startswith(V0_KEY)):
             raise PrototxtError(layer.position, "this net is in Caffe's format of 2013 (V0); convert it by Caffe 1.0's "
                                                 "upgrade_net_proto_text or upgrade_net_proto_binary")
+
+
+def _check_type(layer: Message) -> None:
+    """Raise PrototxtError if the type of a V1 layer is not a word of the format."""
+    for value in layer.values("type"):
+        if not isinstance(value, Scalar) or value.kind == "number" or (value.kind, value.text) in _V1_WORDS:
+            continue
+        advice = v1_advice(value.text, V1_TYPES, layer_types()) or f"; known values: {', '.join(V1_TYPES)}"
+        if value.kind == "string":
+            raise PrototxtError(value.position, f"'type' expects a name without quotes, found {value}{advice}")
+        raise PrototxtError(value.position, f"unknown value {value} of 'type'{advice}")
 
 
 # ---------------------------------------------------------------------------------------------- V1 → current
@@ -146,6 +162,17 @@ def _with_transform(old: Message, block: str | None) -> Message:
     if moved:
         fields.append(Field("transform_param", Message(moved, old.position), old.position))
     return Message(fields, old.position)
+
+
+def _with_scales(fields: Sequence[Field]) -> Iterator[Field]:
+    """The fields of a net, with a Scale after each BatchNorm that has a scale of its own (scaled_batch_norm.py)."""
+    names = [name.text for item in fields if item.name == "layer" and isinstance(item.value, Message)
+             for name in item.value.values("name") if isinstance(name, Scalar)]
+    for item in fields:
+        if item.name == "layer" and isinstance(item.value, Message):
+            yield from (Field("layer", one, item.position) for one in scaled_batch_norm.separated(item.value, names))
+        else:
+            yield item
 
 
 def _with_fixed_statistics(item: Field) -> Field:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import logging
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from netlib.blob import Array, Blob, Blobs
 from netlib.errors import LayerError, WeightsError
@@ -20,6 +23,8 @@ from netlib.snapshots.solver_state import Weights
 if TYPE_CHECKING:
     from netlib.net import Net
 
+log = logging.getLogger("netlib")
+Found = Mapping[str, Mapping[int, Array]]  # layer name -> parameter index -> array
 Writes = list[tuple[Array, Array]]  # pairs of an array of the net and its new values
 
 
@@ -68,6 +73,7 @@ def write(writes: Writes) -> None:
 def fitting(net: Net, source: str | Path | Content | Net, strict: bool = False) -> tuple[Writes, list[str], list[str]]:
     """Plan a copy: the writes, and what ``copy`` returns. A net is never partially copied. Raises WeightsError."""
     what, found = _weights_of(source)
+    found = _without_scales(net, found, what)
     ignored = [name for name, arrays in found.items() if name not in net.layer_dict and arrays]
     shared = {name: arrays for name, arrays in found.items() if name in net.layer_dict and arrays}
     if not shared and net.params:
@@ -85,13 +91,67 @@ def fitting(net: Net, source: str | Path | Content | Net, strict: bool = False) 
     return writes, ignored, missing_layers
 
 
-def _weights_of(source: str | Path | Content | Net) -> tuple[str, Mapping[str, Mapping[int, Array]]]:
+def _weights_of(source: str | Path | Content | Net) -> tuple[str, Found]:
     """A description of the source, and its arrays: layer name -> parameter index -> array."""
     if isinstance(source, (str, Path)):
         source = find(str(source), None)
     if isinstance(source, (Path, Content)):
         return str(source), snapshot.read_weights(source)
     return f"net {source.name!r}", {n: {i: b.data for i, b in enumerate(p)} for n, p in source.params.items()}
+
+
+def _without_scales(net: Net, found: Found, what: str) -> Found:
+    """The arrays with the five of a BatchNorm of NVIDIA's or Intel's Caffe given to a BatchNorm and the Scale after it.
+
+    Raises WeightsError if the net has no such Scale.
+    """
+    result = dict(found)
+    for name, arrays in found.items():
+        norm = net.layer_dict.get(name)
+        if norm is None or norm.type != "BatchNorm":
+            continue
+        if set(arrays) == set(range(5)):
+            result |= _separated(net, norm, [arrays[i].reshape(-1) for i in range(5)], found, what)
+        elif set(arrays) == set(range(3)) and not arrays[2].any() and arrays[1].any():
+            log.warning(
+                "%s: layer %r: the factor is 0, so as in Caffe mean and variance count as 0; NVIDIA's Caffe uses them "
+                "as they are: set parameter 2 to 1 for that", what, name,
+            )  # fmt: skip
+    return result
+
+
+def _separated(net: Net, norm: Layer, five: Sequence[Array], found: Found, what: str) -> Found:
+    """The parameters of a BatchNorm and the Scale after it.
+
+    five  mean, variance, factor, scale and bias, or in older files scale, bias, mean, variance and factor. NVIDIA's
+          mean and variance are no sums, and its factor is 1 or 0
+    """
+    scale = _scale_after(net, norm)
+    if scale is None:
+        raise WeightsError(
+            f"{what}: layer {norm.name!r} has 5 parameters, as a BatchNorm of NVIDIA's or Intel's Caffe with a scale "
+            "and a bias of its own; the net expects 3: give the layer batch_norm_param { scale_bias: true }, or add a "
+            "layer Scale with bias_term: true after it"
+        )
+    is_older = five[4].size == 1 < five[0].size
+    mean, variance, factor, gain, bias = (five[i] for i in ((2, 3, 4, 0, 1) if is_older else range(5)))
+    if outer := list(found.get(scale.name, {}).values()):  # Intel's nets have both
+        gain, bias = outer[0] * gain, outer[0] * bias + outer[-1]
+    return {
+        norm.name: {0: mean, 1: variance, 2: np.where(factor == 0, 1, factor).astype(factor.dtype)},
+        scale.name: {0: gain, 1: bias},
+    }
+
+
+def _scale_after(net: Net, norm: Layer) -> Layer | None:
+    """The Scale with a gain and a bias for each channel that alone reads the top of a BatchNorm; None if none does."""
+    layers = list(net.layer_dict.values())
+    for layer in layers[layers.index(norm) + 1 :]:
+        if norm.spec.top[0] in layer.spec.bottom:
+            shapes = [blob.shape for blob in layer.blobs]
+            fits = layer.type == "Scale" and shapes == [norm.blobs[0].shape] * 2
+            return layer if fits else None
+    return None
 
 
 def _writes(name: str, target: Blobs, own: list[int], found: Mapping[int, Array], what: str) -> Writes:

@@ -128,10 +128,16 @@ layer {
 layer { name: "relu" type: "ReLU" bottom: "conv" top: "conv" }
 layer { name: "pool" type: "Pooling" bottom: "conv" top: "pool" pooling_param { pool: MAX kernel_size: 3 stride: 2 } }
 """
+DATABASE = """
+layer {{ name: "d" type: "Data" top: "data" top: "label" transform_param {{ {} }}
+        data_param {{ source: "not_here" batch_size: 9 backend: LMDB }} }}
+"""
 
 
 def classifier(folder: Path) -> None:
-    """cat.png, dog.png, labels.txt; deploy.prototxt and net.caffemodel, which know them; list.txt and pictures/."""
+    """cat.png, dog.png, labels.txt; deploy.prototxt and net.caffemodel, which know them; list.txt and pictures/; two
+    training nets.
+    """
     rng, images = np.random.default_rng(0), []
     for name in CLASSES:
         images.append(np.full((32, 32, 3), rng.integers(0, 256, 3), np.uint8))
@@ -144,6 +150,9 @@ def classifier(folder: Path) -> None:
     (folder / "list.txt").write_text("".join(f"{name}.png {n}\n" for n, name in enumerate(CLASSES)), encoding="utf-8")
     softmax = 'layer { name: "prob" type: "Softmax" bottom: "fc" top: "prob" }\n'
     (folder / "deploy.prototxt").write_text(CLASSIFIER + ip("fc", "pool", "fc") + softmax, encoding="utf-8")
+    for name, size in (("train_val.prototxt", "crop_size: 224"), ("lenet_train_test.prototxt", "scale: 0.00390625")):
+        text = DATABASE.format(size) + ip("fc", "data", "fc") + LOSS.replace("fc7", "fc")
+        (folder / name).write_text(text, encoding="utf-8")
     net = netlib.Net(folder / "deploy.prototxt", netlib.TEST, seed=1)
     pool = net.forward(["pool"], data=cv2.dnn.blobFromImages(images, 1.0, (32, 32), (104, 117, 123)))["pool"]
     net.params["fc"][0].data[...] = (np.linalg.pinv(pool.reshape(3, -1)) @ [[2, 0, 0], [0.1, 2, 0], [0.1, 0, 2]]).T

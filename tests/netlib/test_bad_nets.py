@@ -25,7 +25,7 @@ pytestmark = pytest.mark.both_engines
 WRITTEN = (
     "is already written by layer {!r}; give it another name, or that of the bottom in the same place ({}) to run ..."
 )
-BN = '(the layer BN of SegNet and PSPNet needs the current format: layer { type: "BN" bn_param { ... } })'
+BN = '(the layer BN needs the current format: layer { type: "BN" ... })'
 
 
 def chain(*params: str) -> str:

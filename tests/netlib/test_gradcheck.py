@@ -136,4 +136,16 @@ def test_the_error_names_the_layer_and_its_class(module: MakeModule) -> None:
 
 def test_bottoms_that_want_no_gradient_are_left_out(layer: Callable[[type[Layer]], Layer]) -> None:
     """A bottom without a gradient, such as labels, gets propagate_down false and is not compared."""
+    relu = gradcheck.make_layer('type: "ReLU"', [X])
+    assert "nothing was checked" in repr(gradcheck.check(relu, [X], wanted=[False]))
     gradcheck.check(layer(Right), [X], wanted=[False])
+
+
+def test_what_was_checked() -> None:
+    text = 'type: "InnerProduct" inner_product_param { num_output: 2 weight_filler { type: "xavier" } }'
+    found = gradcheck.check(gradcheck.make_layer(text, [X]), [X])
+    assert repr(found) == (
+        f"backward agrees with central differences to 1e-06: bottom 0 {X.shape}, parameter 0 (2, {X[0].size}), "
+        "parameter 1 (2,)"
+    )
+    assert 0 < max(found.differences.values()) < 1e-6

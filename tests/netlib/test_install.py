@@ -154,9 +154,9 @@ def test_a_script_from_a_pipe_alone(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("typed", "message"), [
     ("import caffe\nprint caffe.TEST", "Missing parentheses in call to 'print'. Did you mean print(...)? (<stdin>, "
-     "line 2); it was written for Python 2: convert it to Python 3 (docs/caffe.md, old scripts)\n"),
+     "line 2); it was written for Python 2: convert it to Python 3 (docs/caffe.md, Scripts for Python 2)\n"),
     ("import cPickle", "No module named 'cPickle'; it was written for Python 2: cPickle is now pickle (docs/caffe.md, "
-     "old scripts)\n"),
+     "Scripts for Python 2)\n"),
     ("import no_such_package", "...ModuleNotFoundError: No module named 'no_such_package'\n"),
 ])
 def test_a_script_for_python_2(tmp_path: Path, typed: str, message: str) -> None:

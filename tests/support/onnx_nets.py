@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import netlib
 from export.onnx.check import differences
 from export.onnx.net import load, onnx_image
 from netlib.files.paths import ROOT
@@ -49,4 +50,16 @@ def check(files: Files, name: str, shapes: Shapes, options: str, tops: int) -> N
     net = load(*files(f'layer {{ name: "it" type: "{name}" {bottoms} {names} {options} }} {also}', *shapes))
     outputs, layers = differences(onnx_image(net), net, (1, 3))
     assert set(outputs) >= {f"y{i}" for i in range(tops)}
+    check_older(net)
     assert max(difference.found for difference in [*outputs.values(), *layers.values()]) <= 1e-6, (outputs, layers)
+
+
+def check_older(net: netlib.Net, cube_mm: float | None = None) -> None:
+    """Check that the file of opset 13 computes the same numbers as that of opset 17."""
+    rng = np.random.default_rng(0)
+    shapes = {name: (3, *net.blobs[name].shape[1:]) for name in net.inputs}
+    values = {name: rng.uniform(0, 1, shape).astype(np.float32) for name, shape in shapes.items()}
+    images = [onnx_image(net, cube_mm=cube_mm, opset=opset) for opset in (13, 17)]
+    older, newer = (run_onnx(image, **values) for image in images)
+    assert older.keys() == newer.keys()
+    assert all(np.array_equal(older[name], newer[name], equal_nan=True) for name in newer)

@@ -16,7 +16,9 @@ input: "x" input_dim: 1 input_dim: 2 input_dim: 1 input_dim: 1
 def test_a_picture(tmp_path):
     pytest.importorskip("pydot")
     out = tmp_path / "net.raw"
-    assert run_tool("draw_net", NET, out, "--phase", "TEST", "--rankdir", "TB", "--display_lrm").out == f"wrote {out}\n"
+    done = run_tool("draw_net", NET, out, "--phase", "TEST", "--rankdir", "TB", "--display_lrm")
+    assert done.out == f"wrote {out}\n"
+    assert done.err.startswith("without shapes: ") and "writes it" in done.err  # its data are not here
     text = out.read_text()
     assert "rankdir=TB" in text and "HandModel" in text and text.count('"data (HDF5Data)" ->') == 2
     assert "lr mult: 1.0, " in text
@@ -30,5 +32,14 @@ def test_graphvizs_own_language_needs_no_graphviz(tmp_path, monkeypatch):
     for name in ("net.dot", "net.raw"):
         run_tool("draw_net", tmp_path / "old.prototxt", tmp_path / name)
     assert (tmp_path / "net.dot").read_text() == (tmp_path / "net.raw").read_text()
-    assert '"ip\\n(InnerProduct)" -> ip [label=3];' in (tmp_path / "net.raw").read_text()
+    assert '"ip\\n(InnerProduct)" -> ip [label="1 x 3"];' in (tmp_path / "net.raw").read_text()
     assert "the formats raw and dot do not need it" in run_tool("draw_net", NET, tmp_path / "a.png", status=1).err
+
+
+def test_shapes_and_out(tmp_path):
+    """--out is the second argument; edges have the shapes of the blobs."""
+    pytest.importorskip("pydot")
+    (tmp_path / "old.prototxt").write_text(OLD)
+    done = run_tool("draw_net", tmp_path / "old.prototxt", "--out", tmp_path / "net.dot")
+    assert not done.err and '-> ip [label="1 x 3"];' in (tmp_path / "net.dot").read_text()
+    assert "one of the arguments" in run_tool("draw_net", tmp_path / "old.prototxt", status=2).err

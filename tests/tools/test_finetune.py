@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,9 @@ from netlib.proto.binaryproto import write_blob
 from tests.support.bad_input import whole_line
 from tests.support.nets import inputs, ip
 from tests.support.running import Done, run_tool
+from tools import finetune
+from tools.common import frozen_features, training
+from tools.common.frozen_features import NotFrozenError
 
 BODY = """layer { name: "conv" type: "Convolution" bottom: "data" top: "conv"
     convolution_param { num_output: 4 kernel_size: 3 weight_filler { type: "msra" } } }
@@ -119,6 +123,98 @@ def test_pictures_are_read_as_netlib_run_reads_them(options: tuple[str, ...]) ->
     run_tool("run_net", "net.prototxt", "net.caffemodel", "finetuned/test.txt", *options, "--blob", "data", "--out",
              "data.npy")
     np.testing.assert_array_equal(net.blobs["data"].data, np.load("data.npy"))
+
+
+DEEP = BODY.replace("global_pooling: true", "kernel_size: 2 stride: 2") + (
+    ip("fc6", "pool", "fc6", outputs=6)
+    + 'layer { name: "drop" type: "Dropout" bottom: "fc6" top: "fc6" } '
+    + ip("fc7", "fc6", "fc7", outputs=5)
+)
+NETS = {
+    "a deep net": inputs(data=(2, 3, 8, 8)) + DEEP + ip("fc", "fc7", "fc", outputs=7) + SOFTMAX,
+    "two branches": inputs(data=(2, 3, 8, 8)) + BODY + ip("a", "pool", "a") + ip("b", "pool", "b")
+    + 'layer { name: "sum" type: "Eltwise" bottom: "a" bottom: "b" top: "sum" } '
+    + ip("fc", "sum", "fc", outputs=7) + SOFTMAX,
+}
+
+
+@pytest.mark.parametrize(
+    ("net", "options", "first"),
+    [
+        ("a deep net", (), "drop"),
+        ("a deep net", ("--freeze", "conv"), "fc6"),
+        ("a deep net", ("--freeze", "bn", "--rgb"), "fc6"),
+        ("two branches", (), "fc_new"),
+        ("two branches", ("--freeze", "a", "--batch", "7"), "b"),
+    ],
+)
+def test_features_of_frozen_layers_are_computed_once(
+    net: str, options: tuple[str, ...], first: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The files and the tests are those of a training that computes all layers in each step, up to rounding."""
+    write_net(NETS[net])
+    options = ("--iterations", "12", *options)
+    done = tuned(*options, "--out", "fast")
+    assert f"the layers before {first!r} are computed once for each picture" in done.err
+
+    def refuse(*given: object) -> None:
+        raise NotFrozenError("of the test")
+
+    monkeypatch.setattr(finetune, "use_features", refuse)
+    slow = tuned(*options, "--out", "slow")
+    assert "all layers are computed in each step: of the test" in slow.err
+    assert done.out.splitlines()[:-1] == slow.out.splitlines()[:-1]  # but for the folder in the last line
+    names = [{path.name for path in Path(out).iterdir()} for out in ("fast", "slow")]
+    assert names[0] == names[1]
+    nets = [
+        netlib.Net(f"{out}/deploy.prototxt", f"{out}/net_iter_12.caffemodel", netlib.TEST) for out in ("fast", "slow")
+    ]
+    for one, other in zip(*(net.params.values() for net in nets)):
+        for found, expected in zip(one, other):
+            np.testing.assert_allclose(found.data, expected.data, rtol=1e-4, atol=1e-6)
+    logs = [re.findall(r"accuracy = ([\d.]+)", Path(out, "train.log").read_text()) for out in ("fast", "slow")]
+    assert logs[0] == logs[1] and len(logs[0]) > 10
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (("--mirror",), "pictures are mirrored at random (--mirror)"),
+        (("--freeze", "none"), "no frozen layer with weights is before layer 'conv'"),
+        (("--mean-file", "mean.binaryproto", "--scale", "1"), "pictures are cropped at random, as the mean image is"),
+    ],
+)
+def test_why_all_layers_are_computed_in_each_step(options: tuple[str, ...], reason: str) -> None:
+    write_blob(np.zeros((1, 3, 10, 10), np.float32), "mean.binaryproto")
+    assert f"all layers are computed in each step: {reason}" in tuned("--iterations", "1", *options).err
+
+
+def test_features_that_do_not_fit_into_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(frozen_features, "SHARE_OF_MEMORY", 0.0)
+    assert "the features of 24 pictures would take 384 bytes" in tuned("--iterations", "1").err
+
+
+def test_one_line_of_progress_and_the_log_in_its_file() -> None:
+    """Elsewhere than on a terminal the last state of the line is shown."""
+    done = tuned("--iterations", "30")
+    assert "Creating Layer" not in done.err and "Creating Layer" in Path("finetuned/train.log").read_text()
+    assert re.fullmatch(r"step 30/30, accuracy [01]\.\d\d, 0 s left", done.err.splitlines()[-1])
+
+
+def test_a_training_that_was_stopped_is_continued(signal_at_start: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The printed command gives the weights of a training that was not stopped."""
+    whole = ("--iterations", "9")
+    tuned(*whole, "--out", "whole")
+    original = training.requests_by_signal
+    signal_at_start(signal.SIGINT)
+    line = tuned(*whole, status=130).err.splitlines()[-1]
+    monkeypatch.setattr(training, "requests_by_signal", original)
+    start, _, command = line.partition("train.py ")
+    assert start.startswith("continue: ")
+    run_tool("train", *shlex.split(command))
+    one, other = (netlib.Net(f"{out}/deploy.prototxt", f"{out}/net_iter_9.caffemodel", netlib.TEST)
+                  for out in ("whole", "finetuned"))
+    np.testing.assert_allclose(one.params["fc_new"][0].data, other.params["fc_new"][0].data, rtol=1e-4, atol=1e-6)
 
 
 def test_a_convolution_as_last_layer_and_a_second_run() -> None:

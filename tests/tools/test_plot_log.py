@@ -46,6 +46,20 @@ def test_logs_of_one_name_are_told_apart(tmp_path, figures):
     assert outputs[0].get_xydata().tolist() == [[0, 2.5]]
 
 
+def test_a_curve_of_one_point_is_seen(tmp_path, figures):
+    """It has a marker, a long curve has none; all panels show the same iterations."""
+    (tmp_path / "short.log").write_text("Iteration 40, loss = 2\n")
+    lines = [f"Iteration {i}, loss = {i}" for i in range(50)]
+    (tmp_path / "long.log").write_text("\n".join(["Iteration 0, Testing", "Test net output #0: a = 1", *lines]))
+    run_tool("plot_log", tmp_path / "short.log", tmp_path / "long.log", "--out", tmp_path / "a.png")
+    losses, outputs = figures[0].axes
+    assert [line.get_marker() for line in losses.lines] == ["o", ""]
+    assert losses.get_xlim() == outputs.get_xlim() and losses.get_xlim()[1] > 49
+    run_tool("plot_log", tmp_path / "short.log", "--out", tmp_path / "b.png")
+    first, last = figures[1].axes[0].get_xlim()
+    assert first < 40 < last
+
+
 @pytest.mark.parametrize(
     ("count", "said"), [(plot_log.MAX_PANELS, ""), (400, "drew the first 8 of 400 test outputs\n")]
 )

@@ -362,6 +362,7 @@ def test_a_hand_with_the_packaged_weights(here):
     Path("track.json").write_text(text)
     np.testing.assert_allclose(shown["inputs"][:47], read_track("track.json").frames[0].hands[0].inputs, atol=1e-5)
     assert len(shown["inputs"]) == 52 and np.any(shown["inputs"][47:]) and shown["thickness"] != 1
-    assert cv2.imread("p/frame_hand.png").shape[1] > 3 * 512  # skeleton, surface, side view
+    height, width, _ = cv2.imread("p/frame_hand.png").shape
+    assert width > 3 * 512 and height > 512 + 22  # skeleton, surface, side view; with captions
     first = run_tool("predict", *argv, "--fit", "fast", "--hand", "right").out.splitlines()[0]
     assert re.match(r"frame.png: right hand, (>99|\d+)% sure, \d+ mm of error expected; at -?\d+, ", first)

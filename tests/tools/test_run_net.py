@@ -96,6 +96,22 @@ def test_another_size() -> None:
     assert np.load("pool.npy").shape == (3, 3, 19, 29)
 
 
+def test_a_folder_of_pictures() -> None:
+    """Pictures are in the order of their numbers; other files and hidden ones are left out."""
+    Path("some").mkdir()
+    for name, source in (("b 10.png", "0.png"), ("b 9.PNG", "1.png"), (".hidden.png", "2.png")):
+        Path("some", name).write_bytes(Path(source).read_bytes())
+    Path("some", "Thumbs.db").write_text("")
+    lines = run("some", "2.png", "--top", "1").out.splitlines()[::2]
+    assert lines == ["some/b 9.PNG: prob", "some/b 10.png: prob", "2.png: prob"]
+    run("some", "--out", "of_folder.npy")
+    run("1.png", "0.png", "--out", "of_files.npy")
+    assert np.array_equal(np.load("of_folder.npy"), np.load("of_files.npy"))
+    Path("empty").mkdir()
+    line = refusal("run_net", "net.prototxt", "net.caffemodel", "empty")
+    assert line.startswith("empty: no picture in this folder (.bmp, .jpeg")
+
+
 def test_a_list_of_images_in_a_folder() -> None:
     """--root-folder is prepended to each path; test_finetune.py compares the input with that of an ImageData layer."""
     Path("list.txt").write_text("0.png 7\n")
@@ -216,7 +232,7 @@ TRAIN = 'layer { name: "d" type: "DummyData" top: "data" dummy_data_param { shap
         (NET, ["nul.txt", "--blob", "prob", "--out", "o.npy"], "a\\x00b.png: cannot read the image: "),
         (NET, ["list.txt", "--confusion"], "--confusion needs one blob of classes, and --labels with their names"),
         (NET, ["list.txt", "--confusion", "--labels", "three.txt"], "3 labels, but blob 'prob' has 4 values"),
-        (TRAIN, ["0.png"], "net.prototxt: the net reads its data in a data layer; expected a deploy prototxt"),
+        (TRAIN, ["0.png"], "net.prototxt:1:19: this is a training net: layer 'd' of type DummyData reads the data"),
         (inputs(a=(1, 3, 2, 2)) + SILENCE, ["0.png"], "net.prototxt: no layer leaves a blob unread, so the net has no "
          "output; name one with --blob"),
         (inputs(a=(1, 3, 2, 2), b=(1, 3)), ["0.png"], "net.prototxt: the net has the inputs a, b; expected one"),

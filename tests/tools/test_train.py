@@ -2,6 +2,7 @@
 
 import logging
 import re
+import shlex
 import shutil
 import signal
 from pathlib import Path
@@ -100,20 +101,27 @@ def test_seed_and_threads(work):
 @pytest.mark.parametrize(
     ("number", "status", "last"), [(signal.SIGINT, 130, 1), (signal.SIGTERM, 143, 1), (signal.SIGHUP, 0, 2)]
 )
-def test_signals(work, signal_at_start, number, status, last):
+def test_signals(work, signal_at_start, monkeypatch, number, status, last):
     """Ctrl-C and SIGTERM finish the iteration, write a snapshot, and determine the exit status; SIGHUP goes on.
 
-    The signal handlers are restored.
+    The signal handlers are restored. The last line is the command that continues.
     """
     handlers = [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
     with open("solver.prototxt", "a") as file:
         file.write("test_initialization: false")
+    original = training.requests_by_signal
     signal_at_start(number)
     lines = train("--max-iter", "2", status=status).err.splitlines()
+    monkeypatch.setattr(training, "requests_by_signal", original)
     assert handlers == [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
-    assert ("Optimization stopped early." in lines[-1]) == (last == 1)
+    assert ("Optimization stopped early." in lines[-2]) == (last == 1)
     for i in {1, last}:
         assert (work / f"snapshots/net_iter_{i}.solverstate").exists()
+    if last == 1:
+        start, _, command = lines[-1].partition(" python tools/train.py ")
+        assert start == "continue:"
+        run_tool("train", *shlex.split(command))
+        assert (work / "snapshots/net_iter_2.solverstate").exists()
 
 
 def test_mistakes(work):

@@ -19,6 +19,7 @@ from netlib import files
 from netlib.blob import Array
 from netlib.caffe.proto.ssd import LabelMap
 from netlib.errors import DataError, NetlibError, reason_of, warn_once
+from netlib.files.paths import list_folder
 from netlib.net import Net
 from netlib.proto import prototxt, schema
 from netlib.proto.binaryproto import read_blob
@@ -26,6 +27,7 @@ from tools.common.arguments import numbers, positive_number
 
 Size = tuple[int, int]  # width and height in px
 MAX_LABELS = 1 << 16
+PICTURES = (".bmp", ".jpeg", ".jpg", ".png", ".pgm", ".ppm", ".tif", ".tiff", ".webp")
 
 
 @dataclass(frozen=True)
@@ -104,11 +106,24 @@ def passes(
         yield some, images, arrays
 
 
+def pictures_in(folder: Path) -> list[str]:
+    """The paths of the pictures in a folder, with numbers in their names in the order of their values.
+
+    Raises DataError.
+    """
+    names = [name for name in list_folder(folder) if Path(name).suffix.lower() in PICTURES and name[0] != "."]
+    return [str(folder / name) for name in sorted(names, key=_with_numbers)]
+
+
+def _with_numbers(name: str) -> list[tuple[int, str]]:
+    """A key that sorts names by their numbers: 9.png before 10.png."""
+    return [(int(part), "") if part.isdecimal() else (0, part) for part in re.split(r"(\d+)", name)]
+
+
 def image_input(net: Net) -> tuple[str, tuple[int, ...]]:
     """Name and shape (N, C, H, W) of the input for images. Raises NetlibError."""
     if not net.inputs:
-        raise NetlibError(f"{net.source}: the net reads its data in a data layer; expected a deploy prototxt, which "
-                          "has an Input layer instead and no loss")
+        raise NetlibError(f"{net.source}: the net has no input; expected one, for images")
     if len(net.inputs) > 1:
         raise NetlibError(f"{net.source}: the net has the inputs {', '.join(net.inputs)}; expected one, for images. "
                           "Python's Net.forward accepts all")

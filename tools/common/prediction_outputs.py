@@ -122,8 +122,18 @@ def views(found: Hand, predictor: Predictor, zoom: int = 4) -> list[strokes.Imag
 def draw(picture: Path, found: Hand, predictor: Predictor) -> None:
     """Write the views of a prediction as one picture. Raises NetlibError."""
     drawn = views(found, predictor)
-    titles = () if found.has_joints else [f"{percent(found.confidence)} sure: no joints"]
-    outputs.write_image(picture, strokes.sheet(drawn, len(drawn), titles))
+    outputs.write_image(picture, strokes.sheet(drawn, len(drawn), captions(found, predictor)))
+
+
+def captions(found: Hand, predictor: Predictor) -> list[str]:
+    """A caption for each view: what was found and how sure it is, and what the colours of the surface mean."""
+    sure = "" if found.fit is None else f", {percent(found.confidence)} sure"
+    if not found.has_joints:
+        return [f"{percent(found.confidence)} sure: no joints"]
+    error = "" if math.isnan(found.error_mm) else f", expected error {found.error_mm:.0f} mm"
+    first = f"{found.hand if predictor.is_hand else predictor.skeleton.name}{sure}{error}"
+    surface_view = [] if found.fit is None else ["fitted surface; red: no depth behind it"]
+    return [first, *surface_view, "in space, from the side"]
 
 
 def write_page(path: Path, found: Sequence[tuple[str, Hand]], predictor: Predictor) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
@@ -13,6 +14,8 @@ from typing import Any, TextIO
 from netlib import files
 from netlib.errors import NetlibError, printable, reason_of
 from tools.common.console import DONE, say
+
+PAUSE_S, TERMINAL_PAUSE_S = 10.0, 0.2  # least time between two states of a StatusLine
 
 
 class ProgressBar:
@@ -69,6 +72,44 @@ class ProgressBar:
     def print(self, line: str, stream: TextIO) -> None:
         """Print a line above the bar, which is visible."""
         self._bar.write(line, file=stream)
+
+
+class StatusLine:
+    """One line on stderr that tells how far a run is: rewritten on a terminal; elsewhere a new line every ten seconds,
+    and the last one.
+    """
+
+    def __init__(self) -> None:
+        self._is_terminal = sys.stderr is not None and sys.stderr.isatty()
+        self._pause = TERMINAL_PAUSE_S if self._is_terminal else PAUSE_S
+        self._text, self._shown = "", ""
+        self._next = 0.0
+
+    def __enter__(self) -> StatusLine:
+        self._next = time.monotonic() + self._pause
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._show()
+        if self._is_terminal and self._shown:
+            say(file=sys.stderr)
+
+    def __call__(self, text: str) -> None:
+        """Set the text; it is shown unless the last one was shown just before."""
+        self._text = text
+        if time.monotonic() >= self._next:
+            self._show()
+
+    def _show(self) -> None:
+        self._next = time.monotonic() + self._pause
+        if self._text == self._shown:
+            return
+        if self._is_terminal:
+            rest = " " * (len(self._shown) - len(self._text))
+            print(f"\r{self._text}{rest}", end="", file=sys.stderr, flush=True)
+        else:
+            say(self._text, file=sys.stderr)
+        self._shown = self._text
 
 
 class StoppedError(Exception):

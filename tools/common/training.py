@@ -8,9 +8,10 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
+import shlex
 import signal
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import FrameType
 from typing import Any, Literal
@@ -21,6 +22,7 @@ from netlib import files
 from netlib.distributed.ranks import ALONE, Ranks
 from netlib.errors import NetlibError, reason_of
 from netlib.files import locks
+from netlib.files.paths import command
 from netlib.proto import prototxt
 from netlib.solver import Solver
 from netlib.training import solver_parameter
@@ -144,7 +146,18 @@ def train(
         if file := console.file:  # replaced when the snapshots can be written and no other training does
             solver.on_step.append(lambda: file.begin([snapshot, *read]))
         status = solve(solver, console, snapshot)
+    if status != DONE and not ranks.rank:
+        options = {"--max-iter": max_iter, "--threads": threads, "--engine": engine, "--log": log_file}
+        say_how_to_continue(solver, options)
     return DONE if ranks.rank else status
+
+
+def say_how_to_continue(solver: Solver, options: Mapping[str, object]) -> None:
+    """Print the command that continues a training that was stopped; options that are None are left out."""
+    words: list[object] = [solver.source, "--snapshot", solver.snapshots.last]
+    words += [word for name, value in options.items() if value is not None for word in (name, value)]
+    how = f"continue with {solver.ranks.count} ranks" if solver.ranks.count > 1 else "continue"
+    say(f"{how}: {command('train')} {shlex.join(map(str, words))}", file=sys.stderr)
 
 
 @contextlib.contextmanager
@@ -183,15 +196,18 @@ def set_up_engine(name: str | None, ranks: Ranks, threads: int | None = None) ->
 
 def new_solver(
     solver_file: str | Path, snapshot: str | Path | None = None, weights: Sequence[str | Path] = (),
-    seed: int | None = None, engine: str | None = None, ranks: Ranks = ALONE, **changes: Any,
+    seed: int | None = None, engine: str | None = None, ranks: Ranks = ALONE, kind: type[Solver] = Solver,
+    **changes: Any,
 ) -> Solver:
-    """Create the solver for ``train`` and log it; ``changes`` replace fields of its file. Raises NetlibError."""
+    """Create the solver for ``train``, of this class, and log it; ``changes`` replace fields of its file. Raises
+    NetlibError.
+    """
     if snapshot or weights:
         changes["weights"] = tuple(map(str, weights))
     tree = prototxt.parse_file(solver_file)
     param = solver_parameter.parameter_of(tree, **changes)  # errors come before a long text
     log.info("Initializing solver from parameters: \n%s", tree)
-    solver = Solver(param, str(solver_file), seed, engine, ranks=ranks)
+    solver = kind(param, str(solver_file), seed, engine, ranks=ranks)
     _describe(solver)
     if snapshot is None:
         _warn_of_zeros(solver)
@@ -200,10 +216,11 @@ def new_solver(
 
 def solve(
     solver: Solver, console: BarHandler, snapshot: str | Path | None = None, on_sigint: Effect = "stop",
-    on_sighup: Effect = "snapshot",
+    on_sighup: Effect = "snapshot", shows_bar: bool = True,
 ) -> int:
     """Train to the end, or until a signal; returns the exit status: 0, or 128 + signal. Raises NetlibError."""
-    with requests_by_signal(solver, on_sigint, on_sighup) as stopped, _progress(solver, console):
+    bar = _progress(solver, console) if shows_bar else contextlib.nullcontext()
+    with requests_by_signal(solver, on_sigint, on_sighup) as stopped, bar:
         finished = solver.solve(snapshot)
     if stopped or solver.ranks.count == 1:
         return DONE if finished or not stopped else 128 + stopped[0]

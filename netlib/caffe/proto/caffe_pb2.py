@@ -2,8 +2,8 @@
 
 There is no caffe.proto and no generated code: the file descriptor is built on import from the dataclasses that read and
 write the files of this project (netlib/proto/messages.py, netlib/proto/upgrade.py, and the options of the layer types),
-so names, numbers, types and defaults are declared once. This module adds the names of the enums, and the messages of
-SSD's scripts (ssd.py).
+so names, numbers, types and defaults are declared once. This module adds the names of the enums, the messages of SSD's
+scripts (ssd.py), and what scripts of other forks write (forks.py).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING, Any
 
-from netlib.caffe.proto import ssd
+from netlib.caffe.proto import forks, ssd
 from netlib.errors import NetlibError
 from netlib.fillers import Filler
 from netlib.proto import messages, schema, upgrade, wire
@@ -74,6 +74,7 @@ def file_descriptor() -> Any:
     described = {name: file.message_type.add(name=name) for name in known}
     for name, cls in known.items():
         _describe(described, name, cls)
+    forks.add_to(file)
     return file
 
 

@@ -2,6 +2,7 @@
 
 import json
 import re
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -44,6 +45,17 @@ def test_the_packaged_network(packaged, rng):
             if name in expected:
                 assert found[name].shape == expected[name].shape
                 np.testing.assert_allclose(found[name], expected[name], rtol=0, atol=1e-5)
+
+
+def test_an_older_opset(packaged, here, onnx, rng):
+    """The packaged network with opset 13 computes the same numbers, bit for bit."""
+    weights = SYNTHETIC / "synthetic_hand.caffemodel.h5"
+    run_tool("export_onnx", SYNTHETIC / "deploy.prototxt", weights, "older.onnx", "--blob", "DoF", "--opset", "13")
+    model = onnx.load("older.onnx")
+    assert ([opset.version for opset in model.opset_import], model.ir_version) == ([13], 7)
+    depth = rng.uniform(-1, 1, (2, 1, 128, 128)).astype(np.float32)
+    older, newer = (run_onnx(file.read_bytes(), depth=depth) for file in (Path("older.onnx"), packaged))
+    assert all(np.array_equal(older[name], newer[name]) for name in newer)
 
 
 def test_metadata(packaged, onnx):

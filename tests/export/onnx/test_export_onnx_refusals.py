@@ -16,7 +16,7 @@ def refused(net: object, weights: str, *more: str, out: str = "out.onnx") -> str
     return refusal("export_onnx", net, weights, out, *more)
 
 
-@pytest.mark.parametrize("kind", ["EuclideanLoss", "HDF5Data", "Python"])
+@pytest.mark.parametrize("kind", ["EuclideanLoss", "Filter", "LSTM"])
 def test_a_type_without_a_form(kind, files):
     """A layer type without an ONNX form is reported with its layer and line, before any data is opened."""
     _, weights = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (1, 3))
@@ -51,6 +51,19 @@ def test_a_type_without_a_form(kind, files):
 def test_a_net_without_a_batch(layers, shapes, message, files):
     """Every blob must have N items at most once, and cannot be both input and output."""
     assert refused(*files(layers, *shapes)) == message
+
+
+def test_an_opset_that_is_too_old_for_an_operator(files):
+    """The error names the layer, its operator and the opset that it needs; a net without such operators is written."""
+    net, weights = files('layer { name: "s" type: "Softmax" bottom: "x0" top: "y" }', (1, 3))
+    assert refused(net, weights, "--opset", "11") == (
+        "layer 's' needs the operator Softmax of opset 13, found opset 11; expected --opset 13 or more"
+    )
+    assert "expected an integer of at most 17" in run_tool(
+        "export_onnx", net, weights, "out.onnx", "--opset", "18", status=2
+    ).err
+    net, weights = files('layer { name: "a" type: "AbsVal" bottom: "x0" top: "y" }', (1, 3))
+    run_tool("export_onnx", net, weights, "out.onnx", "--opset", "11", "--check")
 
 
 def test_files_that_are_not_there(files):

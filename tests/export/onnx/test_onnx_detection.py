@@ -13,7 +13,7 @@ from export.onnx.check import differences
 from export.onnx.net import load, onnx_image
 from netlib.errors import LayerError
 from netlib.files.paths import ROOT
-from tests.support.onnx_nets import run_onnx
+from tests.support.onnx_nets import check_older, run_onnx
 
 SMALL = ROOT / "tests/layers/detection/small_ssd.prototxt"
 P, C = 12, 3
@@ -50,6 +50,7 @@ def test_detections(code, shared, more, files):
     net = detector(files, options, shared)
     found, _ = differences(onnx_image(net), net, (1, 3))
     assert set(found) == {"d"} and found["d"].found <= 1e-5, found
+    check_older(net)
 
 
 def nearly_equal(files, threshold: float) -> netlib.Net:

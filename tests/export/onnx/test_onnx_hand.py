@@ -9,7 +9,7 @@ from export.onnx.hand import steps_of
 from export.onnx.net import load as load_net
 from export.onnx.net import onnx_image
 from layers.hand.skeleton import load
-from tests.support.onnx_nets import run_onnx
+from tests.support.onnx_nets import check_older, run_onnx
 
 
 def test_steps_of_the_hand():
@@ -42,3 +42,4 @@ def test_another_body(files, rng, sizes):
     x = {f"x{i}": rng.normal(size=(3, *shape[1:])).astype(np.float32) for i, shape in enumerate(shapes)}
     found = run_onnx(onnx_image(net, cube_mm=900), **x)["y"]
     np.testing.assert_allclose(found, net.forward(**x)["y"], atol=2e-6)
+    check_older(net, 900)

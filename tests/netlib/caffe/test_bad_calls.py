@@ -164,7 +164,7 @@ def test_images_that_are_refused(tmp_path, given, rejected):
 
 
 @bad_inputs(NetlibError, {
-    "no pydot": (("pydot", "net.png"), "pydot is missing: pip install pydot"),
+    "no pydot": (("pydot", "net.png"), "pydot is missing: pip install pydot; pictures also need Graphviz ..."),
     "no Graphviz": (("dot", "net.png"), "Graphviz's program dot is missing: install Graphviz (apt install ..."),
     "no suffix": (("", "net"), "...net: no suffix; expected one that names the format: .png, .svg, .pdf ..."),
     "no folder": (("", "none/net.raw"), "...none/net.raw: cannot write the image: No such file..."),

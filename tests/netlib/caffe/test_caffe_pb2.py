@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from google.protobuf import json_format, message, text_format
 
-from netlib.caffe.proto import caffe_pb2
+from netlib.caffe.proto import caffe_pb2, forks
+from netlib.caffe.proto.caffe_pb2 import _name_of
 from netlib.proto import messages, schema, upgrade, wire
 from netlib.proto.options import option_blocks
 
@@ -36,7 +37,7 @@ def test_fields_are_those_of_the_dataclass(name: str) -> None:
     cls = DATACLASSES[name]
     fields = getattr(caffe_pb2, name).DESCRIPTOR.fields_by_name
     declared = {known.name: known for known in wire.fields_of(cls)}
-    assert set(fields) == set(declared)
+    assert set(fields) >= set(declared)
     defaults = {schema.written_name(f.name): f.default for f in dataclasses.fields(cls)}
     made = getattr(caffe_pb2, name)()
     for known in declared.values():
@@ -98,6 +99,22 @@ def test_messages_inside_the_options_of_a_fork() -> None:
     text = str(wire.decode(made.SerializeToString(), messages.LayerParameter))
     assert text_format.Parse(text, caffe_pb2.LayerParameter()) == made
     assert caffe_pb2.PriorBoxParameter.CodeType.items() == [("CORNER", 1), ("CENTER_SIZE", 2), ("CORNER_SIZE", 3)]
+
+
+def test_fields_of_forks_are_no_fields_of_files() -> None:
+    """They are declared once, and no layer of this project reads them."""
+    classes = [*option_blocks().values(), messages.LayerParameter, messages.SolverParameter]
+    known = {_name_of(cls): cls for cls in classes}
+    for name, fields in forks._entries(forks.MESSAGES):
+        declared = {field.name for field in wire.fields_of(known[name])} if name in known else set()
+        assert not declared & {field for field, _, _ in fields}
+        numbers = [field.number for field in getattr(caffe_pb2, name.split(".")[0]).DESCRIPTOR.fields]
+        assert len(numbers) == len(set(numbers))
+
+
+def test_a_solver_of_ssd() -> None:
+    text = 'net: "n" eval_type: "detection" ap_version: "11point" show_per_class_result: true'
+    assert text_format.Parse(text, caffe_pb2.SolverParameter()).ap_version == "11point"
 
 
 def test_the_labels_of_ssd() -> None:

@@ -66,14 +66,30 @@ def text_of(net, *args, **options):
 def test_the_graph(net):
     text = text_of(net, "TB")
     assert text.startswith('digraph "small net" {\nrankdir=TB;\n')
-    assert '"relu (ReLU)" [shape=record, fillcolor="#90EE90", style=filled];\n' in text  # in place
+    box = r'"conv1/3x3 (Convolution) kernel size: 3 stride: 1 pad: 1\nrelu (ReLU)"'  # with the layer in place
+    assert f'{box} [shape=record, fillcolor="#FF5050", style=filled];\n' in text
     assert '"node (InnerProduct)" [shape=record, fillcolor="#CC33FF", style=filled];\n' in text
     assert '\n"conv1/3x3" [shape=octagon, fillcolor="#E0E0E0", style=filled];\n' in text
     assert "\nlabel [shape=octagon, " in text and '\n"node" [shape=octagon, ' in text
-    assert '\n"conv1/3x3" -> "relu (ReLU)" [label=""];\n' in text
+    assert text.count('"conv1/3x3" -> ') == 1 and f'\n{box} -> "conv1/3x3" [label=20];\n' in text
     assert '\n"data (Data)" -> data [label="Batch 64"];\n' in text
     assert '\n"node (InnerProduct)" -> "node" [label=10];\n' in text
     assert "Batch" not in text_of(net, "TB", label_edges=False)
+
+
+def test_edges_carry_shapes(net):
+    """Where a blob is made; where it is read only if no layer makes it."""
+    del net.layer[:2]
+    text = text_of(net, "TB", shapes={"data": (1, 3, 8, 8), "pool": (1, 20, 4, 4), "node": ()})
+    box = r'"conv1/3x3 (Convolution) kernel size: 3 stride: 1 pad: 1\nrelu (ReLU)"'
+    assert f'\ndata -> {box} [label="1 x 3 x 8 x 8"];' in text
+    assert '"pool (Pooling AVE) kernel size: 2 stride: 2 pad: 0" -> pool [label="1 x 20 x 4 x 4"];' in text
+    assert 'pool -> "node (InnerProduct)" [label=""];' in text and '"node (InnerProduct)" -> "node" [label=10];' in text
+
+
+def test_a_layer_in_place_on_an_input(net):
+    del net.layer[:3]
+    assert '"relu (ReLU)" [shape=record, fillcolor="#90EE90", style=filled];\n' in text_of(net, "TB")
 
 
 @pytest.mark.parametrize(("phase", "shown"), [

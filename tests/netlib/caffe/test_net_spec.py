@@ -142,3 +142,32 @@ def test_assign_proto():
 def test_what_is_no_package():
     """Names of Python's own protocols are not taken for those of layers and parameters."""
     assert not hasattr(P, "__path__") and not hasattr(L, "__path__") and not hasattr(P.Pooling, "__len__")
+
+
+def test_nets_of_forks_are_written() -> None:
+    """Readers and losses of forks, whose layers are not ours, with enums and messages inside messages."""
+    n = caffe.NetSpec()
+    n.data, n.label = L.DenseImageData(dense_image_data_param={"source": "list.txt", "batch_size": 4}, ntop=2)
+    n.boxes, n.of_boxes = L.AnnotatedData(
+        annotated_data_param={"batch_sampler": [{"max_sample": 1, "sampler": {"min_scale": 0.5}}]},
+        transform_param={"resize_param": {"resize_mode": P.Resize.WARP, "interp_mode": [P.Resize.LINEAR]}},
+        ntop=2,
+    )
+    kinds = {"loc_loss_type": P.MultiBoxLoss.SMOOTH_L1, "code_type": P.PriorBox.CENTER_SIZE}
+    n.loss = L.MultiBoxLoss(n.boxes, n.of_boxes, **kinds)
+    n.crf = L.MultiStageMeanfield(n.data, num_iterations=5, compatibility_mode=P.MultiStageMeanfield.POTTS)
+    n.joints = L.CPMData(cpm_transform_param={"stride": 8}, data_param={"source": "lmdb", "batch_size": 2})
+    text = str(n.to_proto())
+    assert 'dense_image_data_param {\n    source: "list.txt"\n    batch_size: 4\n  }' in text
+    assert "multibox_loss_param {\n    loc_loss_type: SMOOTH_L1\n    code_type: CENTER_SIZE\n  }" in text
+    assert text_format.Parse(text, caffe_pb2.NetParameter()) == n.to_proto()
+
+
+def test_a_netspec_has_the_methods_of_ssd() -> None:
+    n = caffe.NetSpec()
+    n.x, n.y = L.Input(shape={"dim": 1}), L.Input(shape={"dim": 1})
+    n.z = L.Power(n.x, scale=2)
+    n.update("z", {"scale": 3})
+    del n["y"]
+    assert (n.keys(), n.vals()) == (["x", "z"], [n.x, n.z])
+    assert n.to_proto().layer[1].power_param.scale == 3

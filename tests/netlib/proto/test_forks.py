@@ -1,4 +1,4 @@
-"""Options and layer types of forks of Caffe: accepted without effect, or named in the error; binary files keep them."""
+"""Options of forks of Caffe: accepted without effect, or named in the error; binary files keep them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import netlib
-from layers import LAYER_TYPES
 from netlib.net import Net
 from netlib.proto import forks, messages, prototxt, schema, wire
 from netlib.proto.messages import FORK_NUMBERS, LayerParameter, NetParameter, SolverParameter
@@ -70,35 +69,6 @@ def test_weights_of_a_net_with_options_of_forks(net_of: Callable[..., Net], tmp_
         net.save(str(tmp_path / f"{i}.caffemodel"))
     wanted, found = (wire.decode((tmp_path / f"{i}.caffemodel").read_bytes(), NetParameter) for i in range(2))
     assert str(found) == str(wanted).replace("kernel_size: 1\n", "kernel_size: 1\n    engine: 0\n")
-
-
-@pytest.mark.parametrize(("name", "advice"), [
-    ("Convolutoin", "did you mean 'Convolution'?"), ("convolution", "did you mean 'Convolution'?"),
-    ("Inner_Product", "did you mean 'InnerProduct'?"), ("Poolin", "did you mean 'Pooling'?"),
-    ("Relu6", "did you mean 'ReLU6'?"), ("ROIpooling", "did you mean 'ROIPooling'?"),
-    ("ChannelDropout", "the nearest names: Dropout"), ("ROIAlign", "the nearest names: ROIPooling"),
-    ("SeLu", "a layer ELU with alpha 1.67326 and a layer Power with scale 1.0507 after it compute the same"),
-    ("MultiBoxLoss", "the training layers of SSD are not supported; its deploy nets are"),
-])
-def test_advice_on_unknown_types(name: str, advice: str) -> None:
-    assert forks.type_advice(name, LAYER_TYPES).startswith(f" ({advice}")
-
-
-@pytest.mark.parametrize("name", ["RReLU", "CReLU", "Unpooling", "LogSoftmax", "SoftPlus", "ROIAlign", ""])
-def test_no_advice_takes_another_layer_for_a_misspelling(name: str) -> None:
-    assert "did you mean" not in forks.type_advice(name, LAYER_TYPES)
-
-
-def test_a_selu_is_an_elu_and_a_power(net_of: Callable[..., Net]) -> None:
-    x = np.linspace(-4, 4, 33)
-    net = net_of(inputs(x=(33,)) + '''layer { name: "e" type: "ELU" bottom: "x" top: "e" elu_param { alpha: 1.67326 } }
-                 layer { name: "p" type: "Power" bottom: "e" top: "y" power_param { scale: 1.0507 } }''')
-    selu = 1.0507009873554805 * np.where(x > 0, x, 1.6732632423543772 * np.expm1(x))
-    assert np.allclose(net.forward(x=x)["y"], selu, rtol=1e-5)
-
-
-def test_the_types_with_hints_are_not_known() -> None:
-    assert not forks.HINTS.keys() & LAYER_TYPES.keys()
 
 
 CONTENTS = {  # block -> content, as text and encoded

@@ -78,7 +78,10 @@ AGE = ("this net is in Caffe's format of 2013 (V0); convert it by Caffe 1.0's up
     "layers { type: POOLIN }": "<text>:1:16: error: unknown value POOLIN of 'type' (did you mean 'POOLING'?)",
     'layers { type: "InnerProduct" }':
         "<text>:1:16: error: 'type' expects a name without quotes, found ... (did you mean 'INNER_PRODUCT'?)",
-    "layers { type: PRELU }": "<text>:1:16: error: unknown value PRELU of 'type' (the nearest names: RELU)",
+    "layers { type: PRELU }": "<text>:1:16: error: unknown value PRELU of 'type' (the layer PReLU needs the current "
+                              'format: layer { type: "PReLU" ... })',
+    "layers { type: CROP }": "<text>:1:16: error: unknown value CROP of 'type' (the layer Crop needs the current "
+                             'format: layer { type: "Crop" ... })',
     "layers { blob_lr: 1 }": "<text>:1:10: error: unknown field 'blob_lr' (did you mean 'blobs_lr'?)",
     "layers: 1": "<text>:1:1: error: 'layers' is a message: expected layers { ... }, found 1",
     'layers { layer { name: "a" type: "relu" } bottom: "x" top: "x" }': f"<text>:1:8: error: {AGE}",

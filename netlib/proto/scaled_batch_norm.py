@@ -1,0 +1,78 @@
+"""BatchNorm with a scale and a bias of its own, as in NVIDIA's and Intel's Caffe, as a BatchNorm and a Scale.
+
+    layer { name: "bn" type: "BatchNorm" bottom: "x" top: "y" batch_norm_param { scale_bias: true } }
+
+NVIDIA's option is ``scale_bias``, which a filler of either also sets; Intel's is ``use_weight_bias``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from netlib.proto import prototxt
+from netlib.proto.prototxt import Field, Message, Scalar
+
+OPTIONS = {"scale_bias", "use_weight_bias", "bias_term", "scale_filler", "filler", "bias_filler"}
+_FILLERS = {
+    "scale_filler": "filler",
+    "filler": "filler",
+    "bias_filler": "bias_filler",
+}  # -> those of Scale
+_STATISTICS = 3  # parameters of BatchNorm
+_TRUE = ("true", "True", "t", "1")
+
+
+def separated(layer: Message, taken: Iterable[str]) -> list[Message]:
+    """The layer, or in its place a BatchNorm and a Scale, whose name is not one of ``taken``."""
+    block = next((item for item in layer.fields if item.name == "batch_norm_param"), None)
+    if _text(layer, "type") != "BatchNorm" or block is None or not isinstance(block.value, Message):
+        return [layer]
+    options = [item for item in block.value.fields if item.name in OPTIONS]
+    if not any(_asks_for_scale(item) for item in options):
+        return [layer]
+    others = [item for item in block.value.fields if item.name not in OPTIONS]
+    place = layer.position
+    norm = Field(block.name, Message(others, block.value.position), block.position)
+    shared = [item for item in layer.fields if item.name not in ("param", "batch_norm_param")]
+    rates = [item for item in layer.fields if item.name == "param"]
+    return [Message([*shared, norm], place), _scale(layer, options, rates, set(taken))]
+
+
+def _asks_for_scale(item: Field) -> bool:
+    return isinstance(item.value, Message) or (
+        isinstance(item.value, Scalar) and item.value.text in _TRUE
+    )
+
+
+def _scale(layer: Message, options: list[Field], rates: list[Field], taken: set[str]) -> Message:
+    """The Scale, in place on the top of the BatchNorm.
+
+    rates  the ``param`` of the layer: of mean, variance, factor, scale and bias, or in older versions of scale and
+           bias first
+    """
+    place, name = layer.position, f"{_text(layer, 'name')}_scale"
+    while name in taken:
+        name += "_"
+    (top,) = layer.values("top")[:1] or [Scalar("string", "", place)]
+    fillers = [
+        Field(_FILLERS[item.name], item.value, place) for item in options if item.name in _FILLERS
+    ]
+    own = rates[_STATISTICS:] if len(rates) in (_STATISTICS, _STATISTICS + 2) else rates[:2]
+    scale = prototxt.parse("bias_term: true").fields
+    fields = [
+        Field("name", Scalar("string", name, place), place),
+        Field("type", Scalar("string", "Scale", place), place),
+        Field("bottom", top, place),
+        Field("top", top, place),
+        *own,
+        *(item for item in layer.fields if item.name in ("include", "exclude", "phase")),
+        Field("scale_param", Message([*scale, *fillers], place), place),
+    ]
+    return Message(fields, place)
+
+
+def _text(layer: Message, name: str) -> str:
+    """The last value of a string of the layer; empty if it has none."""
+    return next(
+        (value.text for value in reversed(layer.values(name)) if isinstance(value, Scalar)), ""
+    )
