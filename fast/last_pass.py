@@ -133,14 +133,18 @@ class LastPass:
         A blob that has another number of values now keeps none, as after any reshape. Returns what cannot be computed:
         the blobs of a pass that is not complete, and diffs of a pass before.
         """
-        if not self.is_done or self._is_discarded():
-            for at in self.run.connections:
-                at.ran_with = None
         late = self.late if self.back is None or self.back.is_done else self._differentiated
+        if self.is_done and not self._is_discarded():
+            self._store()
+            return dict.fromkeys(late, DIFF)
+        for at in self.run.connections:
+            at.ran_with = None
         if self.is_done is None or self._is_discarded():
             return {}
-        if not self.is_done:
-            return {blob: DATA | DIFF if blob in late else DATA for blob in self.run.hidden}
+        return {blob: DATA | DIFF if blob in late else DATA for blob in self.run.hidden}
+
+    def _store(self) -> None:
+        """Repeat the pass with copies of the layers, and keep what it gives."""
         blobs = {blob: Blob(shape, blob.dtype, zeros_for_blob) for blob, shape in self.shapes.items()}
         connections = [_copied(at, blobs) for at in self.run.connections]
         self._compute(connections, blobs)
@@ -151,7 +155,6 @@ class LastPass:
                 blob.keep(diff=blobs[blob].diff)
         for at, computed in zip(self.run.connections, connections):
             _take_state(at.layer, computed.layer)
-        return dict.fromkeys(late, DIFF)
 
     def _is_discarded(self) -> bool:
         """Whether reshapes since the pass have discarded all hidden blobs, and what the layers keep."""
@@ -159,7 +162,7 @@ class LastPass:
         return bool(changed) and changed.issuperset(self.run.hidden)
 
     def _compute(self, connections: list[Connection], blobs: Mapping[Blob, Blob]) -> None:
-        """Repeat the pass with copies of the layers."""
+        """Run these copies of the layers forwards, and backwards if the pass was."""
         params = [param for at in connections for param in at.layer.blobs]
         _set(params, self.weights)
         for blob, values in self.inputs.items():
