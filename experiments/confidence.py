@@ -8,9 +8,9 @@ Labels are those of ``python -m experiments constants``, of the only hand in vie
 are known. Each recording is tracked as it is and mirrored, by earlier frames only, and every pose counts, however sure.
 The logarithms of the errors are then explained by the signs that handpose/fit/pose_confidence.py describes, first of
 hands, then of fingers. All recordings have the same total weight, no weight of a sign is below 0, and weights are drawn
-towards those in use (--keep). What is tracked in addition to the labelled hand, and a pose at each other place that the
-finder takes for a hand, is as wrong as a lost hand and counts a tenth. The packaged network, its fit and the weights in
-use must be those for which the confidence is computed.
+towards those in use (--keep). What is tracked in addition to the labelled hand, and a pose at another of the two most
+certain places of the finder, is as wrong as a lost hand and counts a tenth. The packaged network and its fit must be
+those for which the confidence is computed.
 
 A row has the labelled hands, those with a confidence of 90% or more, the share of these that is more than 30 mm off,
 the correlation of expected and true error, both in mm; then the other poses, and those of 30% or more, which would have
@@ -62,6 +62,7 @@ from tools.common.progress import ProgressBar
 
 # Of 1, 0.25, 0.1 and 0.05: with 1, 12% of the hands have less than 50%, with 0.05 more of the others have more.
 OTHERS = 0.1
+PLACES = 2  # of the finder in a frame: the hand, and another one
 KEEP = 0.3  # of 0, 0.3, 1, 3 and 10; up to 1 they are alike when a recording is left out
 COMMENT = """Weights of the confidence of poses: handpose/fit/pose_confidence.py has the formulas.
 Fitted by `python -m experiments confidence` to {count} poses of {names},
@@ -128,9 +129,9 @@ def poses_of(name: str, frames: Iterator[TrackedLabels]) -> Poses:
 
 
 def evidence_of_others(frame: TrackedLabels) -> list[Evidence]:
-    """What an image shows of poses at the places that the finder takes for hands, away from the only one."""
+    """What an image shows of poses at the finder's places away from the only hand."""
     predictor, middle, found = frame.tracker.predictor, frame.label.mean(axis=(0, 1)), []
-    for other in frame.tracker.finder.hands(frame.depth, predictor.camera):
+    for other in frame.tracker.finder.hands(frame.depth, predictor.camera, most=PLACES):
         with contextlib.suppress(DataError):  # the pose leads out of the image
             hand = predictor.in_frame(frame.depth, predictor.camera.project(other.middle))
             if min(np.linalg.norm(place - middle) for place in (other.middle, hand.center_mm)) > LOST_MM:

@@ -112,7 +112,7 @@ def test_other_places_that_look_like_hands() -> None:
     recording = SyntheticRecording("rest", ICVL, rate=5, seconds=0.2, seed=1)
     [frame] = tracked_labels(recording, true_labels(recording), 0, False, min_confidence=0)
     middle, pixels = frame.label.mean(axis=(0, 1)), np.zeros(frame.depth.shape, bool)
-    places = (middle, middle + (40, 0, 0), middle + (-200, 0, 0))
+    places = (middle + (40, 0, 0), middle + (-200, 0, 0))
     frame.tracker.finder = Said(*(FoundHand(0.9, place, 0.5, pixels) for place in places))
     found = poses_of("rest", iter([frame]))
     assert len(found.error_mm) == 2 and found.error_mm[0] < 25 and found.error_mm[1] == LOST_MM
