@@ -36,8 +36,8 @@ class Taken(NamedTuple):
 class PresentPlace:
     """A hand as the finder saw it last, at ``time`` in s; a pose is tried from ``try_at`` on, then after ``pause``.
 
-    presence    mean of the last looks
-    highest     its maximum so far
+    presence      mean of the last looks
+    highest       its maximum so far
     was_followed  True if a hand was followed there shortly before
     """
 
@@ -56,7 +56,7 @@ class PresentPlace:
 
         Motion is no evidence: in one second, a tenth of the places without a hand move by more than 57 mm on P4 and 60
         on P6, with what the finder sees of them, and a tenth of those on a moving second hand by more than 59 to 71 mm.
-        Nor is a pose that is too doubtful to be followed: an upper arm (``hpx``) has such ones in every try.
+        Nor is a pose that is too doubtful to be followed: in a further recording (hpx), an upper arm has such ones.
         """
         return self.highest >= SURE_PRESENCE or self.was_followed
 
