@@ -276,6 +276,12 @@ def test_a_reader_of_a_fork(tool: str) -> None:
     obey(run_tool(tool, "t.prototxt", *words, status=None).err)
 
 
+def test_data_of_phase_train_only() -> None:
+    text = IMAGE_DATA.format(phase="TRAIN", mirror="true") + fc("fc", "data") + ENDS
+    Path("t.prototxt").write_text(text)
+    obey(refusal("run_net", "t.prototxt", "net.caffemodel", "0.png"))
+
+
 def test_finetune_names_it_too() -> None:
     Path("t.prototxt").write_text(TRAINING)
     line = refusal("finetune", "t.prototxt", "w", "pictures", "--mean", "1", "--scale", "1")

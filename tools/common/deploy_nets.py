@@ -88,14 +88,16 @@ def is_training_net(model: str) -> bool:
 
 
 def _readers(model: str) -> list[LayerParameter]:
-    """The layers that read the data in phase TEST. In a net with inputs, DummyData are constants."""
-    layers = select_layers(load_parameter(model), NetState("TEST"))
-    has_input = any(spec.type == "Input" for spec in layers)
-    return [
-        spec
-        for spec in layers
-        if _reads_data(spec) and not (spec.type == "DummyData" and has_input)
-    ]
+    """The layers that read the data, in phase TEST or, if nothing makes them there, in TRAIN.
+
+    In a net with inputs, DummyData are constants.
+    """
+    param = load_parameter(model)
+    layers = select_layers(param, NetState("TEST"))
+    if any(spec.type == "Input" for spec in layers):
+        return [spec for spec in layers if _reads_data(spec) and spec.type != "DummyData"]
+    found = [spec for spec in layers if _reads_data(spec)]
+    return found or [spec for spec in param.layer if _reads_data(spec)]
 
 
 def advice(model: str) -> str:
