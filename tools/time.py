@@ -26,13 +26,13 @@ import numpy as np
 
 import netlib
 from netlib import engine
-from netlib.errors import DataError
+from netlib.errors import NetlibError
 from netlib.layer import PHASES
 from netlib.net import Net
 from tools.common.arguments import add_engine, count, parser_of
 from tools.common.console import DONE, guarded, say
 from tools.common.costs import memory_of, report_time
-from tools.common.deploy_nets import advice
+from tools.common.deploy_nets import advice, is_training_net
 
 PHASE, DEPLOY_PHASE = "TRAIN", "TEST"
 
@@ -54,8 +54,10 @@ def run(args: argparse.Namespace) -> int:
         engine.get(args.engine).set_threads(args.threads)
     try:
         net = Net(args.model, PHASES[args.phase or PHASE], engine=args.engine)
-    except DataError as error:
-        raise DataError(f"{error}; without its data, time the deploy net: {advice(args.model)} writes it") from None
+    except NetlibError as error:
+        if not is_training_net(args.model):
+            raise
+        raise NetlibError(f"{error}; without its data, time the deploy net: {advice(args.model)} writes it") from None
     if args.phase is None and net.inputs and not net.losses:
         net = Net(args.model, PHASES[DEPLOY_PHASE], engine=args.engine)
     for blob in (net.blobs[name] for name in net.inputs):

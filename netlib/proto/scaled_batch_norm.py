@@ -58,16 +58,13 @@ def _scale(layer: Message, options: list[Field], rates: list[Field], taken: set[
         Field(_FILLERS[item.name], item.value, place) for item in options if item.name in _FILLERS
     ]
     own = rates[_STATISTICS:] if len(rates) in (_STATISTICS, _STATISTICS + 2) else rates[:2]
-    scale = prototxt.parse("bias_term: true").fields
-    fields = [
-        Field("name", Scalar("string", name, place), place),
-        Field("type", Scalar("string", "Scale", place), place),
-        Field("bottom", top, place),
-        Field("top", top, place),
-        *own,
-        *(item for item in layer.fields if item.name in ("include", "exclude", "phase")),
-        Field("scale_param", Message([*scale, *fillers], place), place),
-    ]
+    words = {"name": name, "type": "Scale"}
+    fields = [Field(key, Scalar("string", word, place), place) for key, word in words.items()]
+    fields += [Field(key, top, place) for key in ("bottom", "top")]
+    fields += own
+    fields += [item for item in layer.fields if item.name in ("include", "exclude", "phase")]
+    bias = prototxt.parse("bias_term: true").fields
+    fields.append(Field("scale_param", Message([*bias, *fillers], place), place))
     return Message(fields, place)
 
 

@@ -267,6 +267,21 @@ def test_commands_name_the_one_that_writes_a_deploy_net(tool: str, words: str) -
     run_tool(tool, "deploy.prototxt", *words.split())
 
 
+@pytest.mark.parametrize("tool", ["run_net", "time", "draw_net"])
+def test_a_reader_of_a_fork(tool: str) -> None:
+    """The command is named though the layer type is unknown."""
+    pytest.importorskip("pydot")
+    Path("t.prototxt").write_text(of_database().replace("Data", "LabelmapData") + fc("fc", "data") + ENDS)
+    words = {"run_net": ["w", "0.png"], "time": [], "draw_net": ["a.dot"]}[tool]
+    obey(run_tool(tool, "t.prototxt", *words, status=None).err)
+
+
+def test_data_of_phase_train_only() -> None:
+    text = IMAGE_DATA.format(phase="TRAIN", mirror="true") + fc("fc", "data") + ENDS
+    Path("t.prototxt").write_text(text)
+    obey(refusal("run_net", "t.prototxt", "net.caffemodel", "0.png"))
+
+
 def test_finetune_names_it_too() -> None:
     Path("t.prototxt").write_text(TRAINING)
     line = refusal("finetune", "t.prototxt", "w", "pictures", "--mean", "1", "--scale", "1")

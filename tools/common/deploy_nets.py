@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,7 +24,7 @@ from netlib.proto.binaryproto import read_blob
 from netlib.proto.messages import LayerParameter, NetParameter, NetState
 from netlib.proto.net_parameter import load_parameter, select_layers
 from netlib.proto.options import layer_types
-from netlib.proto.prototxt import Field, Message, Scalar
+from netlib.proto.prototxt import Message, Scalar
 
 Shape = tuple[int, ...]
 
@@ -88,14 +88,16 @@ def is_training_net(model: str) -> bool:
 
 
 def _readers(model: str) -> list[LayerParameter]:
-    """The layers that read the data in phase TEST. In a net with inputs, DummyData are constants."""
-    layers = select_layers(load_parameter(model), NetState("TEST"))
-    has_input = any(spec.type == "Input" for spec in layers)
-    return [
-        spec
-        for spec in layers
-        if _reads_data(spec) and not (spec.type == "DummyData" and has_input)
-    ]
+    """The layers that read the data, in phase TEST or, if nothing makes them there, in TRAIN.
+
+    In a net with inputs, DummyData are constants.
+    """
+    param = load_parameter(model)
+    layers = select_layers(param, NetState("TEST"))
+    if any(spec.type == "Input" for spec in layers):
+        return [spec for spec in layers if _reads_data(spec) and spec.type != "DummyData"]
+    found = [spec for spec in layers if _reads_data(spec)]
+    return found or [spec for spec in param.layer if _reads_data(spec)]
 
 
 def advice(model: str) -> str:
@@ -196,17 +198,18 @@ class _Parts:
         """
         tops = [(i, name) for reader in self.readers for i, name in enumerate(reader.top)]
         sources = {name: {name} for _, name in tops}  # blob -> tops that it is computed from
+
+        def together(names: Iterable[str]) -> set[str]:
+            return set[str]().union(*(sources.get(name, set()) for name in names))
+
         for spec in body:
-            together = set[str]().union(*(sources.get(name, set()) for name in spec.bottom))
-            sources.update(dict.fromkeys(spec.top, together))
+            sources.update(dict.fromkeys(spec.top, together(spec.bottom)))
         learned = _learned(body)
-        used = set[str]().union(*(sources.get(name, set()) for name in learned))
-        targets = {name for spec in ends for name in spec.bottom} - learned
-        of_targets = set[str]().union(*(sources.get(name, set()) for name in targets))
-        return {
-            name for i, name in tops
-            if (name in of_targets and (i > 0 or name not in used)) or (i > 0 and name.startswith("label"))
-        }  # fmt: skip
+        used = together(learned)
+        of_targets = together({name for spec in ends for name in spec.bottom} - learned)
+        first = {name for i, name in tops if i == 0}
+        by_name = {name for _, name in tops if name.startswith("label")}
+        return (of_targets - (first & used)) | (by_name - first)
 
     def _is_auxiliary(self, loss: LayerParameter, losses: Sequence[LayerParameter]) -> bool:
         """Whether a loss of the same type on the same labels has a larger weight, as in GoogLeNet."""
@@ -393,10 +396,9 @@ def _tree_without(tree: Message | None, names: set[str]) -> Message | None:
 
 def _without(options: Message, name: str, value: str) -> Message:
     """Options without a field of this value."""
-    kept: list[Field] = [
-        item for item in options.fields
-        if not (item.name == name and isinstance(item.value, Scalar) and item.value.text == value)
-    ]  # fmt: skip
+    given = [item for item in options.fields if item.name == name]
+    unwanted = [item for item in given if isinstance(item.value, Scalar) and item.value.text == value]
+    kept = [item for item in options.fields if item not in unwanted]
     return Message(kept, options.position)
 
 

@@ -199,7 +199,7 @@ QuantizationParameter: precision Precision 1, rounding_scheme Rounding 2, bw_lay
   bw_params uint32 5, fl_layer_in int32* 6, fl_layer_out int32* 7, fl_params int32* 8, scale_in float* 20, scale_out
   float* 21, scale_params float* 22, is_negative_input bool 23, force_u8_input bool 24
 EvalDetectionParameter: side uint32 1, num_class uint32 2, num_object uint32 3, threshold float 4, sqrt bool 5,
-  constriant bool 6, score_type ScoreType 7, nms float 8, biases float* 9
+  score_type ScoreType 7, nms float 8, biases float* 9
 LocalParameter: num_output uint32 1, bias_term bool 2, pad uint32 3, kernel_size uint32 4, stride uint32 6,
   weight_filler FillerParameter 7, bias_filler FillerParameter 8
 TripletLossParameter: margin float 1
