@@ -105,20 +105,20 @@ class LastPass:
         ]
         self.back = Backward(weights, tops, seeds)
 
-    def copy_seeds(self, rows: slice) -> Blob | None:
-        """Copy the items ``rows`` of what backward reads, before the layers run.
-
-        Returns an input of which a caller has written these items since forward, if any.
-        """
+    def copy_seeds(self, rows: slice) -> None:
+        """Copy the items ``rows`` of what backward reads, before the layers run."""
         assert self.back is not None
         for blob, values in self.back.tops.items():
             values[rows] = blob.data[rows]
         for blob, values in self.back.seeds.items():
             values[rows] = blob.diff[rows]
-        for blob in self._unwritten:
-            if not is_same(blob.data[rows], self.inputs[blob][rows]):
-                return blob
-        return None
+
+    def written_input(self, rows: slice) -> Blob | None:
+        """An input of which a caller has written the items ``rows`` since forward, if any."""
+        changed = (
+            blob for blob in self._unwritten if not is_same(blob.data[rows], self.inputs[blob][rows])
+        )
+        return next(changed, None)
 
     def finish_backward(self) -> None:
         """Note that the backward pass is complete."""

@@ -212,8 +212,11 @@ class SlicedStep(Step):
                     with at.errors:
                         at.layer.forward(at.bottom, at.top)
 
-    def backward(self) -> None:
-        """Run the layers backwards on all slices, and sum the gradients of the parameters."""
+    def backward(self, at_once: bool = False) -> None:
+        """Run the layers backwards on all slices, and sum the gradients of the parameters.
+
+        Unless it is ``at_once``, raises NetlibError if a caller has written an input since forward.
+        """
         if not self._needs_backward:
             return
         for step in reversed(self._whole):
@@ -223,7 +226,7 @@ class SlicedStep(Step):
         for blob in self._gradients:
             with self._user[blob].errors:
                 blob.diff  # noqa: B018
-        parallel.run([partial(self._backward, lane) for lane in self._lanes])
+        parallel.run([partial(self._backward, lane, at_once) for lane in self._lanes])
         for i, at in enumerate(self.run.order):
             for j, param in enumerate(at.layer.blobs):
                 for lane in self._lanes:
@@ -231,13 +234,15 @@ class SlicedStep(Step):
         if self.last is not None:
             self.last.finish_backward()
 
-    def _backward(self, lane: Lane) -> None:
+    def _backward(self, lane: Lane, at_once: bool) -> None:
         for at in lane[0].connections:
             for param in at.layer.blobs:
                 param.diff[...] = 0
         for piece in lane:
-            if self.last is not None and (blob := self.last.copy_seeds(piece.rows)):
-                raise self._written(blob)
+            if self.last is not None:
+                self.last.copy_seeds(piece.rows)
+                if not at_once and (blob := self.last.written_input(piece.rows)):
+                    raise self._written(blob)
             for at in reversed(piece.connections):
                 if at.needs_backward:
                     with at.errors:

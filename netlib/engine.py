@@ -91,8 +91,11 @@ class Step:
             at.layer.forward(at.bottom, at.top)
         at.ran_with = tuple(map(SHAPE, at.blobs))
 
-    def backward(self) -> None:
-        """Compute the diffs, if needed. The first time, report what a Python layer leaves unwritten."""
+    def backward(self, at_once: bool = False) -> None:
+        """Compute the diffs, if needed. The first time, report what a Python layer leaves unwritten.
+
+        at_once  nothing can have been written since forward
+        """
         at = self.at
         if not at.needs_backward:
             return

@@ -114,6 +114,7 @@ class Net:
         self._seeded: dict[int, NDArray[Any]] = {}  # number of a loss -> the diff array that holds its weight
         self._outside = [self.blobs[name] for name in [*self.inputs, *self.outputs]] + [loss[0] for loss in self.losses]
         self.one_thread = OneThread(self.name)
+        self._is_at_once = False  # whether backward runs directly after forward
         self._is_running = False  # whether a pass has begun and not ended
         self._is_reshaped = False  # whether the steps fit the shapes; an interrupted reshape is repeated
         self._fits = False  # whether the check for memory has passed
@@ -208,6 +209,19 @@ class Net:
             self._seed_losses()
             self._backward_steps(first, last)
 
+    def run_forward_backward(self) -> float:
+        """Run all layers forwards, then backwards, as an iteration of a solver does; returns the loss.
+
+        No other code than that of the layers runs between the two, so nothing can be written there.
+        """
+        loss = self.run_forward()
+        self._is_at_once = all(layer.type != "Python" for layer in self.layers)
+        try:
+            self.run_backward()
+        finally:
+            self._is_at_once = False
+        return loss
+
     def _backward_steps(self, first: int, last: int | None) -> None:
         with self._pass():
             if not self._is_reshaped:
@@ -219,7 +233,7 @@ class Net:
             if self._unknown:
                 self._find("diff", [(at.bottom, at.top) for at in reversed(self.connections[first:last])])
             for step in reversed(self.steps[first:last]):
-                step.backward()
+                step.backward(self._is_at_once)
 
     def _run_missing(self, first: int, last: int | None) -> None:
         """Run forwards, once, the layers whose backward will run and that have not run with the current shapes. Blobs

@@ -224,11 +224,11 @@ class Solver:
         total = 0.0
         is_shown = self.param.debug_info and self._display_is_due()
         for _ in range(self.param.iter_size):
-            total += self._finite(report.debug_forward(self.net) if is_shown else self.net.run_forward())
             if is_shown:
+                total += self._finite(report.debug_forward(self.net))
                 report.debug_backward(self.net)
             else:
-                self.net.run_backward()
+                total += self._finite(self.net.run_forward_backward())
         return self.ranks.agree(total / self.param.iter_size, self.requested, self.net, self.iter)
 
     def _finite(self, loss: float) -> float:

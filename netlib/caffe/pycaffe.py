@@ -255,7 +255,7 @@ class _HookedStep(Step):
         self._step.forward()
         self._call("after_forward")
 
-    def backward(self) -> None:
+    def backward(self, at_once: bool = False) -> None:
         self._call("before_backward")
         self._step.backward()
         self._call("after_backward")
