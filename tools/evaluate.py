@@ -59,7 +59,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--groundtruth", metavar="FILE", required=True, help="annotated joints")
     parser.add_argument("--predictions", metavar="NAME=FILE", required=True, nargs="+", action="extend",
                         type=_named_file, help="predicted joints of each method")
-    parser.add_argument("--format", choices=FORMATS, help="of predictions (default: uvd; xyz for hands2017)")
+    parser.add_argument("--format", choices=FORMATS, help=f"of predictions (default: {_formats()})")
     parser.add_argument("--groundtruth-format", choices=FORMATS, help="likewise")
     parser.add_argument("--plot", metavar="FILE", type=name_in(*PICTURES),
                         help=f"draw curves and bars to this file ({', '.join(PICTURES)})")
@@ -104,6 +104,11 @@ def run(args: argparse.Namespace) -> int:
         fitted = published.compare_angles(skeletons.load(), truth, predictions, ProgressBar)
         print(f"\nangles of the fitted hand\n\n{_angle_table(fitted)}")
     return DONE
+
+
+def _formats() -> str:
+    """``uvd for nyu, xyz for hands2017``."""
+    return ", ".join(f"{benchmark.format} for {name}" for name, benchmark in BENCHMARKS.items())
 
 
 def _named_file(text: str) -> tuple[str, str]:

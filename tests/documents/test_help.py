@@ -42,7 +42,7 @@ SMALL = (  # replacements in an example; the last ones apply to one command each
     (r"(demo --out demo)", r"\1 --frames 1"),
     (r"(pictures/ --mean.*)", r"\1 --iterations 1"),
     (r"(relu)$", r"\1 --iterations 1"),
-    (r"(draw_net.*)\.png", r"\1.dot"),  # Graphviz need not be installed
+    (r"(draw_net.*)\.(png|svg)", r"\1.dot"),  # Graphviz need not be installed
     (r"\b(IJCAI16|ICCV15)_\w+", "test_groundtruth_uvd"),
 )
 PARSED = re.compile(r"mpiexec|realsense")
@@ -120,9 +120,21 @@ def classifier(folder: Path) -> None:
 
 
 def annotation(folder: Path) -> None:
-    """test_groundtruth_uvd.txt."""
+    """test_groundtruth_uvd.txt; labels.txt and result.txt of HANDS 2017."""
     given.joints(folder)
     (folder / "joints.txt").rename(folder / "test_groundtruth_uvd.txt")
+    joints = "\t".join(["400.0"] * 63)
+    for name in ("labels.txt", "result.txt"):
+        (folder / name).write_text(f"image_D00000001.png\t{joints}\n")
+
+
+def training_nets(folder: Path) -> None:
+    """train_val.prototxt, whose data have a size, and lenet_train_test.prototxt, whose data have none."""
+    reader = 'layer { name: "d" type: "Data" top: "data" top: "label" %s data_param { source: "lmdb" batch_size: 9 } } '
+    rest = """layer { name: "fc" type: "InnerProduct" bottom: "data" top: "fc" inner_product_param { num_output: 2 } }
+        layer { name: "loss" type: "SoftmaxWithLoss" bottom: "fc" bottom: "label" top: "loss" }"""
+    (folder / "train_val.prototxt").write_text(reader % "transform_param { crop_size: 8 }" + rest)
+    (folder / "lenet_train_test.prototxt").write_text(reader % "" + rest)
 
 
 def old(folder: Path) -> None:
@@ -148,6 +160,8 @@ def crops(folder: Path) -> None:
 GIVEN: dict[str, tuple[Callable[[Path], object], ...]] = {
     "caffe": (trained,),
     "compute_image_mean": (lists,),
+    "deploy": (training_nets,),
+    "draw_net": (lists,),
     "evaluate": (annotation,),
     "export_onnx": (trained, lists),
     "finetune": (lists,),

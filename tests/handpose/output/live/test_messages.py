@@ -74,7 +74,7 @@ def test_the_part_around_a_hand_is_sent_with_all_its_pixels() -> None:
 
 def test_the_documented_size_of_a_frame_for_the_page() -> None:
     """Of two hands in 640 x 480 pixels, with joints and gestures, while the whole frame is shown."""
-    (most,) = re.findall(r"size of a frame for the page.*at most (\d+) kB", (ROOT / "docs" / "live.md").read_text())
+    (most,) = re.findall(r"A frame has at most (\d+) kB for the page", (ROOT / "docs" / "live.md").read_text())
     camera = dataclasses.replace(HEADER.camera, width=640, height=480, fx=588.0, fy=588.0, u0=320.0, v0=240.0)
     edges = [tracked("right", (-300, 200, 600), 1), tracked("left", (300, -200, 600), 2)]
     hands = tuple(dataclasses.replace(hand, center_uvd=camera.project(hand.origin_mm)) for hand in edges)
