@@ -33,8 +33,22 @@ shared = [*(name for top in SHARED if Path(top).is_dir() for name in folders_in(
 setup(
     long_description=long_description(),
     long_description_content_type="text/markdown",
-    packages=[name for top in IMPORTED for name in folders_in(top)] + [f"netlib.share.{name}" for name in shared],
+    packages=[name for top in IMPORTED for name in folders_in(top)]
+    + [f"netlib.share.{name}" for name in shared],
     package_dir={f"netlib.share.{top}": top for top in (*SHARED, "docs")},
-    exclude_package_data={"netlib.share.docs": ["*.html"]},  # the pages for the browser, where make docs has been run
-    package_data={"": ["*.schema.json", "*.prototxt", "*.md", "*.h5", "*.npz", "*.html", "*.css", "*.js", "py.typed"]},
+    # the pages for the browser, where make docs has been run
+    exclude_package_data={"netlib.share.docs": ["*.html"]},
+    package_data={
+        "": [
+            "*.schema.json",
+            "*.prototxt",
+            "*.md",
+            "*.h5",
+            "*.npz",
+            "*.html",
+            "*.css",
+            "*.js",
+            "py.typed",
+        ]
+    },
 )

@@ -27,7 +27,16 @@ if __name__ == "__main__":
 import numpy as np
 
 from exercises import network
-from exercises.exercise import Case, Check, Exercise, ExerciseError, Part, agree, first_difference, module_of
+from exercises.exercise import (
+    Case,
+    Check,
+    Exercise,
+    ExerciseError,
+    Part,
+    agree,
+    first_difference,
+    module_of,
+)
 from exercises.explaining import is_right, sentences, tried
 from netlib import files
 from netlib.errors import NetlibError, printable, reason_of
@@ -49,7 +58,9 @@ class Step:
 
     def report(self) -> str:
         """Return the printed lines."""
-        wrapper = textwrap.TextWrapper(114, "    ", "    ", break_long_words=False, break_on_hyphens=False)
+        wrapper = textwrap.TextWrapper(
+            114, "    ", "    ", break_long_words=False, break_on_hyphens=False
+        )
         head = f"{'✓' if self.passed else '✗'} {self.title}"
         return "\n".join([head, *(wrapper.fill(printable(line)) for line in self.lines)])
 
@@ -90,7 +101,11 @@ def _failure(exercise: Exercise, check: Check, part: Part, path: Path | None) ->
 def _ladder(exercise: Exercise, check: Check, failed: Case, part: Part) -> str:
     """Describe with which options the part passes and which it does not handle."""
     others = [other for other in exercise.checks if other.option and other is not check]
-    passes = [other.option for other in others if all(is_right(case, tried(case, part)) for case in other.cases)]
+    passes = [
+        other.option
+        for other in others
+        if all(is_right(case, tried(case, part)) for case in other.cases)
+    ]
     missing = [other.option for other in others if other.option not in passes]
     earlier = {case.method for case in check.cases[: check.cases.index(failed)]} - {failed.method}
     with_these = f" and with {', '.join(passes)}" if passes else ""
@@ -110,7 +125,11 @@ def in_network(exercise: Exercise, part: Part, iterations: int, path: Path | Non
     wrong = np.flatnonzero(~agree(found, expected, exercise.drift))
     if len(wrong):
         i = int(wrong[0])
-        return Step(title, False, (f"The loss of iteration {i} is {found[i]:.6g}, expected {expected[i]:.6g}.", ADVICE))
+        return Step(
+            title,
+            False,
+            (f"The loss of iteration {i} is {found[i]:.6g}, expected {expected[i]:.6g}.", ADVICE),
+        )
     return Step(f"{title} ({found[0]:.4f} → {found[-1]:.4f})", True)
 
 
@@ -126,7 +145,9 @@ def _of_error(error: BaseException, check: Check, case: Case, path: Path | None)
         yield "data and diff are arrays that other layers share: write into them, with [...] = or [...] += on the left."
     if check.hint:
         yield check.hint
-    elif not check.option and re.search("broadcast|mismatch in its core dimension|not aligned", str(error)):
+    elif not check.option and re.search(
+        "broadcast|mismatch in its core dimension|not aligned", str(error)
+    ):
         yield (
             "The shapes do not fit. Write the axes of each array next to it: a factor may need a transpose, "
             "swapaxes(1, 2) if the first axis is the group or the image, or another axis in a sum."
@@ -140,20 +161,36 @@ def _described(error: BaseException, path: Path | None) -> str:
     if isinstance(error, NotImplementedError) and frames:
         return f"{frames[-1].name} is not written yet: {path}:{frames[-1].lineno}."
     text = reason_of(error).strip().split("\n")[0]
-    described = text if isinstance(error, NetlibError) else f"{type(error).__name__}: {text}".removesuffix(": ")
-    place = f"{path}:{frames[-1].lineno} ({frames[-1].line}): " if frames else f"{path}: " if path else ""
+    described = (
+        text
+        if isinstance(error, NetlibError)
+        else f"{type(error).__name__}: {text}".removesuffix(": ")
+    )
+    place = (
+        f"{path}:{frames[-1].lineno} ({frames[-1].line}): "
+        if frames
+        else f"{path}: "
+        if path
+        else ""
+    )
     return place + described
 
 
 def _frames(error: BaseException, path: Path | None) -> list[traceback.FrameSummary]:
     """Return the frames of an exception in the reader's file."""
-    return [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
+    return [
+        frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)
+    ]
 
 
 def _line_of(function: str, path: Path) -> int | None:
     """Return the line of the first function or method with this name; None if there is none."""
     tree = ast.parse(files.read_text(path, "the exercise"))
-    lines = [node.lineno for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and node.name == function]
+    lines = [
+        node.lineno
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef) and node.name == function
+    ]
     return min(lines, default=None)
 
 
@@ -169,9 +206,15 @@ def loaded(exercise: Exercise, path: Path) -> Part:
         raise ExerciseError(f"{path}:{error.lineno or 1}: {error.msg}") from error
     except BaseException as error:  # including SystemExit and the reader's own exceptions
         raise ExerciseError(_described(error, path)) from error
-    missing = [name for name in dict.fromkeys(n.split(".")[0] for n in exercise.to_do) if not hasattr(part, name)]
+    missing = [
+        name
+        for name in dict.fromkeys(n.split(".")[0] for n in exercise.to_do)
+        if not hasattr(part, name)
+    ]
     if missing:
-        raise ExerciseError(f"{path}: {', '.join(missing)} missing; keep the names of the stub that --start writes")
+        raise ExerciseError(
+            f"{path}: {', '.join(missing)} missing; keep the names of the stub that --start writes"
+        )
     return part
 
 
@@ -180,7 +223,8 @@ def main(name: str, path: str, iterations: str, limit_s: str) -> int:
     from exercises.table import EXERCISES
 
     if hasattr(signal, "alarm"):
-        signal.alarm(int(limit_s))  # ends this process even if the one with the time limit was killed
+        # ends this process even if the one with the time limit was killed
+        signal.alarm(int(limit_s))
     sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
     exercise, file, out = EXERCISES[name], Path(path), sys.stdout
     with contextlib.redirect_stdout(sys.stderr):

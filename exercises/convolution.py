@@ -19,30 +19,55 @@ for o, h, v in np.ndindex(gradient.shape):
     x.diff[n, :, h : h + self.kernel[0], v : v + self.kernel[1]] = stamp"""
 
 MISTAKES = (
-    Mistake("Count the first window as well: the division gives the number of shifts, so the size is one more.",
-            ("(n + 2 * pad - extent) // stride + 1", "(n + 2 * pad - extent) // stride")),
-    Mistake("The bias is missing: b[o] is added to every pixel of the output map o.",
-            ("out += self.bias.data.reshape(-1, *(1,) * len(self.kernel))", "out += 0")),
-    Mistake("dx is assigned in a loop where it must be added to: windows overlap, and every output map contributes to "
-            "a pixel. Start from zeros and use +=.",
-            (ADD_WINDOWS, "padded[part] = patches[:, element]"),
-            (STAMP, STAMP_WINDOWS),
-            (STAMP, STAMP_MAPS_AND_WINDOWS)),
-    Mistake("A gradient of a parameter is assigned in a loop over images or windows, so only the last one is left, "
-            "without what earlier batches have added. Use dw[...] += and db[...] += there.",
-            (ADD_WEIGHTS, "dw[...] = dy @ self.by_group(self.im2col(image, gradient.shape)).swapaxes(1, 2)"),
-            (ADD_WEIGHTS, "columns = self.by_group(self.im2col(image, gradient.shape))\n"
-             "dw[...] = dy[..., -1:] @ columns[..., -1:].swapaxes(1, 2)"),
-            (ADD_BIAS, "self.bias.diff[...] = dy.sum(axis=2).reshape(-1)"),
-            (ADD_BIAS, "self.bias.diff[...] = dy[..., -1].reshape(-1)")),
-    Mistake("dx begins at the corner of the padded image. Cut the padding off: rows pad to pad + H, and columns "
-            "likewise.",
-            ("slice(p, p + n)", "slice(n)")),
+    Mistake(
+        "Count the first window as well: the division gives the number of shifts, so the size is one more.",
+        ("(n + 2 * pad - extent) // stride + 1", "(n + 2 * pad - extent) // stride"),
+    ),
+    Mistake(
+        "The bias is missing: b[o] is added to every pixel of the output map o.",
+        ("out += self.bias.data.reshape(-1, *(1,) * len(self.kernel))", "out += 0"),
+    ),
+    Mistake(
+        "dx is assigned in a loop where it must be added to: windows overlap, and every output map contributes to "
+        "a pixel. Start from zeros and use +=.",
+        (ADD_WINDOWS, "padded[part] = patches[:, element]"),
+        (STAMP, STAMP_WINDOWS),
+        (STAMP, STAMP_MAPS_AND_WINDOWS),
+    ),
+    Mistake(
+        "A gradient of a parameter is assigned in a loop over images or windows, so only the last one is left, "
+        "without what earlier batches have added. Use dw[...] += and db[...] += there.",
+        (
+            ADD_WEIGHTS,
+            "dw[...] = dy @ self.by_group(self.im2col(image, gradient.shape)).swapaxes(1, 2)",
+        ),
+        (
+            ADD_WEIGHTS,
+            "columns = self.by_group(self.im2col(image, gradient.shape))\n"
+            "dw[...] = dy[..., -1:] @ columns[..., -1:].swapaxes(1, 2)",
+        ),
+        (ADD_BIAS, "self.bias.diff[...] = dy.sum(axis=2).reshape(-1)"),
+        (ADD_BIAS, "self.bias.diff[...] = dy[..., -1].reshape(-1)"),
+    ),
+    Mistake(
+        "dx begins at the corner of the padded image. Cut the padding off: rows pad to pad + H, and columns "
+        "likewise.",
+        ("slice(p, p + n)", "slice(n)"),
+    ),
 )
 
 
-NO_BIAS, RECTANGLE, STRIDE = "bias_term: false", "kernel_h: 2 kernel_w: 3", "stride_h: 2 stride_w: 3"
-PAD, DILATION, GROUP, ALL = "pad_h: 1 pad_w: 2", "dilation: 2 dilation: 3", "group: 2", "a combination of options"
+NO_BIAS, RECTANGLE, STRIDE = (
+    "bias_term: false",
+    "kernel_h: 2 kernel_w: 3",
+    "stride_h: 2 stride_w: 3",
+)
+PAD, DILATION, GROUP, ALL = (
+    "pad_h: 1 pad_w: 2",
+    "dilation: 2 dilation: 3",
+    "group: 2",
+    "a combination of options",
+)
 
 EXERCISE = layer_exercise(
     "convolution",
@@ -73,13 +98,23 @@ EXERCISE = layer_exercise(
         Example("num_output: 2 kernel_size: 3 bias_term: false", (numbers(2, 2, 4, 5),), NO_BIAS),
         Example("num_output: 2 kernel_h: 2 kernel_w: 3", (numbers(2, 2, 4, 5, seed=1),), RECTANGLE),
         Example(
-            "num_output: 2 kernel_h: 2 kernel_w: 3 stride_h: 2 stride_w: 3", (numbers(2, 2, 6, 7, seed=2),), STRIDE
+            "num_output: 2 kernel_h: 2 kernel_w: 3 stride_h: 2 stride_w: 3",
+            (numbers(2, 2, 6, 7, seed=2),),
+            STRIDE,
         ),
-        Example("num_output: 2 kernel_h: 2 kernel_w: 3 pad_h: 1 pad_w: 2", (numbers(2, 2, 4, 5, seed=3),), PAD),
         Example(
-            "num_output: 2 kernel_h: 2 kernel_w: 3 dilation: 2 dilation: 3", (numbers(2, 2, 5, 8, seed=4),), DILATION
+            "num_output: 2 kernel_h: 2 kernel_w: 3 pad_h: 1 pad_w: 2",
+            (numbers(2, 2, 4, 5, seed=3),),
+            PAD,
         ),
-        Example("num_output: 4 kernel_h: 2 kernel_w: 3 group: 2", (numbers(2, 4, 3, 4, seed=5),), GROUP),
+        Example(
+            "num_output: 2 kernel_h: 2 kernel_w: 3 dilation: 2 dilation: 3",
+            (numbers(2, 2, 5, 8, seed=4),),
+            DILATION,
+        ),
+        Example(
+            "num_output: 4 kernel_h: 2 kernel_w: 3 group: 2", (numbers(2, 4, 3, 4, seed=5),), GROUP
+        ),
         Example(
             "num_output: 2 kernel_h: 2 kernel_w: 3 stride_h: 2 stride_w: 1 pad_h: 0 pad_w: 2 dilation: 1 dilation: 2",
             (numbers(2, 1, 4, 6, seed=6),),
@@ -87,7 +122,11 @@ EXERCISE = layer_exercise(
         ),
         Example("num_output: 6 kernel_size: 3 stride: 2 pad: 1", option=ALL, caffe="conv_k3_s2_p1"),
         Example("num_output: 6 kernel_size: 3 pad: 1 group: 2", option=ALL, caffe="conv_group2"),
-        Example("num_output: 6 kernel_size: 3 dilation: 2 pad: 2 stride: 2", option=ALL, caffe="conv_dil2_p2_s2"),
+        Example(
+            "num_output: 6 kernel_size: 3 dilation: 2 pad: 2 stride: 2",
+            option=ALL,
+            caffe="conv_dil2_p2_s2",
+        ),
     ],
     hints={
         NO_BIAS: "There is no self.bias then: use it only if self.param.bias_term.",

@@ -10,18 +10,28 @@ NEW_MASK = """self.forward(bottom, [type(top[0])(top[0].shape, self.dtype)])
 bottom[0].diff[...] = top[0].diff * self.factor"""
 
 MISTAKES = (
-    Mistake("The values kept are not scaled. In phase TRAIN they are x / (1 - p), which preserves the mean, so TEST "
-            "needs no scaling.",
-            ("(drawn >= least) * self.in_training", "(drawn >= least).astype(self.dtype)")),
-    Mistake("The mask is inverted: p, the dropout_ratio, is the fraction dropped, so a value is kept where drawn >= "
-            "least.",
-            ("drawn >= least", "drawn < least")),
-    Mistake("backward propagates the gradient of dropped values. They do not affect the loss: dx = dy factor.",
-            ("top[0].diff * self.factor", "top[0].diff")),
-    Mistake("backward draws a new mask. It must use that of the last forward, stored in self.factor.",
-            (DX, NEW_MASK)),
-    Mistake("In phase TEST nothing is dropped: y = x. Draw a mask only if self.active.",
-            ("self.active", "True")),
+    Mistake(
+        "The values kept are not scaled. In phase TRAIN they are x / (1 - p), which preserves the mean, so TEST "
+        "needs no scaling.",
+        ("(drawn >= least) * self.in_training", "(drawn >= least).astype(self.dtype)"),
+    ),
+    Mistake(
+        "The mask is inverted: p, the dropout_ratio, is the fraction dropped, so a value is kept where drawn >= "
+        "least.",
+        ("drawn >= least", "drawn < least"),
+    ),
+    Mistake(
+        "backward propagates the gradient of dropped values. They do not affect the loss: dx = dy factor.",
+        ("top[0].diff * self.factor", "top[0].diff"),
+    ),
+    Mistake(
+        "backward draws a new mask. It must use that of the last forward, stored in self.factor.",
+        (DX, NEW_MASK),
+    ),
+    Mistake(
+        "In phase TEST nothing is dropped: y = x. Draw a mask only if self.active.",
+        ("self.active", "True"),
+    ),
 )
 
 
@@ -46,9 +56,15 @@ EXERCISE = layer_exercise(
         Example("dropout_ratio: 0", caffe="dropout_train_ratio0"),
         Example("dropout_ratio: 0.3", (numbers(4, 5, seed=1),), "phase: TEST", phase="TEST"),
         Example("dropout_ratio: 0.3", option="phase: TEST", caffe="dropout_test", phase="TEST"),
-        Example("dropout_ratio: 0.3 scale_train: false", (numbers(4, 5, seed=2),), "scale_train: false"),
-        Example("dropout_ratio: 0.3 scale_train: false", (numbers(4, 5, seed=4),), "scale_train: false in phase TEST",
-                phase="TEST"),
+        Example(
+            "dropout_ratio: 0.3 scale_train: false", (numbers(4, 5, seed=2),), "scale_train: false"
+        ),
+        Example(
+            "dropout_ratio: 0.3 scale_train: false",
+            (numbers(4, 5, seed=4),),
+            "scale_train: false in phase TEST",
+            phase="TEST",
+        ),
         Example("dropout_ratio: 0.7", (numbers(4, 5, seed=5),), "a layer in place", in_place=True),
     ],
     mistakes=MISTAKES,

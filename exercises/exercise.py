@@ -99,7 +99,10 @@ class Mistake:
     @functools.cache  # noqa: B019  mistakes are constants of a module
     def parts(self, exercise: Exercise) -> list[Part]:
         """Return a part with each form of the mistake."""
-        return [module_of(text, exercise.file, f"a mistake of {exercise.name}") for text in self.sources(exercise)]
+        return [
+            module_of(text, exercise.file, f"a mistake of {exercise.name}")
+            for text in self.sources(exercise)
+        ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +129,8 @@ class Exercise:
     train: Callable[[Part, int], Array]
     end: str = ""
     last: str = "the paper's network, {} iterations: the losses agree with the reference"
-    drift: float = 1e-3  # another order of summation changes float32 losses by less than a tenth of this
+    # another order of summation changes float32 losses by less than a tenth of this
+    drift: float = 1e-3
 
     def source(self) -> str:
         """Return the project's source. Raises DataError if it cannot be read."""

@@ -7,12 +7,23 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from exercises.exercise import Case, Check, Difference, Exercise, Part, Values, agree, first_difference
+from exercises.exercise import (
+    Case,
+    Check,
+    Difference,
+    Exercise,
+    Part,
+    Values,
+    agree,
+    first_difference,
+)
 from netlib.blob import Array
 
 COMPARE = "Compare your code with the formulas at the top of the file."
 NO_IDEA = f"This is not a known mistake. {COMPARE}"
-UNWRITTEN = "Some elements are NaN, their initial value. Write every element, with [...] = on the left."
+UNWRITTEN = (
+    "Some elements are NaN, their initial value. Write every element, with [...] = on the left."
+)
 UNASSIGNED = (
     "Some elements are NaN, their initial value: the diff of a bottom contains old values. backward must assign every "
     "element, also zeros, with bottom[0].diff[...] = ..., and must not add."
@@ -47,16 +58,25 @@ def _what_differs(found: Difference) -> str:
     case = found.case
     where = f" ({case.title})" if case.title else ""
     if found.index is None:
-        return f"{found.name} has the shape {found.got.shape}, expected {found.wanted.shape}{where}."
+        return (
+            f"{found.name} has the shape {found.got.shape}, expected {found.wanted.shape}{where}."
+        )
     letters = case.axes.get(found.name, ())
     named = len(letters) == len(found.index)
-    index = ", ".join(f"{a}={i}" for a, i in zip(letters, found.index)) if named else ", ".join(map(str, found.index))
+    index = (
+        ", ".join(f"{a}={i}" for a, i in zip(letters, found.index))
+        if named
+        else ", ".join(map(str, found.index))
+    )
     got, wanted = _distinct(float(found.got[found.index]), float(found.wanted[found.index]))
     place = f"{found.name}[{index}]" if index else found.name
     size, others = found.got.size, ""
     if size > 1:
-        others = f"; the first of {found.count} elements of {size} that differ" if found.count > 1 else \
-            f"; the only one of {size} elements that differs"
+        others = (
+            f"; the first of {found.count} elements of {size} that differ"
+            if found.count > 1
+            else f"; the only one of {size} elements that differs"
+        )
     return f"{place} is {got}, {case.source} {wanted}{others}{where}."
 
 
@@ -74,7 +94,11 @@ def advice(exercise: Exercise, check: Check, part: Part, found: Difference) -> s
     """
     mine = {case: tried(case, part) for case in check.cases if case.method == found.case.method}
     right = [case for case, values in mine.items() if is_right(case, values)]
-    wrong = [first_difference(case, values) for case, values in mine.items() if values and case not in right]
+    wrong = [
+        first_difference(case, values)
+        for case, values in mine.items()
+        if values and case not in right
+    ]
 
     def explains(mistaken: Part) -> float:
         """Share of the wrong cases that a mistake reproduces; 0 if it breaks a case that the reader has right."""
@@ -82,15 +106,20 @@ def advice(exercise: Exercise, check: Check, part: Part, found: Difference) -> s
             return 0.0
         if not _same(found, tried(found.case, mistaken)):
             return 0.0
-        return float(np.mean([bool(other and _same(other, tried(other.case, mistaken))) for other in wrong]))
+        return float(
+            np.mean([bool(other and _same(other, tried(other.case, mistaken))) for other in wrong])
+        )
 
     if not _same(found, mine[found.case]):
         return "The value changes from call to call: draw random numbers from self.rng, never from np.random."
     shares = {mistake: max(map(explains, mistake.parts(exercise))) for mistake in exercise.mistakes}
-    best = max(shares, key=lambda mistake: shares[mistake], default=None)  # of equals the first: the most frequent one
+    # of equals the first: the most frequent one
+    best = max(shares, key=lambda mistake: shares[mistake], default=None)
     if best is None or shares[best] < 0.5:
         return None
-    return best.advice if shares[best] == 1 else f"In some examples it looks like this: {best.advice}"
+    return (
+        best.advice if shares[best] == 1 else f"In some examples it looks like this: {best.advice}"
+    )
 
 
 @functools.cache
@@ -127,7 +156,9 @@ def where_wrong(found: Difference) -> str | None:
         at = np.flatnonzero(wrong.any(axis=tuple(i for i in range(wrong.ndim) if i != k)))
         if len(at) <= size // 2:
             letter = letters[k] if len(letters) == wrong.ndim else f"axis {k}"
-            places.append(f"{letter}={at[0]}" if len(at) == 1 else f"{letter} in {', '.join(map(str, at))}")
+            places.append(
+                f"{letter}={at[0]}" if len(at) == 1 else f"{letter} in {', '.join(map(str, at))}"
+            )
     return f"Only elements with {', '.join(places)} are wrong." if places else None
 
 
@@ -135,7 +166,11 @@ def _pattern(found: Difference) -> str | None:
     """Describe the pattern of a difference that no known mistake reproduces."""
     got, wanted = found.got, found.wanted
     if found.index is None:
-        return "The axes are in reverse order." if got.ndim and got.shape == wanted.shape[::-1] else None
+        return (
+            "The axes are in reverse order."
+            if got.ndim and got.shape == wanted.shape[::-1]
+            else None
+        )
     if (np.isnan(got) & ~np.isnan(wanted)).any():
         return UNASSIGNED if found.case.method == "backward" else UNWRITTEN
     if np.isinf(got[found.index]) and np.isfinite(wanted[found.index]):
@@ -163,6 +198,10 @@ def _relation(found: Difference) -> str | None:
     off = got - wanted
     if found.case.method == "backward" and agree(off, np.full(off.shape, -1.0), FACTORS).all():
         return OVERWRITTEN
-    if np.ptp(off) <= FACTORS * max(1.0, float(np.abs(wanted).max())) < abs(by := float(off.flat[0])):
+    if (
+        np.ptp(off)
+        <= FACTORS * max(1.0, float(np.abs(wanted).max()))
+        < abs(by := float(off.flat[0]))
+    ):
         return f"All elements exceed the expected value by {by:.5g}: a constant is superfluous or missing."
     return None

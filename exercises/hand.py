@@ -25,7 +25,8 @@ joint { name: "tip" parent: "middle" translate { axis: Z dof: "slide" } rotate {
         bone { axis: NEG_Z length: 0.75 } }
 """
 FINGER = Skeleton(schema.read(prototxt.parse(TEXT, "<finger>"), SkeletonParameter))
-POSES = np.random.default_rng(0).uniform(-1, 1, (2, len(FINGER.dof_names)))  # two random poses of the finger
+# two random poses of the finger
+POSES = np.random.default_rng(0).uniform(-1, 1, (2, len(FINGER.dof_names)))
 NYU = load(NYU_HAND)  # the paper's hand
 
 

@@ -46,19 +46,29 @@ BACKWARDS = """R[..., i, i], R[..., i, j] = cos, sin
 R[..., j, i], R[..., j, j] = -sin, cos"""
 TURN = "F @ rotation(motion.axis, motion.sign * theta[:, motion.dof])"
 MISTAKES = (
-    Mistake("The rotation has the wrong direction: the minus belongs to the sine in the first row, of (x, y) for z, "
-            "(y, z) for x, (z, x) for y.",
-            (ROTATION, BACKWARDS)),
-    Mistake("The matrices are multiplied in the wrong order. A joint rotates about its own axes, already moved by the "
-            "previous rotations: F <- F R, not R F.",
-            (TURN, "rotation(motion.axis, motion.sign * theta[:, motion.dof]) @ F")),
-    Mistake("motion.sign is ignored: NEG_Y is a rotation about -y, that is, about y by -theta.",
-            ("motion.sign * theta[:, motion.dof]", "theta[:, motion.dof]")),
-    Mistake("F[:, axis] is a row of F. F e_axis is a column: F[:, :, axis].",
-            ("F[:, :, motion.axis]", "F[:, motion.axis]")),
-    Mistake("p += ... also changes the parent's joint: p is a view of pose.joints[:, parent]. Write p = p + ..., which"
-            " creates a new array.",
-            ("p = p + a * theta[:, motion.dof, None]", "p += a * theta[:, motion.dof, None]")),
+    Mistake(
+        "The rotation has the wrong direction: the minus belongs to the sine in the first row, of (x, y) for z, "
+        "(y, z) for x, (z, x) for y.",
+        (ROTATION, BACKWARDS),
+    ),
+    Mistake(
+        "The matrices are multiplied in the wrong order. A joint rotates about its own axes, already moved by the "
+        "previous rotations: F <- F R, not R F.",
+        (TURN, "rotation(motion.axis, motion.sign * theta[:, motion.dof]) @ F"),
+    ),
+    Mistake(
+        "motion.sign is ignored: NEG_Y is a rotation about -y, that is, about y by -theta.",
+        ("motion.sign * theta[:, motion.dof]", "theta[:, motion.dof]"),
+    ),
+    Mistake(
+        "F[:, axis] is a row of F. F e_axis is a column: F[:, :, axis].",
+        ("F[:, :, motion.axis]", "F[:, motion.axis]"),
+    ),
+    Mistake(
+        "p += ... also changes the parent's joint: p is a view of pose.joints[:, parent]. Write p = p + ..., which"
+        " creates a new array.",
+        ("p = p + a * theta[:, motion.dof, None]", "p += a * theta[:, motion.dof, None]"),
+    ),
 )
 
 
@@ -82,17 +92,35 @@ EXERCISE = Exercise(
         "z; about y, z to x. For axis 2, z, R is [[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]].",
     },
     checks=(
-        Check("values: a rotation about each axis", (_case("angles 0, 0.5, -1.2", _rotations, "rotation"),)),
-        Check("values: a finger with three joints", (
-            _case("two poses", lambda part: _finger(part, "frames", "joints")),
-            _case("bones given", lambda part: _finger(part, "joints", bones=BONES)),
-        )),
-        Check("values: the axes and pivots of its motions", (
-            _case("two poses", lambda part: _finger(part, "axis", "pivot")),
-        )),
-        Check("values: Caffe's recorded hand poses", (
-            Case("NYU's hand", _caffe, lambda: {"joints": TOP}, "Caffe has", AXES, 1e-12, "forward"),
-        )),
+        Check(
+            "values: a rotation about each axis",
+            (_case("angles 0, 0.5, -1.2", _rotations, "rotation"),),
+        ),
+        Check(
+            "values: a finger with three joints",
+            (
+                _case("two poses", lambda part: _finger(part, "frames", "joints")),
+                _case("bones given", lambda part: _finger(part, "joints", bones=BONES)),
+            ),
+        ),
+        Check(
+            "values: the axes and pivots of its motions",
+            (_case("two poses", lambda part: _finger(part, "axis", "pivot")),),
+        ),
+        Check(
+            "values: Caffe's recorded hand poses",
+            (
+                Case(
+                    "NYU's hand",
+                    _caffe,
+                    lambda: {"joints": TOP},
+                    "Caffe has",
+                    AXES,
+                    1e-12,
+                    "forward",
+                ),
+            ),
+        ),
     ),
     mistakes=MISTAKES,
     train=hand.losses,

@@ -21,7 +21,8 @@ from netlib.proto.schema import Phase
 KEPT = 7.0  # initial value of a diff that backward must not write
 NOT_DOWN = "propagate_down: false"
 LEAVE = "If propagate_down is false for a bottom, backward must not write its diff: no layer needs this gradient."
-SINGLE, DIFFERENCES, DOUBLE = 1e-5, 2e-6, 1e-10  # tolerances: Caffe's float32, finite differences, float64 reference
+# tolerances: Caffe's float32, finite differences, float64 reference
+SINGLE, DIFFERENCES, DOUBLE = 1e-5, 2e-6, 1e-10
 
 
 @dataclass(frozen=True)
@@ -91,14 +92,22 @@ class _Runner:
         """Return the layer with its bottoms, filled, and its tops, which have their shapes."""
         example, params = self.example, recorded.of_layer(self.example.caffe, "param")
         with replaced(LAYER_TYPES, self.type_name, getattr(part, self.class_name)):
-            layer = gradcheck.make_layer(f'type: "{self.type_name}" {example.options}', example.inputs, example.tops,
-                                         example.phase, dtype=dtype)
+            layer = gradcheck.make_layer(
+                f'type: "{self.type_name}" {example.options}',
+                example.inputs,
+                example.tops,
+                example.phase,
+                dtype=dtype,
+            )
         for i, blob in enumerate(layer.blobs):
             blob.data[...] = params[i] if params else numbers(*blob.shape, seed=10 + i)
         bottom = Blobs([Blob(array.shape, dtype) for array in example.inputs], dtype)
         for blob, array in zip(bottom, example.inputs):
             blob.data[...] = array
-        top = Blobs([bottom[0]] if example.in_place else [Blob((), dtype) for _ in range(example.tops)], dtype)
+        top = Blobs(
+            [bottom[0]] if example.in_place else [Blob((), dtype) for _ in range(example.tops)],
+            dtype,
+        )
         layer.reshape(bottom, top)
         return layer, bottom, top
 
@@ -113,7 +122,11 @@ class _Runner:
         for blob in [] if self.example.in_place else top:
             blob.data[...] = np.nan
         layer.forward(bottom, top)
-        bottoms = [] if self.example.in_place else [f"{name} (after forward)" for name in self.letters.bottoms]
+        bottoms = (
+            []
+            if self.example.in_place
+            else [f"{name} (after forward)" for name in self.letters.bottoms]
+        )
         names = [*self.letters.tops[: len(top)], *bottoms]
         return {name: blob.data.copy() for name, blob in zip(names, [*top, *bottom])}
 
@@ -130,7 +143,9 @@ class _Runner:
         for blob in layer.blobs:
             blob.diff[...] = 1
         layer.backward(top, [True] * len(bottom), bottom)
-        return self._by_letter([blob.diff.copy() for blob in bottom] + [blob.diff - 1 for blob in layer.blobs])
+        return self._by_letter(
+            [blob.diff.copy() for blob in bottom] + [blob.diff - 1 for blob in layer.blobs]
+        )
 
     def unwanted(self, part: Part) -> Values:
         """Run backward without propagate_down of the last bottom; returns its diff, which was initialized to KEPT."""
@@ -155,28 +170,57 @@ class _Runner:
             yield f"d{names[gradient.number]}", gradient
 
     def _by_letter(self, gradients: Sequence[Array]) -> Values:
-        return {f"d{name}": array for name, array in zip(self.letters.bottoms + self.letters.params, gradients)}
+        return {
+            f"d{name}": array
+            for name, array in zip(self.letters.bottoms + self.letters.params, gradients)
+        }
 
     def cases(self, reference: Part, shaped_by: str) -> Iterator[Case]:
         """Yield the cases: the shapes, forward, and backward unless its gradient is not checked."""
         example, ours = self.example, "the reference layer has"
 
-        def case(run: Callable[[Part], Values], wanted: Callable[[], Values], source: str, tolerance: float,
-                 method: str) -> Case:
-            return Case(example.title, run, wanted, source, self.letters.all_axes(), tolerance, method)
+        def case(
+            run: Callable[[Part], Values],
+            wanted: Callable[[], Values],
+            source: str,
+            tolerance: float,
+            method: str,
+        ) -> Case:
+            return Case(
+                example.title, run, wanted, source, self.letters.all_axes(), tolerance, method
+            )
 
         yield case(self.shapes, lambda: self.shapes(reference), "expected", 0, shaped_by)
         if example.caffe:
-            tops, diffs, of_params = (recorded.of_layer(example.caffe, kind) for kind in ("top", "indiff", "pdiff"))
-            yield case(self.values, lambda: dict(zip(self.letters.tops, tops)), "Caffe has", SINGLE, "forward")
-            yield case(self.gradient, lambda: self._by_letter(diffs + of_params), "Caffe has", SINGLE, "backward")
+            tops, diffs, of_params = (
+                recorded.of_layer(example.caffe, kind) for kind in ("top", "indiff", "pdiff")
+            )
+            yield case(
+                self.values,
+                lambda: dict(zip(self.letters.tops, tops)),
+                "Caffe has",
+                SINGLE,
+                "forward",
+            )
+            yield case(
+                self.gradient,
+                lambda: self._by_letter(diffs + of_params),
+                "Caffe has",
+                SINGLE,
+                "backward",
+            )
             return
         yield case(self.values, lambda: self.values(reference), ours, DOUBLE, "forward")
         if example.on_kinks:
             yield case(self.gradient, lambda: self.gradient(reference), ours, DOUBLE, "backward")
         elif example.gradient:
-            yield case(self.gradient, lambda: self.differences(reference), "finite differences give", DIFFERENCES,
-                       "backward")
+            yield case(
+                self.gradient,
+                lambda: self.differences(reference),
+                "finite differences give",
+                DIFFERENCES,
+                "backward",
+            )
 
 
 def layer_exercise(
@@ -204,7 +248,9 @@ def layer_exercise(
     """
     if block:
         blocks = [old.options and f"{block} {{ {old.options} }}" for old in examples]
-        examples = [dataclasses.replace(old, options=options) for old, options in zip(examples, blocks)]
+        examples = [
+            dataclasses.replace(old, options=options) for old, options in zip(examples, blocks)
+        ]
     cls = LAYER_TYPES[type_name]
     reference = SimpleNamespace(**{cls.__name__: cls})
     cases: dict[str, list[Case]] = {}  # by option
@@ -212,12 +258,25 @@ def layer_exercise(
         runner = _Runner(type_name, cls.__name__, letters, example)
         cases.setdefault(example.option, []).extend(runner.cases(reference, shaped_by))
     first = _Runner(type_name, cls.__name__, letters, examples[0])
-    unwanted = (first.unwanted, lambda: first.unwanted(reference), "expected", letters.all_axes(), 0, "backward")
+    unwanted = (
+        first.unwanted,
+        lambda: first.unwanted(reference),
+        "expected",
+        letters.all_axes(),
+        0,
+        "backward",
+    )
     cases[NOT_DOWN] = [Case(examples[0].title, *unwanted)]
-    by_method = {method: tuple(case for case in cases[""] if case.method == method)
-                 for method in (shaped_by, "forward", "backward")}
+    by_method = {
+        method: tuple(case for case in cases[""] if case.method == method)
+        for method in (shaped_by, "forward", "backward")
+    }
 
-    source = "Caffe" if any(example.caffe and not example.option for example in examples) else "the reference"
+    source = (
+        "Caffe"
+        if any(example.caffe and not example.option for example in examples)
+        else "the reference"
+    )
 
     def train(part: Part, iterations: int) -> Array:
         with replaced(LAYER_TYPES, type_name, getattr(part, cls.__name__)):
@@ -232,9 +291,20 @@ def layer_exercise(
         checks=(
             Check("shapes", by_method[shaped_by]),
             Check(f"values: forward agrees with {source}", by_method["forward"]),
-            Check(f"gradient: backward agrees with finite differences and with {source}", by_method["backward"]),
-            *(Check(f"with {option}", tuple(found), option, {NOT_DOWN: LEAVE, **(hints or {})}.get(option, ""))
-              for option, found in cases.items() if option),
+            Check(
+                f"gradient: backward agrees with finite differences and with {source}",
+                by_method["backward"],
+            ),
+            *(
+                Check(
+                    f"with {option}",
+                    tuple(found),
+                    option,
+                    {NOT_DOWN: LEAVE, **(hints or {})}.get(option, ""),
+                )
+                for option, found in cases.items()
+                if option
+            ),
         ),
         mistakes=mistakes,
         train=train,

@@ -20,7 +20,8 @@ from netlib.proto import prototxt, schema
 from netlib.proto.messages import SolverParameter
 from netlib.solver import Solver
 
-FRAMES = BATCH = 4  # small, as a reader's layer may loop over pixels; the same batch each time, so the loss falls
+# small, as a reader's layer may loop over pixels; the same batch each time, so the loss falls
+FRAMES = BATCH = 4
 RATE = 'type: "SGD" base_lr: 0.003 momentum: 0.9 lr_policy: "fixed" weight_decay: 0.0005'
 
 
@@ -42,7 +43,9 @@ def net_text(folder: Path) -> str:
 def solver_of(net: str, options: str = RATE, seed: int = 1) -> Solver:
     """Return a solver of a net given as text, on the plain engine, which runs the layer classes themselves."""
     param = schema.read(prototxt.parse(options, "<exercise>"), SolverParameter, "solver")
-    param = schema.changed(param, net_param=prototxt.parse(net, "<exercise>"), display=0, max_iter=10**6)
+    param = schema.changed(
+        param, net_param=prototxt.parse(net, "<exercise>"), display=0, max_iter=10**6
+    )
     return Solver(param, "<exercise>", seed=seed, engine="plain")
 
 

@@ -13,15 +13,26 @@ BEYOND = "self.beyond = np.maximum(x - self.upper, 0) - np.maximum(self.lower - 
 DX = "top[0].diff / len(slope) * slope"
 
 MISTAKES = (
-    Mistake("An angle below its lower limit is also out of limits: v = max(lower - x, 0) + max(x - upper, 0).",
-            (BEYOND, "self.beyond = np.maximum(x - self.upper, 0)")),
-    Mistake("Violations of lower limits are subtracted from those of upper limits. v counts both as positive.",
-            ("v = np.abs(self.beyond)", "v = self.beyond")),
-    Mistake("The sum is not divided by the number of poses N.",
-            ("top[0].data[...] = total / len(x)", "top[0].data[...] = total")),
-    Mistake("The gradient below a lower limit is negative: v grows as x decreases.",
-            (DX, "top[0].diff / len(slope) * np.abs(slope)")),
-    Mistake("backward ignores top[0].diff (dL), the loss weight of the prototxt.", (DX, "slope / len(slope)")),
+    Mistake(
+        "An angle below its lower limit is also out of limits: v = max(lower - x, 0) + max(x - upper, 0).",
+        (BEYOND, "self.beyond = np.maximum(x - self.upper, 0)"),
+    ),
+    Mistake(
+        "Violations of lower limits are subtracted from those of upper limits. v counts both as positive.",
+        ("v = np.abs(self.beyond)", "v = self.beyond"),
+    ),
+    Mistake(
+        "The sum is not divided by the number of poses N.",
+        ("top[0].data[...] = total / len(x)", "top[0].data[...] = total"),
+    ),
+    Mistake(
+        "The gradient below a lower limit is negative: v grows as x decreases.",
+        (DX, "top[0].diff / len(slope) * np.abs(slope)"),
+    ),
+    Mistake(
+        "backward ignores top[0].diff (dL), the loss weight of the prototxt.",
+        (DX, "slope / len(slope)"),
+    ),
 )
 
 
@@ -30,7 +41,10 @@ def _arm_like() -> Array:
     skeleton = hand.NYU
     limited = np.flatnonzero(~skeleton.fixed & (skeleton.upper < 100))
     x = np.zeros((2, 47))
-    x[0, limited[0]], x[1, limited[1]] = skeleton.upper[limited[0]] + 0.25, skeleton.lower[limited[1]] - 0.5
+    x[0, limited[0]], x[1, limited[1]] = (
+        skeleton.upper[limited[0]] + 0.25,
+        skeleton.lower[limited[1]] - 0.5,
+    )
     x[0, limited[2]], x[1, limited[3]] = skeleton.upper[limited[2]], skeleton.lower[limited[3]]
     return x
 
@@ -60,6 +74,8 @@ EXERCISE = layer_exercise(
         Example("norm: L2", (_poses(2, 2),), "norm: L2"),
         Example("norm: L2", option="norm: L2", caffe="phys_limit"),
     ],
-    hints={"norm: L2": "Each v is squared before the sum, so dx is dL / N times 2 v, with the sign of the violation."},
+    hints={
+        "norm: L2": "Each v is squared before the sum, so dx is dL / N times 2 v, with the sign of the violation."
+    },
     mistakes=MISTAKES,
 )

@@ -18,34 +18,61 @@ for rows, across in self.window_slices(dy.shape):
     padded[:, rows, across] += dy[n] * (source[:, rows, across] == top[0].data[n])"""
 
 MISTAKES = (
-    Mistake("Caffe's pooling rounds the output size up, not down: the last window may extend past the edge.",
-            ('-(-extent // self.stride[i]) if self.param.round_mode == "CEIL" else extent // self.stride[i]',
-             "extent // self.stride[i]")),
-    Mistake("dx is assigned where it must be added to: windows overlap, and a pixel receives the gradient of each. Use"
-            " += in a loop; with an array of indices, += adds only once per index, and np.add.at adds all.",
-            (ADD_MAX, "padded[c, h * sh + i, w * sw + j] += dy[n]"),
-            ("padded[:, rows, across] += share", "padded[:, rows, across] = share"),
-            (ADD_MEANS, ASSIGN_FROM_THE_END)),
-    Mistake("The padding must never be the maximum, and 0 exceeds negative values: pad with -infinity.",
-            ("-np.inf if self.is_max else 0", "0")),
-    Mistake("Of equal maxima only the first receives the gradient; here all do. Store in forward which one was "
-            "selected.",
-            (ADD_MAX, ADD_TO_EQUAL)),
-    Mistake("The mean divides by the whole kernel area. The part of a window outside the padded image is not counted; "
-            "area() returns the number of counted elements.",
-            ("windows.sum(axis=0) / self.area(x.shape, y.shape)", "windows.sum(axis=0) / np.prod(self.kernel)")),
+    Mistake(
+        "Caffe's pooling rounds the output size up, not down: the last window may extend past the edge.",
+        (
+            '-(-extent // self.stride[i]) if self.param.round_mode == "CEIL" else extent // self.stride[i]',
+            "extent // self.stride[i]",
+        ),
+    ),
+    Mistake(
+        "dx is assigned where it must be added to: windows overlap, and a pixel receives the gradient of each. Use"
+        " += in a loop; with an array of indices, += adds only once per index, and np.add.at adds all.",
+        (ADD_MAX, "padded[c, h * sh + i, w * sw + j] += dy[n]"),
+        ("padded[:, rows, across] += share", "padded[:, rows, across] = share"),
+        (ADD_MEANS, ASSIGN_FROM_THE_END),
+    ),
+    Mistake(
+        "The padding must never be the maximum, and 0 exceeds negative values: pad with -infinity.",
+        ("-np.inf if self.is_max else 0", "0"),
+    ),
+    Mistake(
+        "Of equal maxima only the first receives the gradient; here all do. Store in forward which one was "
+        "selected.",
+        (ADD_MAX, ADD_TO_EQUAL),
+    ),
+    Mistake(
+        "The mean divides by the whole kernel area. The part of a window outside the padded image is not counted; "
+        "area() returns the number of counted elements.",
+        (
+            "windows.sum(axis=0) / self.area(x.shape, y.shape)",
+            "windows.sum(axis=0) / np.prod(self.kernel)",
+        ),
+    ),
 )
 
 
 def _different(*shape: int, seed: int = 0) -> Array:
     """Return well-separated values, most of them negative."""
     count = int(np.prod(shape))
-    return np.asarray(np.random.default_rng(seed).permutation(count).reshape(shape) / 7.0 - count / 9)
+    return np.asarray(
+        np.random.default_rng(seed).permutation(count).reshape(shape) / 7.0 - count / 9
+    )
 
 
 TIES = np.random.default_rng(5).integers(0, 3, (1, 1, 5, 6)).astype(float)
-OVERLAP, ROUNDED, RECTANGLE = "an overlap of windows", "a size that is rounded up", "unequal kernel and stride"
-EQUAL, MASK, PAD, FLOOR, GLOBAL = "a tie", "a second top", "padding", "round_mode: FLOOR", "global_pooling: true"
+OVERLAP, ROUNDED, RECTANGLE = (
+    "an overlap of windows",
+    "a size that is rounded up",
+    "unequal kernel and stride",
+)
+EQUAL, MASK, PAD, FLOOR, GLOBAL = (
+    "a tie",
+    "a second top",
+    "padding",
+    "round_mode: FLOOR",
+    "global_pooling: true",
+)
 AVE, AVE_OVERLAP, AVE_PAD = "pool: AVE", "AVE and an overlap of windows", "AVE and padding"
 AVE_ROUNDED = "AVE and a size that is rounded up"
 MEANS = "pool: AVE kernel_h: 2 kernel_w: 3 stride_h: 2 stride_w: 3"
@@ -76,24 +103,46 @@ EXERCISE = layer_exercise(
         Example("kernel_size: 3", (_different(1, 1, 5, 6, seed=2),), OVERLAP),
         Example("kernel_size: 2 stride: 2", (_different(2, 2, 5, 4),), ROUNDED),
         Example("kernel_size: 2 stride: 2", option=ROUNDED, caffe="pool_MAX_k2s2_odd"),
-        Example("kernel_h: 2 kernel_w: 3 stride_h: 2 stride_w: 1", (_different(1, 2, 5, 6, seed=8),), RECTANGLE),
+        Example(
+            "kernel_h: 2 kernel_w: 3 stride_h: 2 stride_w: 1",
+            (_different(1, 2, 5, 6, seed=8),),
+            RECTANGLE,
+        ),
         Example("kernel_size: 3 stride: 2", option=EQUAL, caffe="pool_MAX_ties"),
         Example("kernel_size: 3 stride_h: 2 stride_w: 1", (TIES,), MASK, tops=2, gradient=False),
-        Example("kernel_size: 3 stride_h: 2 stride_w: 1 pad_h: 1 pad_w: 2", (_different(1, 2, 5, 6, seed=1),), PAD),
-        Example("kernel_size: 2 stride_h: 2 stride_w: 1 pad_h: 1 pad_w: 0", (_different(1, 1, 5, 6, seed=7),), PAD),
+        Example(
+            "kernel_size: 3 stride_h: 2 stride_w: 1 pad_h: 1 pad_w: 2",
+            (_different(1, 2, 5, 6, seed=1),),
+            PAD,
+        ),
+        Example(
+            "kernel_size: 2 stride_h: 2 stride_w: 1 pad_h: 1 pad_w: 0",
+            (_different(1, 1, 5, 6, seed=7),),
+            PAD,
+        ),
         Example("kernel_size: 3 stride: 2 pad: 1", option=PAD, caffe="pool_MAX_k3s2p1_odd"),
-        Example("kernel_size: 2 stride_h: 2 stride_w: 3 round_mode: FLOOR", (_different(1, 1, 5, 7, seed=3),), FLOOR),
+        Example(
+            "kernel_size: 2 stride_h: 2 stride_w: 3 round_mode: FLOOR",
+            (_different(1, 1, 5, 7, seed=3),),
+            FLOOR,
+        ),
         Example("global_pooling: true", (_different(1, 2, 3, 4, seed=4),), GLOBAL),
         Example(MEANS, (_different(2, 1, 4, 6, seed=5),), AVE),
-        Example("pool: AVE kernel_h: 2 kernel_w: 3", (_different(1, 1, 5, 6, seed=9),), AVE_OVERLAP),
+        Example(
+            "pool: AVE kernel_h: 2 kernel_w: 3", (_different(1, 1, 5, 6, seed=9),), AVE_OVERLAP
+        ),
         Example(MEANS, (_different(2, 1, 5, 7, seed=5),), AVE_ROUNDED),
-        Example("pool: AVE kernel_size: 2 stride: 2", option=AVE_ROUNDED, caffe="pool_AVE_k2s2_odd"),
+        Example(
+            "pool: AVE kernel_size: 2 stride: 2", option=AVE_ROUNDED, caffe="pool_AVE_k2s2_odd"
+        ),
         Example(
             "pool: AVE kernel_size: 3 stride_h: 2 stride_w: 1 pad_h: 1 pad_w: 2",
             (_different(1, 2, 5, 6, seed=6),),
             AVE_PAD,
         ),
-        Example("pool: AVE kernel_size: 3 stride: 2 pad: 1", option=AVE_PAD, caffe="pool_AVE_k3s2p1_odd"),
+        Example(
+            "pool: AVE kernel_size: 3 stride: 2 pad: 1", option=AVE_PAD, caffe="pool_AVE_k3s2p1_odd"
+        ),
     ],
     hints={
         OVERLAP: "A pixel can be the maximum of several windows, and its gradient is the sum of theirs.",

@@ -53,7 +53,12 @@ def _found(solver: Solver) -> Values:
         for i in range(AFTER):
             course[i : i + 1] = network.trained(solver, 1)
     param = solver.net.params["ip"][0].data
-    return {"iter": np.array(at), "loss": course, "averaged loss": np.array(solver.loss), "w": param.ravel().copy()}
+    return {
+        "iter": np.array(at),
+        "loss": course,
+        "averaged loss": np.array(solver.loss),
+        "w": param.ravel().copy(),
+    }
 
 
 def _case(title: str, data: str, options: str = FIXED, middle: str = "") -> Case:
@@ -63,15 +68,24 @@ def _case(title: str, data: str, options: str = FIXED, middle: str = "") -> Case
         """Return what is compared of the solver that ``train`` returns, given a function that makes one."""
         with tempfile.TemporaryDirectory(prefix="exercise.") as folder:
             text = data.replace("rows.txt", _rows(Path(folder))) + REST % middle
-            return _found(train(lambda seed: network.solver_of(text, options, seed=seed), Path(folder)))
+            return _found(
+                train(lambda seed: network.solver_of(text, options, seed=seed), Path(folder))
+            )
 
     def uninterrupted(make: Callable[[int], Solver], folder: Path) -> Solver:
         solver = make(1)
         solver.step(BEFORE)
         return solver
 
-    return Case(title, lambda part: result(lambda make, folder: interrupted(part, make, BEFORE, folder)),
-                lambda: result(uninterrupted), "the uninterrupted run has", AXES, 0, "restore_state")
+    return Case(
+        title,
+        lambda part: result(lambda make, folder: interrupted(part, make, BEFORE, folder)),
+        lambda: result(uninterrupted),
+        "the uninterrupted run has",
+        AXES,
+        0,
+        "restore_state",
+    )
 
 
 def _rows(folder: Path) -> str:
@@ -89,23 +103,34 @@ MIXED_UP = """each = len(solver.history[0])
 target = solver.history[i // each][i % each]
 target[...] = weights_of.legacy_shape(array, target.shape)"""
 MISTAKES = (
-    Mistake("The iteration is not restored: solver.iter = state.iter. The learning rate and Adam's bias correction "
-            "depend on it.",
-            ("solver.iter = state.iter", "")),
-    Mistake("The history is not restored: the momentum starts from 0, which slows the training for some iterations. "
-            "Copy state.history into solver.history.",
-            ("target[...] = weights_of.legacy_shape(array, target.shape)", "pass")),
-    Mistake("The histories are assigned to the wrong parameters. state_of writes, and restore_state reads, the first "
-            "histories of all parameters, then the second ones: entry i is history i // count of parameter i % count.",
-            (COPY, MIXED_UP)),
-    Mistake("The states of the layers are not restored: the next row of the data and the random number generators. "
-            "Save layer_states() and restore it with _restore_layers.",
-            ("_restore_layers(solver, path, _states_of_rank(solver, state))", "")),
+    Mistake(
+        "The iteration is not restored: solver.iter = state.iter. The learning rate and Adam's bias correction "
+        "depend on it.",
+        ("solver.iter = state.iter", ""),
+    ),
+    Mistake(
+        "The history is not restored: the momentum starts from 0, which slows the training for some iterations. "
+        "Copy state.history into solver.history.",
+        ("target[...] = weights_of.legacy_shape(array, target.shape)", "pass"),
+    ),
+    Mistake(
+        "The histories are assigned to the wrong parameters. state_of writes, and restore_state reads, the first "
+        "histories of all parameters, then the second ones: entry i is history i // count of parameter i % count.",
+        (COPY, MIXED_UP),
+    ),
+    Mistake(
+        "The states of the layers are not restored: the next row of the data and the random number generators. "
+        "Save layer_states() and restore it with _restore_layers.",
+        ("_restore_layers(solver, path, _states_of_rank(solver, state))", ""),
+    ),
     Mistake(
         "The losses averaged for display, solver.smoothed, are not restored, so the displayed values differ from those "
         "of an uninterrupted run. Write into the deque: a list in its place grows.",
         ('solver.smoothed.extend(state.extra.get("smoothed", []))', ""),
-        ('solver.smoothed.extend(state.extra.get("smoothed", []))', 'solver.smoothed = state.extra["smoothed"]'),
+        (
+            'solver.smoothed.extend(state.extra.get("smoothed", []))',
+            'solver.smoothed = state.extra["smoothed"]',
+        ),
     ),
 )
 
@@ -146,19 +171,30 @@ EXERCISE = Exercise(
         "logs what it does.)",
     },
     checks=(
-        Check("exact: the weights and the iteration", (
-            _case("the same batch each time", SAME),
-            _case("a learning rate that decreases every 3 iterations", SAME, FALLING),
-            _case("average_loss: 6", SAME, f"{FIXED} average_loss: 6"),
-        )),
-        Check("exact: the histories", (
-            _case("momentum: 0.9", SAME, MOMENTUM),
-            _case("Adam, with two histories", SAME, f'{MOMENTUM} type: "Adam" momentum2: 0.99'),
-        )),
-        Check("exact: the data", (
-            _case("rows in file order", ROWS % ("rows.txt", "")),
-            _case("rows in a new random order each epoch", ROWS % ("rows.txt", "shuffle: true")),
-        )),
+        Check(
+            "exact: the weights and the iteration",
+            (
+                _case("the same batch each time", SAME),
+                _case("a learning rate that decreases every 3 iterations", SAME, FALLING),
+                _case("average_loss: 6", SAME, f"{FIXED} average_loss: 6"),
+            ),
+        ),
+        Check(
+            "exact: the histories",
+            (
+                _case("momentum: 0.9", SAME, MOMENTUM),
+                _case("Adam, with two histories", SAME, f'{MOMENTUM} type: "Adam" momentum2: 0.99'),
+            ),
+        ),
+        Check(
+            "exact: the data",
+            (
+                _case("rows in file order", ROWS % ("rows.txt", "")),
+                _case(
+                    "rows in a new random order each epoch", ROWS % ("rows.txt", "shuffle: true")
+                ),
+            ),
+        ),
         Check("exact: the random numbers of layers", (_case("dropout", SAME, middle=DROPOUT),)),
     ),
     mistakes=MISTAKES,

@@ -75,9 +75,19 @@ def _by_hand(title: str, momentum: float, *rates: float, decay: float = 0.0) -> 
 
 
 def _by_caffe(name: str) -> Case:
-    wanted = {t: recorded.everything()[f"training/{name}/{layer}/{i}"] for t, (layer, i) in WEIGHTS.items()}
-    return Case(TRAININGS[name], lambda part: caffes_training(part, name), lambda: wanted, "Caffe has", AXES, 1e-5,
-                "_sgd")
+    wanted = {
+        t: recorded.everything()[f"training/{name}/{layer}/{i}"]
+        for t, (layer, i) in WEIGHTS.items()
+    }
+    return Case(
+        TRAININGS[name],
+        lambda part: caffes_training(part, name),
+        lambda: wanted,
+        "Caffe has",
+        AXES,
+        1e-5,
+        "_sgd",
+    )
 
 
 ADD = """h *= p.momentum
@@ -86,19 +96,29 @@ SGD = """h *= p.momentum
 h += rate * g
 w -= h"""
 MISTAKES = (
-    Mistake("The rate is applied when w is changed, as in PyTorch. In Caffe it is part of the history, h <- m h + r g:"
-            " when the rate decreases, earlier gradients keep the rate they were added with.",
-            (SGD, "h[...] = p.momentum * h + g\nw -= rate * h")),
-    Mistake("The update ascends. The gradient points towards a larger loss, so subtract h.",
-            ("w -= h", "w += h")),
-    Mistake("The new h is lost: h = ... creates a new array; the next update uses the old one. Write into it: h[...] ="
-            " ...",
-            (SGD, "h = p.momentum * h + rate * g\nw -= h")),
-    Mistake("The new w is lost: w = ... creates a new array, and the net keeps the old one. Write into it: w -= h.",
-            ("w -= h", "w = w - h")),
-    Mistake("g is modified. The rule must not change it: debugging output and clipping use it; compute rate * g in the"
-            " expression.",
-            (ADD, "h *= p.momentum\ng *= rate\nh += g")),
+    Mistake(
+        "The rate is applied when w is changed, as in PyTorch. In Caffe it is part of the history, h <- m h + r g:"
+        " when the rate decreases, earlier gradients keep the rate they were added with.",
+        (SGD, "h[...] = p.momentum * h + g\nw -= rate * h"),
+    ),
+    Mistake(
+        "The update ascends. The gradient points towards a larger loss, so subtract h.",
+        ("w -= h", "w += h"),
+    ),
+    Mistake(
+        "The new h is lost: h = ... creates a new array; the next update uses the old one. Write into it: h[...] ="
+        " ...",
+        (SGD, "h = p.momentum * h + rate * g\nw -= h"),
+    ),
+    Mistake(
+        "The new w is lost: w = ... creates a new array, and the net keeps the old one. Write into it: w -= h.",
+        ("w -= h", "w = w - h"),
+    ),
+    Mistake(
+        "g is modified. The rule must not change it: debugging output and clipping use it; compute rate * g in the"
+        " expression.",
+        (ADD, "h *= p.momentum\ng *= rate\nh += g"),
+    ),
 )
 
 
@@ -115,16 +135,21 @@ EXERCISE = Exercise(
     to_do={
         "_sgd": "Change h, the only array of history, and then w: h <- m h + r g, w <- w - h. m is "
         "p.momentum, r is rate. Write into both arrays (h[...] = ..., w -= ...), and leave g "
-        "unchanged.",
+        "unchanged."
     },
     end="def _nesterov(",
     checks=(
-        Check("values: a few updates of three weights", (
-            _by_hand("momentum 0, one rate", 0, 0.1, 0.1, 0.1),
-            _by_hand("momentum 0.9, one rate", 0.9, 0.1, 0.1, 0.1, 0.1),
-            _by_hand("momentum 0.9, a decreasing rate", 0.9, 0.1, 0.1, 0.01, 0.01),
-            _by_hand("momentum 0.9, weight_decay 0.1, already added to g", 0.9, 0.1, 0.1, decay=0.1),
-        )),
+        Check(
+            "values: a few updates of three weights",
+            (
+                _by_hand("momentum 0, one rate", 0, 0.1, 0.1, 0.1),
+                _by_hand("momentum 0.9, one rate", 0.9, 0.1, 0.1, 0.1, 0.1),
+                _by_hand("momentum 0.9, a decreasing rate", 0.9, 0.1, 0.1, 0.01, 0.01),
+                _by_hand(
+                    "momentum 0.9, weight_decay 0.1, already added to g", 0.9, 0.1, 0.1, decay=0.1
+                ),
+            ),
+        ),
         Check("values: a small net, trained with Caffe", tuple(map(_by_caffe, TRAININGS))),
     ),
     mistakes=MISTAKES,

@@ -22,7 +22,9 @@ def show_all() -> None:
     """List the exercises in the order of the book, with a mark for those whose file exists."""
     for number, exercise in enumerate(EXERCISES.values(), 1):
         mark = "·" if exists(place(exercise)) else " "
-        print(f"{mark} {number:2}  {exercise.name:16} {exercise.title} (chapter {exercise.chapter})")
+        print(
+            f"{mark} {number:2}  {exercise.name:16} {exercise.title} (chapter {exercise.chapter})"
+        )
     print(f"Start one: {command('exercise')} relu --start")
 
 
@@ -40,8 +42,10 @@ def plant(exercise: Exercise, number: int) -> None:
     if number > len(texts):
         raise ExerciseError(f"--bug {number}: {exercise.name} has bugs 1 to {len(texts)}")
     _write_new(path, texts[number - 1])
-    print(f"wrote {path}: bug {number} of {len(texts)}. Read it, fix it, then: "
-          f"{command('exercise')} {exercise.name} --file {path}")
+    print(
+        f"wrote {path}: bug {number} of {len(texts)}. Read it, fix it, then: "
+        f"{command('exercise')} {exercise.name} --file {path}"
+    )
 
 
 def check(exercise: Exercise, path: Path | None, iterations: int, limit_s: float) -> bool:
@@ -51,18 +55,31 @@ def check(exercise: Exercise, path: Path | None, iterations: int, limit_s: float
     """
     path = path or place(exercise)
     if not exists(path):
-        start_it = f"; run {command('exercise')} {exercise.name} --start to create it" * (path == place(exercise))
+        start_it = f"; run {command('exercise')} {exercise.name} --start to create it" * (
+            path == place(exercise)
+        )
         raise ExerciseError(f"{path}: not found{start_it}")
     print(printable(f"{exercise.title} ({path})"), flush=True)
-    words = [sys.executable, str(CHECK), exercise.name, str(path), str(iterations), str(int(limit_s) + 2)]
+    words = [
+        sys.executable,
+        str(CHECK),
+        exercise.name,
+        str(path),
+        str(iterations),
+        str(int(limit_s) + 2),
+    ]
     try:
         status = subprocess.run(words, timeout=limit_s, check=False).returncode
     except subprocess.TimeoutExpired:
-        raise ExerciseError(f"{path}: not finished after {limit_s:g} s; look for an endless loop, or use a larger "
-                            "--limit") from None
+        raise ExerciseError(
+            f"{path}: not finished after {limit_s:g} s; look for an endless loop, or use a larger "
+            "--limit"
+        ) from None
     if status not in (PASSED, FAILED):
         how = f"signal {signal.Signals(-status).name}" if status < 0 else f"status {status}"
-        raise ExerciseError(f"{path}: the check ended with {how}: the code crashed, or ended the process")
+        raise ExerciseError(
+            f"{path}: the check ended with {how}: the code crashed, or ended the process"
+        )
     if status == PASSED:
         print(f"Everything is correct. For comparison, the project's file: {exercise.file}")
     return status == PASSED

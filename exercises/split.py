@@ -44,7 +44,9 @@ EXERCISE = layer_exercise(
         "backward": "If propagate_down[0], write bottom[0].diff: the sum of the diffs of all tops. It contains "
         "old values, so assign the first and add the others.",
     },
-    letters=Letters(("x",), ("y_0", "y_1", "y_2"), axes={"x": "nc", "y_0": "nc", "y_1": "nc", "y_2": "nc"}),
+    letters=Letters(
+        ("x",), ("y_0", "y_1", "y_2"), axes={"x": "nc", "y_0": "nc", "y_1": "nc", "y_2": "nc"}
+    ),
     examples=[
         Example("", (numbers(2, 3),), tops=2),
         Example("", (numbers(3, 2, seed=1),), tops=3),

@@ -19,7 +19,9 @@ def stub(exercise: Exercise) -> str:
     """Return the text of the stub. Raises DataError if the source cannot be read."""
     text = _cut(exercise, exercise.source())
     lines = text.splitlines()
-    functions = {node.name: node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef)}
+    functions = {
+        node.name: node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef)
+    }
     to_do = {functions[name.split(".")[-1]]: task for name, task in exercise.to_do.items()}
     for function in sorted(to_do, key=lambda function: -function.lineno):
         first, *rest = function.body
@@ -31,8 +33,13 @@ def stub(exercise: Exercise) -> str:
 
 def _instead(task: str, indent: int) -> list[str]:
     space = " " * indent
-    parts = [textwrap.wrap(part, WIDTH - indent, break_long_words=False) for part in task.split("\n")]
-    return [*(f"{space}# {line}" for part in parts for line in part), f"{space}raise NotImplementedError"]
+    parts = [
+        textwrap.wrap(part, WIDTH - indent, break_long_words=False) for part in task.split("\n")
+    ]
+    return [
+        *(f"{space}# {line}" for part in parts for line in part),
+        f"{space}raise NotImplementedError",
+    ]
 
 
 def bugs(exercise: Exercise) -> list[str]:

@@ -21,7 +21,17 @@ from exercises.exercise import Exercise
 EXERCISES: dict[str, Exercise] = {
     module.EXERCISE.name: module.EXERCISE
     for module in (
-        relu, inner_product, convolution, pooling, split, euclidean_loss, sgd, dropout, resume, joint_transform,
-        torque_gradient, phys_limit,
+        relu,
+        inner_product,
+        convolution,
+        pooling,
+        split,
+        euclidean_loss,
+        sgd,
+        dropout,
+        resume,
+        joint_transform,
+        torque_gradient,
+        phys_limit,
     )
 }

@@ -19,7 +19,10 @@ BOTTOM_DIFF = recorded.everything()["hand_model/bottom_diff_f64"]
 def _run(part: Part, skeleton: Skeleton, inputs: Array, dX: Array) -> Values:
     kinematics = part.Kinematics(skeleton)
     given = dX.copy()
-    return {"dtheta": kinematics.backward(kinematics.forward(inputs), given), "dX (after backward)": given}
+    return {
+        "dtheta": kinematics.backward(kinematics.forward(inputs), given),
+        "dX (after backward)": given,
+    }
 
 
 def _differences(inputs: Array, dX: Array) -> Values:
@@ -39,8 +42,15 @@ def _by_differences(title: str, *joints: int) -> Case:
     """Return the case of forces on some joints of the finger."""
     inputs, dX = hand.POSES, np.zeros((2, 3, 3))
     dX[:, joints] = np.random.default_rng(1).normal(size=(2, len(joints), 3))
-    return Case(title, lambda part: _run(part, FINGER, inputs, dX), lambda: _differences(inputs, dX),
-                "finite differences give", AXES, 1e-7, "backward")
+    return Case(
+        title,
+        lambda part: _run(part, FINGER, inputs, dX),
+        lambda: _differences(inputs, dX),
+        "finite differences give",
+        AXES,
+        1e-7,
+        "backward",
+    )
 
 
 def _caffe(part: Part) -> Values:
@@ -51,20 +61,30 @@ def _caffe(part: Part) -> Values:
 
 
 MISTAKES = (
-    Mistake("The cross product has the wrong order: a torque is arm x force, (X - P) x f.",
-            ("np.cross(X[:, j] - P, force[:, j])", "np.cross(force[:, j], X[:, j] - P)")),
-    Mistake("The child's torque is about the child, not about its parent: add (X_c - X_j) x force_c.",
-            ("torque[:, j] + np.cross(X[:, j] - X[:, parent], force[:, j])", "torque[:, j]")),
-    Mistake("A DoF may drive several motions; its gradient is the sum over them: dtheta[:, dof] += ...",
-            (
+    Mistake(
+        "The cross product has the wrong order: a torque is arm x force, (X - P) x f.",
+        ("np.cross(X[:, j] - P, force[:, j])", "np.cross(force[:, j], X[:, j] - P)"),
+    ),
+    Mistake(
+        "The child's torque is about the child, not about its parent: add (X_c - X_j) x force_c.",
+        ("torque[:, j] + np.cross(X[:, j] - X[:, parent], force[:, j])", "torque[:, j]"),
+    ),
+    Mistake(
+        "A DoF may drive several motions; its gradient is the sum over them: dtheta[:, dof] += ...",
+        (
             "dtheta[:, motion.dof] += (a * generalized_force).sum(axis=1)",
             "dtheta[:, motion.dof] = (a * generalized_force).sum(axis=1)",
-        )),
-    Mistake("The joints are visited from the root to the tips. Visit children before parents: "
-            "reversed(skeleton.order).",
-            ("reversed(sk.order)", "sk.order")),
-    Mistake("dX is modified: it belongs to the next layer. Sum the forces in a copy.",
-            ("np.array(dX, dtype=np.float64)", "dX")),
+        ),
+    ),
+    Mistake(
+        "The joints are visited from the root to the tips. Visit children before parents: "
+        "reversed(skeleton.order).",
+        ("reversed(sk.order)", "sk.order"),
+    ),
+    Mistake(
+        "dX is modified: it belongs to the next layer. Sum the forces in a copy.",
+        ("np.array(dX, dtype=np.float64)", "dX"),
+    ),
 )
 
 EXERCISE = Exercise(
@@ -77,18 +97,32 @@ EXERCISE = Exercise(
         "copy of dX and torque = 0, and loop over reversed(skeleton.order), so that a joint contains the sums of its "
         "children before it is visited. For each of its motions with motion.row >= 0 (the others are fixed) add to "
         "dtheta[:, motion.dof]; a is pose.axis[:, row], P is pose.pivot[:, row], and a DoF may drive several motions. "
-        "Then add the joint's force and torque to its parent's. np.cross(u, v) works along the last axis.",
+        "Then add the joint's force and torque to its parent's. np.cross(u, v) works along the last axis."
     },
     checks=(
-        Check("gradient: a finger, against finite differences", (
-            _by_differences("a force on the base alone", 0),
-            _by_differences("a force on the middle alone", 1),
-            _by_differences("a force on the tip alone", 2),
-            _by_differences("forces on all joints", 0, 1, 2),
-        )),
-        Check("gradient: Caffe's recorded hand poses", (
-            Case("NYU's hand", _caffe, lambda: {"dtheta": BOTTOM_DIFF}, "Caffe has", AXES, 1e-11, "backward"),
-        )),
+        Check(
+            "gradient: a finger, against finite differences",
+            (
+                _by_differences("a force on the base alone", 0),
+                _by_differences("a force on the middle alone", 1),
+                _by_differences("a force on the tip alone", 2),
+                _by_differences("forces on all joints", 0, 1, 2),
+            ),
+        ),
+        Check(
+            "gradient: Caffe's recorded hand poses",
+            (
+                Case(
+                    "NYU's hand",
+                    _caffe,
+                    lambda: {"dtheta": BOTTOM_DIFF},
+                    "Caffe has",
+                    AXES,
+                    1e-11,
+                    "backward",
+                ),
+            ),
+        ),
     ),
     mistakes=MISTAKES,
     train=hand.losses,

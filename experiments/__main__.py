@@ -18,8 +18,18 @@ from tools.common.console import DONE, guarded
 
 PROGRAM = "python -m experiments"
 USAGE = 2
-NAMES = ("table1", "bench", "parts", "fit", "tracking", "constants", "gestures", "finder", "package_model",
-         "confidence")
+NAMES = (
+    "table1",
+    "bench",
+    "parts",
+    "fit",
+    "tracking",
+    "constants",
+    "gestures",
+    "finder",
+    "package_model",
+    "confidence",
+)
 
 
 class Parser(argparse.ArgumentParser):
@@ -38,10 +48,15 @@ def main(argv: list[str] | None = None) -> int:
         return DONE
     name, *rest = words
     if name not in NAMES:
-        Parser(PROGRAM).error(f"unknown experiment {name!r}{did_you_mean(name, NAMES)}; expected {', '.join(NAMES)}")
+        Parser(PROGRAM).error(
+            f"unknown experiment {name!r}{did_you_mean(name, NAMES)}; expected {', '.join(NAMES)}"
+        )
     experiment = importlib.import_module(f"experiments.{name}")
-    parser = Parser(f"{PROGRAM} {name}", description=experiment.__doc__,
-                    formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(
+        f"{PROGRAM} {name}",
+        description=experiment.__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     experiment.add_arguments(parser)
     return guarded(experiment.run, parser.parse_args(rest))
 
@@ -49,8 +64,12 @@ def main(argv: list[str] | None = None) -> int:
 def listing() -> str:
     """The experiments, each with the first sentence of its docstring."""
     width = max(map(len, NAMES))
-    lines = [f"  {name:{width}}  {summary_of(Path(__file__).with_name(f'{name}.py'))}" for name in NAMES]
-    return "\n".join([f"usage: {PROGRAM} NAME ...", "", f"'{PROGRAM} NAME --help' describes one.", "", *lines])
+    lines = [
+        f"  {name:{width}}  {summary_of(Path(__file__).with_name(f'{name}.py'))}" for name in NAMES
+    ]
+    return "\n".join(
+        [f"usage: {PROGRAM} NAME ...", "", f"'{PROGRAM} NAME --help' describes one.", "", *lines]
+    )
 
 
 if __name__ == "__main__":

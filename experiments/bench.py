@@ -37,17 +37,33 @@ TOLERANCE = 1e-3  # of the largest value
 OF_GRADIENTS = 2e-2  # where the input of a ReLU is zero up to rounding, either gradient is right
 MAX_LOAD = 0.5  # of a machine on which times are reproducible
 LEAST_S = 0.1  # for which a job is repeated
-PAUSE_S = 0.05  # before a job: OpenMP's threads, PyTorch's and OpenCV's, spin for some ms after the job before
+# before a job: OpenMP's threads, PyTorch's and OpenCV's, spin for some ms after the job before
+PAUSE_S = 0.05
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    parser.add_argument("--nets", nargs="+", choices=NETS, default=list(NETS), metavar="NAME",
-                        help=f"some of {', '.join(NETS)} (default: all)")
-    parser.add_argument("--rounds", type=positive, default=7, metavar="N", help="number of timings (default: 7)")
-    parser.add_argument("--threads", type=workers, default=min(2, netlib.threads()), metavar="N",
-                        help="default: %(default)s")
-    parser.add_argument("--cpu", action="store_true", help="processor time instead of the time, for a busy machine")
+    parser.add_argument(
+        "--nets",
+        nargs="+",
+        choices=NETS,
+        default=list(NETS),
+        metavar="NAME",
+        help=f"some of {', '.join(NETS)} (default: all)",
+    )
+    parser.add_argument(
+        "--rounds", type=positive, default=7, metavar="N", help="number of timings (default: 7)"
+    )
+    parser.add_argument(
+        "--threads",
+        type=workers,
+        default=min(2, netlib.threads()),
+        metavar="N",
+        help="default: %(default)s",
+    )
+    parser.add_argument(
+        "--cpu", action="store_true", help="processor time instead of the time, for a busy machine"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -56,7 +72,10 @@ def run(args: argparse.Namespace) -> int:
     cv2.setNumThreads(args.threads)
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
     if load > MAX_LOAD and not args.cpu:
-        say(f"warning: the machine is busy (load {load:.1f}); use --cpu and --threads 1", file=sys.stderr)
+        say(
+            f"warning: the machine is busy (load {load:.1f}); use --cpu and --threads 1",
+            file=sys.stderr,
+        )
     unit = "processor time" if args.cpu else "time"
     print(f"{netlib.BLAS_NOTE}; {args.threads} threads; medians of the {unit} in ms")
     print(f"{'':20}{'ours':>9}  {'peer':<24}{'':>9}{'ratio':>7}")
@@ -66,7 +85,10 @@ def run(args: argparse.Namespace) -> int:
             jobs = dict(peers_of(name, work, args.threads))
             own, *theirs = medians([work.run, *jobs.values()], args.rounds, args.cpu)
             for peer, found in zip(jobs, theirs):
-                print(f"{name:20}{1e3 * own:9.2f}  {peer:<24}{1e3 * found:9.2f}{found / own:7.2f}", flush=True)
+                print(
+                    f"{name:20}{1e3 * own:9.2f}  {peer:<24}{1e3 * found:9.2f}{found / own:7.2f}",
+                    flush=True,
+                )
             if not jobs:
                 print(f"{name:20}{1e3 * own:9.2f}", flush=True)
     return DONE
@@ -107,18 +129,24 @@ def _note(package: str) -> None:
 
 def agrees(what: str, found: Array, expected: Array, tolerance: float = TOLERANCE) -> bool:
     """Whether a peer's values are ours; if not, print a note: it is not timed."""
-    error = float(np.abs(found.reshape(-1) - expected.reshape(-1)).max() / max(np.abs(expected).max(), 1e-30))
+    error = float(
+        np.abs(found.reshape(-1) - expected.reshape(-1)).max() / max(np.abs(expected).max(), 1e-30)
+    )
     if error < tolerance:
         return True
-    say(f"{what} is not timed: its values differ by {error:.2g} of the largest, expected below {tolerance:g}",
-        file=sys.stderr)
+    say(
+        f"{what} is not timed: its values differ by {error:.2g} of the largest, expected below {tolerance:g}",
+        file=sys.stderr,
+    )
     return False
 
 
 # ---------------------------------------------------------------------------------------------- forward passes
 
 
-def _checked(name: str, work: Workload, peer: str, job: Callable[[], Any]) -> Iterator[tuple[str, Job]]:
+def _checked(
+    name: str, work: Workload, peer: str, job: Callable[[], Any]
+) -> Iterator[tuple[str, Job]]:
     expected = work.run()
     assert expected is not None
     try:
@@ -133,7 +161,8 @@ def _checked(name: str, work: Workload, peer: str, job: Callable[[], Any]) -> It
 def _onnx(work: Workload) -> bytes:
     import onnx  # noqa: F401  (a missing package is a note here, an error in the export)
 
-    plain = Net(work.path, netlib.TEST, engine="plain")  # the plain layers store their options by name
+    # the plain layers store their options by name
+    plain = Net(work.path, netlib.TEST, engine="plain")
     plain.copy_from(work.net)
     return onnx_image(plain)
 
@@ -209,9 +238,14 @@ def _torch_training(name: str, work: Workload, threads: int) -> Iterator[tuple[s
         graph = TorchNet(net).eval().to(memory_format=format)
         own = {blob: x.to(memory_format=format) if x.ndim == 4 else x for blob, x in inputs.items()}
         graph(**own).backward()
-        pairs = [(key, param.grad.numpy(), net.params[key[0]][key[1]].diff) for key, param in graph.pairs.items()]
-        if all(agrees(f"PyTorch {layout}, {name}, gradient {key}", theirs, ours, OF_GRADIENTS)
-               for key, theirs, ours in pairs):
+        pairs = [
+            (key, param.grad.numpy(), net.params[key[0]][key[1]].diff)
+            for key, param in graph.pairs.items()
+        ]
+        if all(
+            agrees(f"PyTorch {layout}, {name}, gradient {key}", theirs, ours, OF_GRADIENTS)
+            for key, theirs, ours in pairs
+        ):
             optimiser = torch.optim.SGD(graph.parameters(), lr=0.0001, momentum=0.9)
             yield f"PyTorch {layout}", functools.partial(_torch_step, graph.train(), own, optimiser)
 

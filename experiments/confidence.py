@@ -68,7 +68,15 @@ COMMENT = """Weights of the confidence of poses: handpose/fit/pose_confidence.py
 Fitted by `python -m experiments confidence` to {count} poses of {names},
 each as it is and mirrored; --seed {seed} --keep {keep:g}."""
 HEAD = [
-    "recording", "hands", "sure", "off", "correlation", "expected", "true", "others", "with joints",
+    "recording",
+    "hands",
+    "sure",
+    "off",
+    "correlation",
+    "expected",
+    "true",
+    "others",
+    "with joints",
 ]
 
 
@@ -116,7 +124,9 @@ def poses_of(name: str, frames: Iterator[TrackedLabels]) -> Poses:
         nearest = min((apart.mean() for apart in frame.apart), default=np.inf)
         for hand, apart in zip(frame.hands, frame.apart):
             is_labelled = apart.mean() == nearest < LOST_MM
-            evidence.append(evidence_of_track(frame.tracker.known[hand.id], frame.tracker.estimator.model))
+            evidence.append(
+                evidence_of_track(frame.tracker.known[hand.id], frame.tracker.estimator.model)
+            )
             fingers.append(apart.mean(axis=1) if is_labelled else lost)
         others = evidence_of_others(frame)
         evidence += others
@@ -125,7 +135,9 @@ def poses_of(name: str, frames: Iterator[TrackedLabels]) -> Poses:
         raise DataError(f"{name}: no hand is tracked in any labelled frame")
     of_fingers = np.array(fingers)
     error = of_fingers.mean(axis=1)
-    return Poses(name, Evidence.concatenate(evidence), np.where(np.isnan(error), LOST_MM, error), of_fingers)
+    return Poses(
+        name, Evidence.concatenate(evidence), np.where(np.isnan(error), LOST_MM, error), of_fingers
+    )
 
 
 def evidence_of_others(frame: TrackedLabels) -> list[Evidence]:
@@ -134,7 +146,10 @@ def evidence_of_others(frame: TrackedLabels) -> list[Evidence]:
     for other in frame.tracker.finder.hands(frame.depth, predictor.camera, most=PLACES):
         with contextlib.suppress(DataError):  # the pose leads out of the image
             hand = predictor.in_frame(frame.depth, predictor.camera.project(other.middle))
-            if min(np.linalg.norm(place - middle) for place in (other.middle, hand.center_mm)) > LOST_MM:
+            if (
+                min(np.linalg.norm(place - middle) for place in (other.middle, hand.center_mm))
+                > LOST_MM
+            ):
                 assert hand.evidence is not None
                 found.append(hand.evidence)
     return found
@@ -168,7 +183,11 @@ def fitted(takes: Sequence[Poses], in_use: Weights, keep: float = KEEP) -> Weigh
     share = np.concatenate([take.share for take in takes])
     log_error = np.log(np.concatenate([take.error_mm for take in takes]))
     hand = _regression(
-        lambda to: mean_log_error(evidence.signs, evidence.lag_mm, to), log_error, share, in_use.hand, keep
+        lambda to: mean_log_error(evidence.signs, evidence.lag_mm, to),
+        log_error,
+        share,
+        in_use.hand,
+        keep,
     )
     of_fingers = np.concatenate([take.fingers_mm for take in takes])
     known = np.isfinite(of_fingers)
@@ -176,13 +195,21 @@ def fitted(takes: Sequence[Poses], in_use: Weights, keep: float = KEEP) -> Weigh
     share = np.repeat(share[:, None], known.shape[1], axis=1)[known]
     log_error = np.log(of_fingers[known])
     finger = _regression(
-        lambda to: signs @ to.weights + to.constant, log_error, share / share.sum() * len(takes), in_use.finger, keep
+        lambda to: signs @ to.weights + to.constant,
+        log_error,
+        share / share.sum() * len(takes),
+        in_use.finger,
+        keep,
     )
     return Weights(hand, finger)
 
 
 def _regression(
-    mean: Callable[[Regression], Array], log_error: Array, share: Array, in_use: Regression, keep: float
+    mean: Callable[[Regression], Array],
+    log_error: Array,
+    share: Array,
+    in_use: Regression,
+    keep: float,
 ) -> Regression:
     """The regression with the least squares of ``mean`` - ``log_error``; the shares of each take add up to 1."""
 
@@ -205,7 +232,10 @@ def _regression(
 def text_of(weights: Weights, comment: str) -> str:
     """The text of a file of weights, with a comment at the top."""
     lines = [f"# {line}" for line in comment.splitlines()]
-    for name, signs, of in (("hand", SIGNS, weights.hand), ("finger", FINGER_SIGNS, weights.finger)):
+    for name, signs, of in (
+        ("hand", SIGNS, weights.hand),
+        ("finger", FINGER_SIGNS, weights.finger),
+    ):
         values = zip((*signs, "constant", "spread"), (*of.weights, of.constant, of.spread))
         lines += [f"{name} {{", *(f"  {sign}: {value:.3f}" for sign, value in values), "}"]
     return "\n".join(lines) + "\n"
@@ -215,7 +245,10 @@ def cells_of(name: str, takes: Sequence[Poses], weights: Weights) -> list[str]:
     """The columns of recordings, judged by these weights."""
     found = judged(Evidence.concatenate([take.evidence for take in takes]), weights)
     is_hand = np.concatenate([take.is_hand for take in takes])
-    error, expected = np.concatenate([take.error_mm for take in takes])[is_hand], found.error_mm[is_hand]
+    error, expected = (
+        np.concatenate([take.error_mm for take in takes])[is_hand],
+        found.error_mm[is_hand],
+    )
     sure, others = found.confidence[is_hand] >= SURE, found.confidence[~is_hand]
     off = f"{(error[sure] > OFF_MM).mean():.1%}" if sure.any() else ""
     correlation = f"{np.corrcoef(expected, error)[0, 1]:.2f}" if len(error) > 1 else ""
@@ -224,12 +257,16 @@ def cells_of(name: str, takes: Sequence[Poses], weights: Weights) -> list[str]:
     return [name, str(len(error)), str(sure.sum()), off, correlation, *means, *of_others]
 
 
-def compared(takes: Sequence[Poses], apart: Sequence[Poses], new: Weights, keep: float) -> Iterator[list[str]]:
+def compared(
+    takes: Sequence[Poses], apart: Sequence[Poses], new: Weights, keep: float
+) -> Iterator[list[str]]:
     """Rows of each recording and of all."""
     in_use = read_weights()
     names = list(dict.fromkeys(take.name for take in takes))
     for name in names:
-        own, others = ([take for take in takes if (take.name == name) == same] for same in (True, False))
+        own, others = (
+            [take for take in takes if (take.name == name) == same] for same in (True, False)
+        )
         yield cells_of(f"{name}, in use", own, in_use)
         if others:
             yield cells_of(f"{name}, left out", own, fitted(others, in_use, keep))
@@ -245,18 +282,49 @@ def compared(takes: Sequence[Poses], apart: Sequence[Poses], new: Weights, keep:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     fitted_to = parser.add_mutually_exclusive_group(required=True)
-    pair: dict[str, Any] = {"nargs": 2, "action": "append", "default": [], "metavar": ("SOURCE", "LABELS.npy")}
-    fitted_to.add_argument("--recording", **pair, help="a recording and its labels; may be given several times")
-    fitted_to.add_argument("--synthetic", choices=SCRIPTS, nargs="+", default=[], metavar="SCRIPT",
-                           help=f"instead, synthetic recordings, some of {', '.join(SCRIPTS)}")
+    pair: dict[str, Any] = {
+        "nargs": 2,
+        "action": "append",
+        "default": [],
+        "metavar": ("SOURCE", "LABELS.npy"),
+    }
+    fitted_to.add_argument(
+        "--recording", **pair, help="a recording and its labels; may be given several times"
+    )
+    fitted_to.add_argument(
+        "--synthetic",
+        choices=SCRIPTS,
+        nargs="+",
+        default=[],
+        metavar="SCRIPT",
+        help=f"instead, synthetic recordings, some of {', '.join(SCRIPTS)}",
+    )
     parser.add_argument("--apart", **pair, help="a recording to which nothing is fitted, likewise")
-    parser.add_argument("--cameras", choices=CAMERAS, nargs="+", default=["nyu"], metavar="NAME",
-                        help=f"of these, some of {', '.join(CAMERAS)} (default: nyu)")
-    parser.add_argument("--seconds", type=seconds, metavar="S", help="their duration (default: the script's)")
-    parser.add_argument("--seed", type=seed, default=0, metavar="N",
-                        help="of fits and of synthetic recordings (default: 0)")
-    parser.add_argument("--keep", type=real(0.0, 1e6), default=KEEP, metavar="W",
-                        help="how much weights are drawn towards those in use (default: %(default)s)")
+    parser.add_argument(
+        "--cameras",
+        choices=CAMERAS,
+        nargs="+",
+        default=["nyu"],
+        metavar="NAME",
+        help=f"of these, some of {', '.join(CAMERAS)} (default: nyu)",
+    )
+    parser.add_argument(
+        "--seconds", type=seconds, metavar="S", help="their duration (default: the script's)"
+    )
+    parser.add_argument(
+        "--seed",
+        type=seed,
+        default=0,
+        metavar="N",
+        help="of fits and of synthetic recordings (default: 0)",
+    )
+    parser.add_argument(
+        "--keep",
+        type=real(0.0, 1e6),
+        default=KEEP,
+        metavar="W",
+        help="how much weights are drawn towards those in use (default: %(default)s)",
+    )
     parser.add_argument("--out", metavar="FILE", type=Path, help="file of weights to write")
 
 
@@ -271,7 +339,10 @@ def run(args: argparse.Namespace) -> int:
     new = fitted(takes, read_weights(), args.keep)
     print(aligned([HEAD, *compared(takes, others, new, args.keep)]))
     count = sum(len(take.error_mm) for take in takes)
-    text = text_of(new, COMMENT.format(count=count, names=", ".join(source.name for source in own), **vars(args)))
+    text = text_of(
+        new,
+        COMMENT.format(count=count, names=", ".join(source.name for source in own), **vars(args)),
+    )
     if args.out:
         atomic.replace(args.out, lambda fresh: fresh.write_text(text, encoding="utf-8"))
         say(f"wrote {args.out}")

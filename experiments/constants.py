@@ -67,32 +67,35 @@ if TYPE_CHECKING:
 ROOMS = ("fit", "tracking", "estimate")
 # Numbers that are not tuned: indices, units, and what a measure or a format is by definition; bounds of rounding and of
 # convergence; sizes of blocks, and limits of what is held, tried or accepted.
-NOT_TUNED = {module: names.split() for module, names in {
-    "fit.body": "SIZE THICKNESS",
-    "fit.depth_fit": "MIN_VISIBLE STARTS_TOGETHER",
-    "fit.joint_starts": "RIDGE",
-    "fit.joints.companions": "VERSION",
-    "fit.joints.fit_joints": "CHUNK GRID_STEP ITERATIONS MIN_GAIN EXACT MIN_MU RIDGE",
-    "fit.joints.particle_swarm": "CONSTRICTION ATTRACTION",
-    "fit.objective": "MIN_SIZE_STD",
-    "fit.observation": "BACKGROUND _CROSS",
-    "fit.pose_confidence": "GOOD_MM LOST_MM MAX_SIGN",
-    "fit.residuals": "_TINY POSITION_BITS DIRECTION_STEP _UPPER _DIAGONAL _FULL",
-    "fit.rounding": "NETWORK_STEP PLACE_STEP_MM FIT_STEP",
-    "fit.search": "MAX_MU EXACT_COST LOW_MU HIGH_MU RIDGE",
-    "fit.support": "ALONG ACROSS",
-    "tracking.hand_track": "MOST_FOUND MAX_SIDE_CONFIDENCE",
-    "tracking.later_frames": "MAX_UNDECIDED AHEAD",
-    "tracking.pose_estimator": "ARM_PLACES",
-    "tracking.sizing": "POPULATION",
-    "tracking.smoothing": "NO_SPEED",
-    "tracking.summary": "LENGTH_MM",
-    "tracking.tracker": "MAX_HANDS AGAIN",
-    "estimate.estimator": "MAX_CROPS",
-    "estimate.finder": "FOCAL_PX VOTE_MM BEYOND_MM MIDDLE_MM STRIDE MAX_PIXELS CHANCE_STEP MIN_VOTES OUTPUTS",
-    "estimate.nets": "SIZES",
-    "estimate.predictor": "CROP_DEPTH_MM MOST MAX_REFINE",
-}.items()}
+NOT_TUNED = {
+    module: names.split()
+    for module, names in {
+        "fit.body": "SIZE THICKNESS",
+        "fit.depth_fit": "MIN_VISIBLE STARTS_TOGETHER",
+        "fit.joint_starts": "RIDGE",
+        "fit.joints.companions": "VERSION",
+        "fit.joints.fit_joints": "CHUNK GRID_STEP ITERATIONS MIN_GAIN EXACT MIN_MU RIDGE",
+        "fit.joints.particle_swarm": "CONSTRICTION ATTRACTION",
+        "fit.objective": "MIN_SIZE_STD",
+        "fit.observation": "BACKGROUND _CROSS",
+        "fit.pose_confidence": "GOOD_MM LOST_MM MAX_SIGN",
+        "fit.residuals": "_TINY POSITION_BITS DIRECTION_STEP _UPPER _DIAGONAL _FULL",
+        "fit.rounding": "NETWORK_STEP PLACE_STEP_MM FIT_STEP",
+        "fit.search": "MAX_MU EXACT_COST LOW_MU HIGH_MU RIDGE",
+        "fit.support": "ALONG ACROSS",
+        "tracking.hand_track": "MOST_FOUND MAX_SIDE_CONFIDENCE",
+        "tracking.later_frames": "MAX_UNDECIDED AHEAD",
+        "tracking.pose_estimator": "ARM_PLACES",
+        "tracking.sizing": "POPULATION",
+        "tracking.smoothing": "NO_SPEED",
+        "tracking.summary": "LENGTH_MM",
+        "tracking.tracker": "MAX_HANDS AGAIN",
+        "estimate.estimator": "MAX_CROPS",
+        "estimate.finder": "FOCAL_PX VOTE_MM BEYOND_MM MIDDLE_MM STRIDE MAX_PIXELS CHANCE_STEP MIN_VOTES OUTPUTS",
+        "estimate.nets": "SIZES",
+        "estimate.predictor": "CROP_DEPTH_MM MOST MAX_REFINE",
+    }.items()
+}
 SURE, OFF_MM = 0.9, 30.0
 
 
@@ -108,7 +111,9 @@ def numbers_of(path: Path) -> list[str]:
     """The names of the constants with numbers in a module: in capitals, of literals alone."""
     names = []
     for node in ast.parse(path.read_text(encoding="utf-8")).body:
-        if not isinstance(node, ast.Assign) or not any(_is_number(part) for part in ast.walk(node.value)):
+        if not isinstance(node, ast.Assign) or not any(
+            _is_number(part) for part in ast.walk(node.value)
+        ):
             continue
         for target in node.targets:
             parts = target.elts if isinstance(target, ast.Tuple) else [target]
@@ -132,8 +137,10 @@ def constants() -> dict[str, list[str]]:
 
 def tuned() -> dict[str, list[str]]:
     """Those of ``constants`` that were chosen by their effect."""
-    every = {module: [name for name in names if name not in NOT_TUNED.get(module, ())]
-             for module, names in constants().items()}
+    every = {
+        module: [name for name in names if name not in NOT_TUNED.get(module, ())]
+        for module, names in constants().items()
+    }
     return {module: names for module, names in every.items() if names}
 
 
@@ -145,7 +152,9 @@ def set_constants(texts: Sequence[str]) -> None:
         name, _, value = text.partition("=")
         module, _, constant = name.rpartition(".")
         if constant not in constants().get(module, ()):
-            raise DataError(f"--set {text}: no such constant; python -m experiments constants lists them")
+            raise DataError(
+                f"--set {text}: no such constant; python -m experiments constants lists them"
+            )
         try:
             number = float(value)
         except ValueError:
@@ -156,7 +165,9 @@ def set_constants(texts: Sequence[str]) -> None:
         for loaded in [owner, *_importers(owner.__name__, constant)]:
             used = [step.argval for step in _steps(_code_of(loaded)) if step.opname == "LOAD_NAME"]
             if constant in used:
-                raise DataError(f"--set {text}: {loaded.__file__} has used its value on import; edit it there")
+                raise DataError(
+                    f"--set {text}: {loaded.__file__} has used its value on import; edit it there"
+                )
             setattr(loaded, constant, number)
 
 
@@ -174,7 +185,9 @@ def _importers(owner: str, constant: str) -> list[ModuleType]:
 
 def _code_of(module: ModuleType) -> CodeType:
     """What Python runs to import a module: in it and in its classes, but not in functions, names are LOAD_NAME."""
-    return compile(files.read_text(str(module.__file__), "the module"), str(module.__file__), "exec")
+    return compile(
+        files.read_text(str(module.__file__), "the module"), str(module.__file__), "exec"
+    )
 
 
 def _steps(code: CodeType) -> Iterator[dis.Instruction]:
@@ -187,15 +200,23 @@ def _steps(code: CodeType) -> Iterator[dis.Instruction]:
 def array_in(path: Path) -> object:
     """What a file of labels contains, mostly an array. Raises DataError."""
     try:
-        return np.load(io.BytesIO(files.read_bytes(path, "the labels", DataError)), allow_pickle=False)
+        return np.load(
+            io.BytesIO(files.read_bytes(path, "the labels", DataError)), allow_pickle=False
+        )
     except ValueError:
-        raise DataError(f"{path}: not an array of numbers, expected an .npy of joints (frames, ..., 3)") from None
+        raise DataError(
+            f"{path}: not an array of numbers, expected an .npy of joints (frames, ..., 3)"
+        ) from None
 
 
 def labels_of(path: Path) -> Array:
     """The labels (frames, 5, 3, 3) of PIP, DIP and tip, y up. Raises DataError."""
     values = array_in(path)
-    if not isinstance(values, np.ndarray) or values.shape[1:] != (5, 4, 3) or values.dtype.kind != "f":
+    if (
+        not isinstance(values, np.ndarray)
+        or values.shape[1:] != (5, 4, 3)
+        or values.dtype.kind != "f"
+    ):
         raise DataError(f"{path}: expected an .npy of joints (frames, 5, 4, 3) in mm")
     return np.asarray(values[:, :, 1:] * (1, -1, 1))
 
@@ -252,7 +273,11 @@ def followed(source: str, labels: Array, seed: int, mirrored: bool) -> Iterator[
         for found in tracked_labels(recording, labels, seed, mirrored):
             near = [(float(apart.mean()), hand) for apart, hand in zip(found.apart, found.hands)]
             error, hand = min(near, key=lambda one: one[0], default=(np.nan, None))
-            yield Seen(error, hand.confidence, hand.hand == ("left" if mirrored else "right")) if hand else None
+            yield (
+                Seen(error, hand.confidence, hand.hand == ("left" if mirrored else "right"))
+                if hand
+                else None
+            )
 
 
 def cells_of(runs: list[list[Seen | None]]) -> list[str]:
@@ -265,19 +290,45 @@ def cells_of(runs: list[list[Seen | None]]) -> list[str]:
     def share(part: int, whole: int) -> str:
         return f"{part / whole:.1%}" if whole else ""
 
-    return [f"{np.mean(means):.2f}", f"{min(means):.2f}", f"{max(means):.2f}",
-            share(len(every) - len(seen), len(every)),
-            share(sum(one.is_right_side for one in seen), len(seen)), share(len(sure), len(seen)),
-            share(sum(one.error_mm > OFF_MM for one in sure), len(sure))]
+    return [
+        f"{np.mean(means):.2f}",
+        f"{min(means):.2f}",
+        f"{max(means):.2f}",
+        share(len(every) - len(seen), len(every)),
+        share(sum(one.is_right_side for one in seen), len(seen)),
+        share(len(sure), len(seen)),
+        share(sum(one.error_mm > OFF_MM for one in sure), len(sure)),
+    ]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    parser.add_argument("--recording", nargs=2, action="append", default=[], metavar=("SOURCE", "LABELS.npy"),
-                        help="a recording and its labels; may be given several times")
-    parser.add_argument("--seeds", type=seed, nargs="+", default=[0], metavar="N", help="of random starts (default: 0)")
-    parser.add_argument("--mirrored", action="store_true", help="also each recording's mirror image, of a left hand")
-    parser.add_argument("--set", nargs="+", default=[], metavar="MODULE.NAME=VALUE", help="other values of constants")
+    parser.add_argument(
+        "--recording",
+        nargs=2,
+        action="append",
+        default=[],
+        metavar=("SOURCE", "LABELS.npy"),
+        help="a recording and its labels; may be given several times",
+    )
+    parser.add_argument(
+        "--seeds",
+        type=seed,
+        nargs="+",
+        default=[0],
+        metavar="N",
+        help="of random starts (default: 0)",
+    )
+    parser.add_argument(
+        "--mirrored", action="store_true", help="also each recording's mirror image, of a left hand"
+    )
+    parser.add_argument(
+        "--set",
+        nargs="+",
+        default=[],
+        metavar="MODULE.NAME=VALUE",
+        help="other values of constants",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -290,8 +341,11 @@ def run(args: argparse.Namespace) -> int:
         return DONE
     if args.set:
         set_constants(args.set)
-    takes = [(source, labels_of(Path(path)), flip) for source, path in args.recording
-             for flip in ((False, True) if args.mirrored else (False,))]
+    takes = [
+        (source, labels_of(Path(path)), flip)
+        for source, path in args.recording
+        for flip in ((False, True) if args.mirrored else (False,))
+    ]
     rows = []
     with ProgressBar(len(takes) * len(args.seeds), what="tracking") as progress:
         for source, labels, flip in takes:
@@ -300,5 +354,7 @@ def run(args: argparse.Namespace) -> int:
                 runs.append(list(followed(source, labels, number, flip)))
                 progress(1)
             rows.append([Path(source).name + " mirrored" * flip, *cells_of(runs)])
-    print(aligned([["recording", "mm", "lowest", "highest", "without", "side", "sure", "off"], *rows]))
+    print(
+        aligned([["recording", "mm", "lowest", "highest", "without", "side", "sure", "off"], *rows])
+    )
     return DONE

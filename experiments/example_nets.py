@@ -35,7 +35,9 @@ class Text:
     def input(self, top: str, *shape: int) -> None:
         """Add an Input layer."""
         sizes = " ".join(f"dim: {n}" for n in shape)
-        self.lines.append(f'layer {{ name: "{top}" type: "Input" top: "{top}" input_param {{ shape {{ {sizes} }} }} }}')
+        self.lines.append(
+            f'layer {{ name: "{top}" type: "Input" top: "{top}" input_param {{ shape {{ {sizes} }} }} }}'
+        )
 
     def add(self, type_: str, bottoms: Sequence[str], options: str = "", top: str = "") -> str:
         """Add a layer; by default with a new top that has its name."""
@@ -48,12 +50,25 @@ class Text:
         """ReLU in place."""
         return self.add("ReLU", [bottom], top=bottom)
 
-    def conv(self, bottom: str, count: int, kernel: int, stride: int = 1, pad: int = 0, group: int = 1,
-             relu: bool = True, norm: bool = False) -> str:
+    def conv(
+        self,
+        bottom: str,
+        count: int,
+        kernel: int,
+        stride: int = 1,
+        pad: int = 0,
+        group: int = 1,
+        relu: bool = True,
+        norm: bool = False,
+    ) -> str:
         """Convolution, with BatchNorm and Scale in place of a bias, and a ReLU."""
-        options = f"num_output: {count} kernel_size: {kernel} stride: {stride} pad: {pad} group: {group}"
+        options = (
+            f"num_output: {count} kernel_size: {kernel} stride: {stride} pad: {pad} group: {group}"
+        )
         bias = "bias_term: false" if norm else ""
-        top = self.add("Convolution", [bottom], f"convolution_param {{ {options} {bias} {FILLER} }}")
+        top = self.add(
+            "Convolution", [bottom], f"convolution_param {{ {options} {bias} {FILLER} }}"
+        )
         if norm:
             self.norm_and_scale(top, top)
         return self.relu(top) if relu else top
@@ -69,12 +84,18 @@ class Text:
 
     def pool(self, bottom: str, kernel: int, stride: int, pad: int = 0, kind: str = "MAX") -> str:
         """Pooling; over the whole map if ``kernel`` is 0."""
-        windows = f"kernel_size: {kernel} stride: {stride} pad: {pad}" if kernel else "global_pooling: true"
+        windows = (
+            f"kernel_size: {kernel} stride: {stride} pad: {pad}"
+            if kernel
+            else "global_pooling: true"
+        )
         return self.add("Pooling", [bottom], f"pooling_param {{ pool: {kind} {windows} }}")
 
     def product(self, bottom: str, count: int) -> str:
         """InnerProduct."""
-        return self.add("InnerProduct", [bottom], f"inner_product_param {{ num_output: {count} {FILLER} }}")
+        return self.add(
+            "InnerProduct", [bottom], f"inner_product_param {{ num_output: {count} {FILLER} }}"
+        )
 
     def norm(self, bottom: str) -> str:
         """Local response normalization with AlexNet's options."""
@@ -99,7 +120,10 @@ def _googlenet(net: Text) -> str:
         if number in (2, 7):
             x = net.pool(x, 3, 2)
         one, three = net.conv(x, a, 1), net.conv(net.conv(x, b, 1), c, 3, pad=1)
-        five, pooled = net.conv(net.conv(x, d, 1), e, 5, pad=2), net.conv(net.pool(x, 3, 1, pad=1), f, 1)
+        five, pooled = (
+            net.conv(net.conv(x, d, 1), e, 5, pad=2),
+            net.conv(net.pool(x, 3, 1, pad=1), f, 1),
+        )
         x = net.add("Concat", [one, three, five, pooled])
     return net.product(net.pool(x, 0, 1, kind="AVE"), 1000)
 
@@ -125,8 +149,15 @@ def _mobilenet_v1(net: Text) -> str:
 
 def _mobilenet_v2(net: Text) -> str:
     x, channels = net.conv("data", 32, 3, stride=2, pad=1, norm=True), 32
-    for wider, count, repeats, first in ((1, 16, 1, 1), (6, 24, 2, 2), (6, 32, 3, 2), (6, 64, 4, 2), (6, 96, 3, 1),
-                                         (6, 160, 3, 2), (6, 320, 1, 1)):
+    for wider, count, repeats, first in (
+        (1, 16, 1, 1),
+        (6, 24, 2, 2),
+        (6, 32, 3, 2),
+        (6, 64, 4, 2),
+        (6, 96, 3, 1),
+        (6, 160, 3, 2),
+        (6, 320, 1, 1),
+    ):
         for stride in (first, *(1,) * (repeats - 1)):
             wide = channels * wider
             y = net.conv(x, wide, 1, norm=True) if wider > 1 else x
@@ -180,12 +211,16 @@ def _unet(net: Text) -> str:
     for count in (256, 128, 64, 32):
         options = f"num_output: {count} kernel_size: 2 stride: 2 {FILLER}"
         wider = net.add("Deconvolution", [x], f"convolution_param {{ {options} }}")
-        x = net.conv(net.conv(net.add("Concat", [wider, passed.pop()]), count, 3, pad=1), count, 3, pad=1)
+        x = net.conv(
+            net.conv(net.add("Concat", [wider, passed.pop()]), count, 3, pad=1), count, 3, pad=1
+        )
     return net.conv(x, 2, 1, relu=False)
 
 
 def _lenet(net: Text) -> str:
-    x = net.pool(net.conv(net.pool(net.conv("data", 20, 5, relu=False), 2, 2), 50, 5, relu=False), 2, 2)
+    x = net.pool(
+        net.conv(net.pool(net.conv("data", 20, 5, relu=False), 2, 2), 50, 5, relu=False), 2, 2
+    )
     return net.product(net.relu(net.product(x, 500)), 10)
 
 
@@ -211,9 +246,15 @@ def _residual(net: Text) -> str:
 
 
 INCEPTION = (
-    (64, 96, 128, 16, 32, 32), (128, 128, 192, 32, 96, 64), (192, 96, 208, 16, 48, 64), (160, 112, 224, 24, 64, 64),
-    (128, 128, 256, 24, 64, 64), (112, 144, 288, 32, 64, 64), (256, 160, 320, 32, 128, 128),
-    (256, 160, 320, 32, 128, 128), (384, 192, 384, 48, 128, 128),
+    (64, 96, 128, 16, 32, 32),
+    (128, 128, 192, 32, 96, 64),
+    (192, 96, 208, 16, 48, 64),
+    (160, 112, 224, 24, 64, 64),
+    (128, 128, 256, 24, 64, 64),
+    (112, 144, 288, 32, 64, 64),
+    (256, 160, 320, 32, 128, 128),
+    (256, 160, 320, 32, 128, 128),
+    (384, 192, 384, 48, 128, 128),
 )
 
 
@@ -238,7 +279,9 @@ def hand_training(batch: int) -> Callable[[Path], str]:
                 file["depth"], file["joint"] = hands(2 * batch)
             data.write_text(f"{data.stem}.h5\n", encoding="utf-8")
         net = (ROOT / "prototxt" / "nyu_train_test.prototxt").read_text(encoding="utf-8")
-        return re.sub("data/nyu/[a-z]*.txt", data.as_posix(), net).replace("batch_size: 512", f"batch_size: {batch}")
+        return re.sub("data/nyu/[a-z]*.txt", data.as_posix(), net).replace(
+            "batch_size: 512", f"batch_size: {batch}"
+        )
 
     return text
 
@@ -267,7 +310,9 @@ class Example:
     batch: int = 0
 
 
-def ordinary(name: str, layers: Callable[[Text], str], *shape: int, trains: bool = False) -> Example:
+def ordinary(
+    name: str, layers: Callable[[Text], str], *shape: int, trains: bool = False
+) -> Example:
     """A net with random inputs; in training, with labels of ten classes and SoftmaxWithLoss."""
 
     def text(folder: Path) -> str:
@@ -281,23 +326,29 @@ def ordinary(name: str, layers: Callable[[Text], str], *shape: int, trains: bool
     return Example(name, text, trains)
 
 
-NETS = {example.name: example for example in (
-    ordinary("CaffeNet", _caffenet, 10, 3, 227, 227),
-    ordinary("GoogLeNet", _googlenet, 10, 3, 224, 224),
-    ordinary("SqueezeNet", _squeezenet, 10, 3, 227, 227),
-    ordinary("MobileNet-v1", _mobilenet_v1, 1, 3, 224, 224),
-    ordinary("MobileNet-v2", _mobilenet_v2, 1, 3, 224, 224),
-    ordinary("ResNet-50", _resnet50, 1, 3, 224, 224),
-    ordinary("VGG-16", _vgg16, 1, 3, 224, 224),
-    ordinary("DenseNet-121", _densenet121, 1, 3, 224, 224),
-    ordinary("U-Net", _unet, 1, 3, 256, 256),
-    ordinary("LeNet", _lenet, 64, 1, 28, 28, trains=True),
-    ordinary("CIFAR-10", _cifar10, 100, 3, 32, 32, trains=True),
-    ordinary("VGG-like", _vgg, 16, 3, 64, 64, trains=True),
-    ordinary("residual", _residual, 32, 3, 32, 32, trains=True),
-    *(Example(f"hand-{batch}", hand_deploy, batch=batch) for batch in (1, 64, 512)),
-    *(Example(f"hand-training-{batch}", hand_training(batch), trains=True) for batch in (64, 512)),
-)}
+NETS = {
+    example.name: example
+    for example in (
+        ordinary("CaffeNet", _caffenet, 10, 3, 227, 227),
+        ordinary("GoogLeNet", _googlenet, 10, 3, 224, 224),
+        ordinary("SqueezeNet", _squeezenet, 10, 3, 227, 227),
+        ordinary("MobileNet-v1", _mobilenet_v1, 1, 3, 224, 224),
+        ordinary("MobileNet-v2", _mobilenet_v2, 1, 3, 224, 224),
+        ordinary("ResNet-50", _resnet50, 1, 3, 224, 224),
+        ordinary("VGG-16", _vgg16, 1, 3, 224, 224),
+        ordinary("DenseNet-121", _densenet121, 1, 3, 224, 224),
+        ordinary("U-Net", _unet, 1, 3, 256, 256),
+        ordinary("LeNet", _lenet, 64, 1, 28, 28, trains=True),
+        ordinary("CIFAR-10", _cifar10, 100, 3, 32, 32, trains=True),
+        ordinary("VGG-like", _vgg, 16, 3, 64, 64, trains=True),
+        ordinary("residual", _residual, 32, 3, 32, 32, trains=True),
+        *(Example(f"hand-{batch}", hand_deploy, batch=batch) for batch in (1, 64, 512)),
+        *(
+            Example(f"hand-training-{batch}", hand_training(batch), trains=True)
+            for batch in (64, 512)
+        ),
+    )
+}
 
 
 class Workload:
@@ -313,16 +364,23 @@ class Workload:
         rng = np.random.default_rng(0)
         if example.trains:
             solver = folder / "solver.prototxt"
-            solver.write_text(f'net: "{self.path.as_posix()}" base_lr: 0.0001 momentum: 0.9 lr_policy: "fixed" '
-                              "random_seed: 1", encoding="utf-8")
+            solver.write_text(
+                f'net: "{self.path.as_posix()}" base_lr: 0.0001 momentum: 0.9 lr_policy: "fixed" '
+                "random_seed: 1",
+                encoding="utf-8",
+            )
             self.solver = netlib.get_solver(solver, engine=engine)
             self.net = self.solver.net
         else:
             self.net = Net(self.path, netlib.TEST, seed=1, engine=engine)
             fill(self.net, rng)
         shapes = {name: self.net.blobs[name].shape for name in self.net.inputs}
-        self.inputs = {name: rng.normal(size=shape).astype(np.float32) if name == "data" else
-                       rng.integers(0, 10, shape).astype(np.float32) for name, shape in shapes.items()}
+        self.inputs = {
+            name: rng.normal(size=shape).astype(np.float32)
+            if name == "data"
+            else rng.integers(0, 10, shape).astype(np.float32)
+            for name, shape in shapes.items()
+        }
         if example.batch:
             self.inputs = {"depth": hands(example.batch)[0]}
         if self.solver:
@@ -342,6 +400,12 @@ def fill(net: Net, rng: np.random.Generator) -> None:
     for layer in net.layers:
         for number, param in enumerate(layer.blobs):
             if layer.type == "BatchNorm":
-                param.data[...] = (rng.normal(0, 0.1, param.shape), rng.uniform(0.5, 1.5, param.shape), 1)[number]
+                param.data[...] = (
+                    rng.normal(0, 0.1, param.shape),
+                    rng.uniform(0.5, 1.5, param.shape),
+                    1,
+                )[number]
             elif layer.type == "Scale" or number:
-                param.data[...] = (layer.type == "Scale" and number == 0) + rng.normal(0, 0.1, param.shape)
+                param.data[...] = (layer.type == "Scale" and number == 0) + rng.normal(
+                    0, 0.1, param.shape
+                )

@@ -67,13 +67,29 @@ class Answer(NamedTuple):
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     parser.add_argument("weights", metavar="WEIGHTS", help="weights of the finder, *.caffemodel.h5")
-    parser.add_argument("--model", metavar="NET", default=str(HAND_FINDER / "deploy.prototxt"),
-                        help="default: models/hand_finder")
-    parser.add_argument("--scenes", type=count, default=160, metavar="N", help="of each kind (default: %(default)s)")
-    parser.add_argument("--seed", type=seed, default=1000, metavar="N", help="of the scenes (default: %(default)s)")
-    parser.add_argument("--recording", nargs="+", action="append", default=[], metavar=("SOURCE", "SIDE=LABELS.npy"),
-                        help="frames, and the joints of their hands; may be given several times")
-    parser.add_argument("--part", choices=("all", "even", "odd"), default="all", help="frames (default: all)")
+    parser.add_argument(
+        "--model",
+        metavar="NET",
+        default=str(HAND_FINDER / "deploy.prototxt"),
+        help="default: models/hand_finder",
+    )
+    parser.add_argument(
+        "--scenes", type=count, default=160, metavar="N", help="of each kind (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--seed", type=seed, default=1000, metavar="N", help="of the scenes (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--recording",
+        nargs="+",
+        action="append",
+        default=[],
+        metavar=("SOURCE", "SIDE=LABELS.npy"),
+        help="frames, and the joints of their hands; may be given several times",
+    )
+    parser.add_argument(
+        "--part", choices=("all", "even", "odd"), default="all", help="frames (default: all)"
+    )
     add_engine(parser)
 
 
@@ -82,11 +98,24 @@ def run(args: argparse.Namespace) -> int:
     finder = Finder(trained(args.model, args.weights, args.engine))
     sources: dict[str, Callable[[], Iterator[Labelled]]] = {
         "test": functools.partial(drawn_scenes, args.seed, args.scenes),
-        "other": functools.partial(other_scenes, args.seed, args.scenes)}
+        "other": functools.partial(other_scenes, args.seed, args.scenes),
+    }
     for source, *labels in args.recording:
-        sources[Path(source).name] = functools.partial(recorded, source, labels_of(labels), args.part)
-    rows = [["frames of", "count", "hands", *(f"recall at {rate:g}" for rate in RATES), "side", "unknown", "mm",
-             "CPU ms"]]
+        sources[Path(source).name] = functools.partial(
+            recorded, source, labels_of(labels), args.part
+        )
+    rows = [
+        [
+            "frames of",
+            "count",
+            "hands",
+            *(f"recall at {rate:g}" for rate in RATES),
+            "side",
+            "unknown",
+            "mm",
+            "CPU ms",
+        ]
+    ]
     for name, frames in sources.items():
         rows.append([name, *cells_of(finder, frames())])
     print(aligned(rows))
@@ -112,8 +141,14 @@ def cells_of(finder: Finder, frames: Iterator[Labelled]) -> list[str]:
     unknown = [one.side is None for one in kept]
     shares = [f"{np.mean(part):.0%}" if part else "" for part in (sides, unknown)]
     off = f"{np.median([one.off_mm for one in kept]):.0f}" if kept else ""
-    return [str(number), str(total), *(f"{part:.0%}" for part in recalls), *shares, off,
-            f"{1000 * seconds / number:.0f}"]
+    return [
+        str(number),
+        str(total),
+        *(f"{part:.0%}" for part in recalls),
+        *shares,
+        off,
+        f"{1000 * seconds / number:.0f}",
+    ]
 
 
 def judged(found: Sequence[FoundHand], frame: Labelled) -> list[Answer]:
@@ -136,7 +171,8 @@ def recalls_of(answers: Sequence[Answer], total: int, frames: int) -> tuple[list
     true = np.cumsum([one.true for one in order])
     recalls, threshold = [], 0.0
     for n, rate in enumerate(RATES):
-        last = int(np.searchsorted(false, rate * frames, side="right")) - 1  # the last with no more false ones
+        # the last with no more false ones
+        last = int(np.searchsorted(false, rate * frames, side="right")) - 1
         recalls.append(float(true[last]) / max(total, 1) if last >= 0 else 0.0)
         if n == 1:
             threshold = order[last].presence if last >= 0 else 2.0
@@ -164,12 +200,21 @@ def other_scenes(number: int, scenes: int) -> Iterator[Labelled]:
     """One frame of each of ``scenes`` synthetic recordings, whose scripts, cameras and sides alternate."""
     scripts = list(SCRIPTS)
     for n in range(scenes):
-        recording = SyntheticRecording(scripts[n % len(scripts)], MADE[n % len(MADE)], rate=1, seed=number + n,
-                                       mirrored=n // (len(scripts) * len(MADE)) % 2 == 1)
+        recording = SyntheticRecording(
+            scripts[n % len(scripts)],
+            MADE[n % len(MADE)],
+            rate=1,
+            seed=number + n,
+            mirrored=n // (len(scripts) * len(MADE)) % 2 == 1,
+        )
         frame, truth = recording.frame(n % recording.count), recording.truth(n % recording.count)
         partly = [recording.movements[lost.id] for lost in truth.lost if lost.reason == PARTLY]
-        yield Labelled(frame.depth, recording.camera, [(hand.xyz.mean(0), hand.hand) for hand in truth.hands],
-                       [movement.pose_at(frame.time).xyz.mean(0) for movement in partly])
+        yield Labelled(
+            frame.depth,
+            recording.camera,
+            [(hand.xyz.mean(0), hand.hand) for hand in truth.hands],
+            [movement.pose_at(frame.time).xyz.mean(0) for movement in partly],
+        )
 
 
 def labels_of(words: Sequence[str]) -> dict[Side, Path]:
@@ -178,7 +223,9 @@ def labels_of(words: Sequence[str]) -> dict[Side, Path]:
     for word in words:
         side, _, name = word.partition("=")
         if side not in SIDES or not name:
-            raise DataError(f"--recording: {word!r}, expected left=LABELS.npy or right=LABELS.npy after the frames")
+            raise DataError(
+                f"--recording: {word!r}, expected left=LABELS.npy or right=LABELS.npy after the frames"
+            )
         found |= {own: Path(name) for own in SIDES if own == side}
     return found
 
@@ -202,6 +249,13 @@ def recorded(source: str, labels: dict[Side, Path], part: str) -> Iterator[Label
 def _joints(path: Path) -> Array:
     """The array (frames, ..., 3) of a file of labels. Raises DataError."""
     values = array_in(path)
-    if not isinstance(values, np.ndarray) or values.ndim < 2 or values.shape[-1] != 3 or values.dtype.kind != "f":
-        raise DataError(f"{path}: {getattr(values, 'shape', 'several arrays')}, expected joints (frames, ..., 3) in mm")
+    if (
+        not isinstance(values, np.ndarray)
+        or values.ndim < 2
+        or values.shape[-1] != 3
+        or values.dtype.kind != "f"
+    ):
+        raise DataError(
+            f"{path}: {getattr(values, 'shape', 'several arrays')}, expected joints (frames, ..., 3) in mm"
+        )
     return values

@@ -98,19 +98,29 @@ def measure(
         fitter, joints = fitter_of(unit), scene.bodies.joints * unit
         x = fit_starts(net, fitter.model, scene.depth, (0,))[0]
         truth, limbs = fitter.model.variables_of(scene.bodies.inputs), fitter.model.limbs
-        networks.append((mean_errors_14(fitter.model.joints(x), joints), (x - truth)[:, limbs], truth[:, limbs]))
+        networks.append(
+            (mean_errors_14(fitter.model.joints(x), joints), (x - truth)[:, limbs], truth[:, limbs])
+        )
         for plan in plans:
             fits[plan.name].append(_fit(net, fitter, scene, joints, plan, hands))
         progress(len(joints))
     network, errors, poses = (np.concatenate(parts) for parts in zip(*networks))
-    return Figures(network, errors, poses,
-                   {plan: FitFigures(*map(np.concatenate, zip(*parts))) for plan, parts in fits.items()})
+    return Figures(
+        network,
+        errors,
+        poses,
+        {plan: FitFigures(*map(np.concatenate, zip(*parts))) for plan, parts in fits.items()},
+    )
 
 
-def _fit(net: Net, fitter: DepthFitter, scene: Scene, joints: Array, plan: Plan, hands: bool) -> FitFigures:
+def _fit(
+    net: Net, fitter: DepthFitter, scene: Scene, joints: Array, plan: Plan, hands: bool
+) -> FitFigures:
     estimator = HandEstimator(net, scene.cube_mm, fitter)
-    right, left = ([Candidate(center, side, crop=crop) for center, crop in zip(scene.center_uvd, scene.depth)]
-                   for side in SIDES)
+    right, left = (
+        [Candidate(center, side, crop=crop) for center, crop in zip(scene.center_uvd, scene.depth)]
+        for side in SIDES
+    )
     begun = time.perf_counter()
     found = estimator.estimate(right, scene.camera, plan)
     seconds = np.full(len(joints), (time.perf_counter() - begun) / len(joints))
@@ -138,26 +148,68 @@ def auc(score: Array, failed: NDArray[np.bool_]) -> float:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    parser.add_argument("--network", nargs=2, type=Path, metavar=("WEIGHTS", "NET"),
-                        help="*.caffemodel.h5, and the deploy prototxt of their net")
-    parser.add_argument("--recipes", choices=recipes.NAMES, nargs="+", default=recipes.NAMES[:3], metavar="NAME",
-                        help=f"some of {', '.join(recipes.NAMES)} (default: the first three)")
-    parser.add_argument("--plans", choices=PLANS, nargs="+", default=list(PLANS), metavar="PLAN",
-                        help=f"some of {', '.join(PLANS)} (default: all)")
-    parser.add_argument("--frames", type=count, default=2000, metavar="N",
-                        help="per recipe, rounded up to a multiple of 64 (default: %(default)s)")
-    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of the frames (default: 0)")
-    parser.add_argument("--hands", action="store_true", help="also fit mirror images (twice the time)")
+    parser.add_argument(
+        "--network",
+        nargs=2,
+        type=Path,
+        metavar=("WEIGHTS", "NET"),
+        help="*.caffemodel.h5, and the deploy prototxt of their net",
+    )
+    parser.add_argument(
+        "--recipes",
+        choices=recipes.NAMES,
+        nargs="+",
+        default=recipes.NAMES[:3],
+        metavar="NAME",
+        help=f"some of {', '.join(recipes.NAMES)} (default: the first three)",
+    )
+    parser.add_argument(
+        "--plans",
+        choices=PLANS,
+        nargs="+",
+        default=list(PLANS),
+        metavar="PLAN",
+        help=f"some of {', '.join(PLANS)} (default: all)",
+    )
+    parser.add_argument(
+        "--frames",
+        type=count,
+        default=2000,
+        metavar="N",
+        help="per recipe, rounded up to a multiple of 64 (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--seed", type=seed, default=0, metavar="N", help="seed of the frames (default: 0)"
+    )
+    parser.add_argument(
+        "--hands", action="store_true", help="also fit mirror images (twice the time)"
+    )
     add_engine(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Measure the network and the fits. Raises NetlibError."""
-    weights, model = args.network or (checked_content(read_card(SYNTHETIC_HAND)), SYNTHETIC_HAND / "deploy.prototxt")
+    weights, model = args.network or (
+        checked_content(read_card(SYNTHETIC_HAND)),
+        SYNTHETIC_HAND / "deploy.prototxt",
+    )
     net = trained(model, weights, args.engine)
     skeleton = skeleton_to_fit(net)
     refuse_other_bodies(skeleton, "the recipes are of hands")
-    rows = [["recipe", "plan", "mean", "median", "failed", "auc", "expected", "confidence", "right", "ms"]]
+    rows = [
+        [
+            "recipe",
+            "plan",
+            "mean",
+            "median",
+            "failed",
+            "auc",
+            "expected",
+            "confidence",
+            "right",
+            "ms",
+        ]
+    ]
     with ProgressBar(args.frames * len(args.recipes)) as progress:
         for recipe in args.recipes:
             scenes = scenes_of(Generator(args.seed, "test", recipes.recipe(recipe)), args.frames)
@@ -165,7 +217,10 @@ def run(args: argparse.Namespace) -> int:
             plans = [PLANS[name] for name in args.plans]
             found = measure(net, fitter_of, scenes, plans, hands=args.hands, progress=progress)
             rows.append([recipe, "network", *_errors(found.network), *[""] * 5])
-            rows += [[recipe, plan, *_errors(fit.error), *_others(fit)] for plan, fit in found.fits.items()]
+            rows += [
+                [recipe, plan, *_errors(fit.error), *_others(fit)]
+                for plan, fit in found.fits.items()
+            ]
     say(f"{len(found.network)} frames per recipe, seed {args.seed}; mm, 14 joints")
     print(aligned(rows))
     return DONE
@@ -176,6 +231,11 @@ def _errors(errors: Array) -> list[str]:
 
 
 def _others(fit: FitFigures) -> list[str]:
-    values = (("{:.3f}", auc(fit.expected, fit.error > GOOD_MM)), ("{:.2f}", fit.expected.mean()),
-              ("{:.1%}", fit.confidence.mean()), ("{:.1%}", fit.right.mean()), ("{:.1f}", 1000 * fit.seconds.mean()))
+    values = (
+        ("{:.3f}", auc(fit.expected, fit.error > GOOD_MM)),
+        ("{:.2f}", fit.expected.mean()),
+        ("{:.1%}", fit.confidence.mean()),
+        ("{:.1%}", fit.right.mean()),
+        ("{:.1f}", 1000 * fit.seconds.mean()),
+    )
     return ["" if np.isnan(value) else form.format(value) for form, value in values]

@@ -38,17 +38,39 @@ from tools.common.progress import ProgressBar
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     parser.add_argument("snapshot", metavar="SNAPSHOT", help="weights, *.caffemodel.h5")
-    parser.add_argument("--model", metavar="NET", required=True, help="deploy prototxt of their net")
+    parser.add_argument(
+        "--model", metavar="NET", required=True, help="deploy prototxt of their net"
+    )
     parser.add_argument("--out", metavar="FILE", type=Path, required=True, help="file to write")
-    parser.add_argument("--bits", type=whole(0, 23), default=10, metavar="N",
-                        help="bits of each mantissa, at most 23 (default: %(default)s)")
-    parser.add_argument("--recipe", choices=recipes.NAMES, default="people", help="default: %(default)s")
-    parser.add_argument("--frames", type=count, default=8192, metavar="N",
-                        help="rounded up to a multiple of 64 (default: %(default)s)")
-    parser.add_argument("--without-poses", action="store_true",
-                        help="leave out natural poses: fits are drawn to the network's poses only")
-    parser.add_argument("--seed", type=seed, default=1000, metavar="N",
-                        help="seed of the frames, unlike that of the training (default: %(default)s)")
+    parser.add_argument(
+        "--bits",
+        type=whole(0, 23),
+        default=10,
+        metavar="N",
+        help="bits of each mantissa, at most 23 (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--recipe", choices=recipes.NAMES, default="people", help="default: %(default)s"
+    )
+    parser.add_argument(
+        "--frames",
+        type=count,
+        default=8192,
+        metavar="N",
+        help="rounded up to a multiple of 64 (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--without-poses",
+        action="store_true",
+        help="leave out natural poses: fits are drawn to the network's poses only",
+    )
+    parser.add_argument(
+        "--seed",
+        type=seed,
+        default=1000,
+        metavar="N",
+        help="seed of the frames, unlike that of the training (default: %(default)s)",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -61,8 +83,10 @@ def run(args: argparse.Namespace) -> int:
     else:
         _measure(net, args)
     image = args.out.read_bytes()
-    say(f"wrote {args.out}: {len(image) / 1e6:.2f} MB, sha256: {hashlib.sha256(image).hexdigest()}, "
-        f"net_sha256: {hashlib.sha256(net_content(Path(args.model))).hexdigest()}")
+    say(
+        f"wrote {args.out}: {len(image) / 1e6:.2f} MB, sha256: {hashlib.sha256(image).hexdigest()}, "
+        f"net_sha256: {hashlib.sha256(net_content(Path(args.model))).hexdigest()}"
+    )
     return DONE
 
 
@@ -80,23 +104,31 @@ def _measure(net: Net, args: argparse.Namespace) -> None:
     with ProgressBar(2 * args.frames) as progress:
 
         def measured() -> Figures:
-            return measure(net, lambda unit: DepthFitter(CapsuleModel(skeleton, unit)),
-                           scenes_of(generator, args.frames), (), progress=progress)
+            return measure(
+                net,
+                lambda unit: DepthFitter(CapsuleModel(skeleton, unit)),
+                scenes_of(generator, args.frames),
+                (),
+                progress=progress,
+            )
 
         exact = measured()
         _round(net, args.bits)
         found = measured()
     poses = None if args.without_poses else Poses.of(found.poses)
     write_model(net, NetworkErrors(covariance(found.limbs), poses), args.out)
-    say(f"{len(found.network)} frames of the recipe {args.recipe}: network {exact.network.mean():.2f} mm, with "
-        f"{args.bits} bits {found.network.mean():.2f} mm")
+    say(
+        f"{len(found.network)} frames of the recipe {args.recipe}: network {exact.network.mean():.2f} mm, with "
+        f"{args.bits} bits {found.network.mean():.2f} mm"
+    )
 
 
 def rounded(values: NDArray[np.float32], bits: int) -> NDArray[np.float32]:
     """The values with ``bits`` of the 23 bits of a mantissa, rounded to nearest, ties to even."""
     drop = np.uint32(23 - bits)
     raw = np.ascontiguousarray(values, np.float32).view(np.uint32)
-    odd = (raw >> drop) & np.uint32(1) if bits else np.uint32(1)  # without bits, the leading one that is not stored
+    # without bits, the leading one that is not stored
+    odd = (raw >> drop) & np.uint32(1) if bits else np.uint32(1)
     half = (np.uint32(1) << drop >> np.uint32(1)) - np.uint32(drop > 0) + odd
     kept = (raw + np.where(drop > 0, half, 0).astype(np.uint32)) >> drop << drop
     return np.asarray(kept.view(np.float32))
@@ -108,7 +140,12 @@ def write_model(net: Net, errors: NetworkErrors | None, path: Path) -> None:
         for layer, blobs in net.params.items():
             for i, blob in enumerate(blobs):
                 values = np.asarray(blob.data, np.float32)
-                file.create_dataset(f"data/{layer}/{i}", data=values, compression="gzip", compression_opts=9,
-                                    shuffle=True)
+                file.create_dataset(
+                    f"data/{layer}/{i}",
+                    data=values,
+                    compression="gzip",
+                    compression_opts=9,
+                    shuffle=True,
+                )
         for name, values in arrays_of(errors).items() if errors else ():
             file.create_dataset(f"{GROUP}/{name}", data=values)

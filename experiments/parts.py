@@ -32,11 +32,18 @@ from tools.common.arguments import positive, positive_number
 from tools.common.console import DONE, aligned
 
 FAST = "fast engine"
-MECHANISMS: dict[str, tuple[str, Any]] = {  # the place of a constant or function, and its value without the mechanism
-    "slices of the batch": ("fast.engine.plan", lambda connections, stored: [*map(_whole, connections)]),
+# the place of a constant or function, and its value without the mechanism
+MECHANISMS: dict[str, tuple[str, Any]] = {
+    "slices of the batch": (
+        "fast.engine.plan",
+        lambda connections, stored: [*map(_whole, connections)],
+    ),
     "tiles between layers": ("fast.plan._agree_on_tiles", lambda order, hidden: {}),
     "ReLU after the pooling": ("fast.plan._pool_first", lambda row, hidden: list(row)),
-    "windows without background": ("fast.convolution_tiles.WindowTiles.fits", staticmethod(lambda *sizes: False)),
+    "windows without background": (
+        "fast.convolution_tiles.WindowTiles.fits",
+        staticmethod(lambda *sizes: False),
+    ),
     "items one at a time": ("fast.inner_product.FEW_ITEMS", 0),
     "blocked products": ("fast.inner_product.MAX_BLOCK", 1 << 30),
     "updates in blocks": ("netlib.updates.BLOCK", 1 << 40),
@@ -68,7 +75,9 @@ def parts_of_fast() -> dict[str, Part]:
     for name in dict.fromkeys(of):
         rest = tuple(other for other, known in zip(convolution.ALGORITHMS, of) if known != name)
         if name != of[-1]:  # which is for all sizes
-            found[name] = Part(functools.partial(mock.patch.object, convolution, "ALGORITHMS", rest))
+            found[name] = Part(
+                functools.partial(mock.patch.object, convolution, "ALGORITHMS", rest)
+            )
     for name, (place, value) in MECHANISMS.items():
         found[name] = Part(functools.partial(mock.patch, place, value))
     return found
@@ -76,7 +85,11 @@ def parts_of_fast() -> dict[str, Part]:
 
 def _name_of(algorithm: Any) -> str:
     """The class of an algorithm, or of the one that an adapter uses."""
-    return _name_of(algorithm.algorithm) if hasattr(algorithm, "algorithm") else type(algorithm).__name__
+    return (
+        _name_of(algorithm.algorithm)
+        if hasattr(algorithm, "algorithm")
+        else type(algorithm).__name__
+    )
 
 
 @contextlib.contextmanager
@@ -101,14 +114,33 @@ def _release(connections: Any) -> None:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     usual = [name for name, example in NETS.items() if example.trains or name == "hand-1"]
-    parser.add_argument("--nets", nargs="+", choices=NETS, default=usual, metavar="NAME",
-                        help=f"some of {', '.join(NETS)} (default: {' '.join(usual)})")
+    parser.add_argument(
+        "--nets",
+        nargs="+",
+        choices=NETS,
+        default=usual,
+        metavar="NAME",
+        help=f"some of {', '.join(NETS)} (default: {' '.join(usual)})",
+    )
     known = parts_of_fast() if netlib.engine.has_fast() else {}
-    parser.add_argument("--parts", nargs="+", choices=known, default=list(known), metavar="PART",
-                        help=f"some of {', '.join(map(repr, known))} (default: all)")
-    parser.add_argument("--rounds", type=positive, default=5, metavar="N", help="default: %(default)s")
-    parser.add_argument("--burst", type=positive_number, default=0.2, metavar="S",
-                        help="processor time of a round, at least one run (default: %(default)s)")
+    parser.add_argument(
+        "--parts",
+        nargs="+",
+        choices=known,
+        default=list(known),
+        metavar="PART",
+        help=f"some of {', '.join(map(repr, known))} (default: all)",
+    )
+    parser.add_argument(
+        "--rounds", type=positive, default=5, metavar="N", help="default: %(default)s"
+    )
+    parser.add_argument(
+        "--burst",
+        type=positive_number,
+        default=0.2,
+        metavar="S",
+        help="processor time of a round, at least one run (default: %(default)s)",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -122,9 +154,14 @@ def run(args: argparse.Namespace) -> int:
             rows = [["switched off", "time", "memory"]]
             for part in args.parts:
                 if applies(known[part], base.work):
-                    time_ratio, memory_ratio = base.without(part, known[part], args.rounds, args.burst)
+                    time_ratio, memory_ratio = base.without(
+                        part, known[part], args.rounds, args.burst
+                    )
                     rows.append([part, f"{time_ratio:.2f}", f"{memory_ratio:.2f}"])
-            print(f"{name}: {1e3 * base.seconds:.2f} ms, {base.peak / 1e6:.1f} MB\n{aligned(rows)}\n", flush=True)
+            print(
+                f"{name}: {1e3 * base.seconds:.2f} ms, {base.peak / 1e6:.1f} MB\n{aligned(rows)}\n",
+                flush=True,
+            )
     return DONE
 
 

@@ -50,7 +50,8 @@ from tools.common.progress import ProgressBar
 PROTOTXT = ROOT / "prototxt"
 STATE, WEIGHTS = ".solverstate.h5", ".caffemodel.h5"
 TEST_BATCH = 256
-ROBUST_WEIGHT = 0.1  # loss weight of a SmoothL1Loss with sigma 10, as in synthetic_train_test.prototxt
+# loss weight of a SmoothL1Loss with sigma 10, as in synthetic_train_test.prototxt
+ROBUST_WEIGHT = 0.1
 ROBUST = "smooth_l1_loss_param { sigma: 10 }"
 BOTTLENECK = 30  # components
 RIDGE = 3e-4  # of the fit to all joints; sufficient, because 31 joints determine nearly all angles
@@ -67,7 +68,8 @@ NETWORKS = {
     "ours_scale": "table1/ours_scale.prototxt",
     "ours_bones": "table1/ours_bones.prototxt",
 }
-FITTED, EXACT = "direct_parameter", "direct_parameter_exact"  # learn the fitted angles, the exact ones
+# learn the fitted angles, the exact ones
+FITTED, EXACT = "direct_parameter", "direct_parameter_exact"
 SETTINGS = ("one_hand", "many_hands", "nyu")
 
 
@@ -78,7 +80,8 @@ class Recipe(NamedTuple):
     length: int  # iterations by default
     end: float  # fraction of the iterations with a decreasing rate
     batch: int
-    robust: bool  # SmoothL1Loss, no dropout, FC2 filled by xavier, as in synthetic_train_test.prototxt
+    # SmoothL1Loss, no dropout, FC2 filled by xavier, as in synthetic_train_test.prototxt
+    robust: bool
 
 
 RECIPES = {
@@ -90,23 +93,42 @@ RECIPES = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     parser.add_argument("network", choices=NETWORKS, metavar="NETWORK", help=", ".join(NETWORKS))
-    parser.add_argument("--setting", choices=SETTINGS, default="one_hand", help="default: %(default)s")
-    parser.add_argument("--data", type=Path, metavar="FOLDER", help="folder of the setting's data sets")
+    parser.add_argument(
+        "--setting", choices=SETTINGS, default="one_hand", help="default: %(default)s"
+    )
+    parser.add_argument(
+        "--data", type=Path, metavar="FOLDER", help="folder of the setting's data sets"
+    )
     parser.add_argument("--recipe", choices=RECIPES, default="adam", help="default: %(default)s")
-    parser.add_argument("--iterations", type=whole(2), metavar="N", help="default: 30000, with --recipe paper 10000")
+    parser.add_argument(
+        "--iterations", type=whole(2), metavar="N", help="default: 30000, with --recipe paper 10000"
+    )
     parser.add_argument("--seed", type=seed, default=1, metavar="N", help="default: %(default)s")
-    parser.add_argument("--limit-weight", type=weight, default=1.0, metavar="W", help="of PhysLimit (default: 1)")
-    parser.add_argument("--limit-norm", choices=("L1", "L2"), default="L1", help="of PhysLimit (default: L1)")
-    parser.add_argument("--threads", type=workers, metavar="N", help="training threads (default: one per processor)")
-    parser.add_argument("--work", type=Path, default=Path("snapshots/table1"), metavar="FOLDER",
-                        help="folder of nets, snapshots and logs (default: %(default)s)")
+    parser.add_argument(
+        "--limit-weight", type=weight, default=1.0, metavar="W", help="of PhysLimit (default: 1)"
+    )
+    parser.add_argument(
+        "--limit-norm", choices=("L1", "L2"), default="L1", help="of PhysLimit (default: L1)"
+    )
+    parser.add_argument(
+        "--threads", type=workers, metavar="N", help="training threads (default: one per processor)"
+    )
+    parser.add_argument(
+        "--work",
+        type=Path,
+        default=Path("snapshots/table1"),
+        metavar="FOLDER",
+        help="folder of nets, snapshots and logs (default: %(default)s)",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
     """Train the network, score it, and print its row. Raises NetlibError."""
     recipe, data = RECIPES[args.recipe], args.data or Path("data") / args.setting
     if args.setting == "nyu" and args.network == EXACT:
-        raise NetlibError(f"{args.network}: the exact angles of NYU's frames are unknown; expected a synthetic setting")
+        raise NetlibError(
+            f"{args.network}: the exact angles of NYU's frames are unknown; expected a synthetic setting"
+        )
     lists = {split: data / f"{split}.txt" for split in ("train", "test")}
     files = {split: _files(path, args.setting) for split, path in lists.items()}
     skeleton = skeletons.load()
@@ -115,23 +137,40 @@ def run(args: argparse.Namespace) -> int:
         _fitted_angles(files["train"], lists["train"], skeleton)
         lists = {split: _companions(path) / path.name for split, path in lists.items()}
     net = derived_net(args.network, recipe, lists)
-    limit = "" if (args.limit_weight, args.limit_norm) == (1, "L1") else f"_{args.limit_norm}_{args.limit_weight:g}"
+    limit = (
+        ""
+        if (args.limit_weight, args.limit_norm) == (1, "L1")
+        else f"_{args.limit_norm}_{args.limit_weight:g}"
+    )
     if limit:
         set_limit(net, args.limit_weight, args.limit_norm)
     length = args.iterations or recipe.length
-    prefix = args.work / f"{args.setting}_{args.network}{limit}_{args.recipe}_{length}_seed{args.seed}"
+    prefix = (
+        args.work / f"{args.setting}_{args.network}{limit}_{args.recipe}_{length}_seed{args.seed}"
+    )
     components = files["train"] if args.network == "bottleneck" else ()
     status = train(prefix, net, recipe, length, args.seed, args.threads, components)
     if status != DONE:
         return status
     predictions = predict_all(trained(f"{prefix}_net.prototxt", f"{prefix}_iter_{length}{WEIGHTS}"))
     exact = None if args.setting == "nyu" else column(files["test"], "dof", len(skeleton.initial))
-    bones = column(files["test"], "bones", len(skeleton.bones)) if args.setting == "many_hands" else None
+    bones = (
+        column(files["test"], "bones", len(skeleton.bones))
+        if args.setting == "many_hands"
+        else None
+    )
     with ProgressBar(len(predictions.joints), what="angles") as progress:
         inputs = angles_of(predictions, skeleton, progress)
-    row = {"network": args.network + limit, "recipe": args.recipe, "iterations": str(length), "seed": str(args.seed),
-           **scores(predictions, inputs, fitted, exact, bones, skeleton)}
-    say(f"{len(predictions.joints)} test frames of {data} ({predictions.made_from}); errors in mm of 14 joints")
+    row = {
+        "network": args.network + limit,
+        "recipe": args.recipe,
+        "iterations": str(length),
+        "seed": str(args.seed),
+        **scores(predictions, inputs, fitted, exact, bones, skeleton),
+    }
+    say(
+        f"{len(predictions.joints)} test frames of {data} ({predictions.made_from}); errors in mm of 14 joints"
+    )
     print(aligned([list(row), list(row.values())]))
     return DONE
 
@@ -153,7 +192,9 @@ def _fitted_angles(files: Sequence[Path], path: Path, skeleton: Skeleton) -> Arr
     """The inputs (N, D) of the hand fitted to all joints, from files next to the data. Raises DataError."""
     rows = sum(hdf5.File(file, ("joint",)).rows for file in files)
     with ProgressBar(rows, what=f"angles of {path.stem}") as progress:
-        return companions.fit_list(files, _companions(path), path.name, skeleton, ridge=RIDGE, progress=progress)[0]
+        return companions.fit_list(
+            files, _companions(path), path.name, skeleton, ridge=RIDGE, progress=progress
+        )[0]
 
 
 # ---------------------------------------------------------------------------------------------- the net
@@ -168,7 +209,10 @@ def derived_net(network: str, recipe: Recipe, lists: dict[str, Path]) -> Message
             phase = text_of(_part(layer, "include"), "phase")
             block = _part(layer, "hdf5_data_param")
             source = Scalar("string", str(lists[phase.lower()].absolute()), block.position)
-            _put(block, f"source: {source} batch_size: {recipe.batch if phase == 'TRAIN' else TEST_BATCH}")
+            _put(
+                block,
+                f"source: {source} batch_size: {recipe.batch if phase == 'TRAIN' else TEST_BATCH}",
+            )
         if kind == "EuclideanLoss" and recipe.robust:
             loss_weight = ROBUST_WEIGHT * float(text_of(layer, "loss_weight"))
             _put(layer, f'type: "SmoothL1Loss" loss_weight: {loss_weight} {ROBUST}')
@@ -184,13 +228,19 @@ def set_limit(net: Message, loss_weight: float, norm: str) -> None:
     """Change the weight and norm of the net's PhysLimit. Raises NetlibError if it has none."""
     found = [layer for layer in layers_of(net) if text_of(layer, "type") == "PhysLimit"]
     if not found:
-        raise NetlibError("this network has no PhysLimit; expected one with it for --limit-weight and --limit-norm")
+        raise NetlibError(
+            "this network has no PhysLimit; expected one with it for --limit-weight and --limit-norm"
+        )
     _put(found[0], f"loss_weight: {loss_weight} phys_limit_param {{ norm: {norm} }}")
 
 
 def layers_of(net: Message) -> Iterator[Message]:
     """The layers of a net."""
-    return (field.value for field in net.fields if field.name == "layer" and isinstance(field.value, Message))
+    return (
+        field.value
+        for field in net.fields
+        if field.name == "layer" and isinstance(field.value, Message)
+    )
 
 
 def text_of(message: Message, name: str) -> str:
@@ -223,7 +273,10 @@ def write_components(path: Path, files: Sequence[Path]) -> None:
     values, vectors = np.linalg.eigh(joints.T @ joints / len(joints) - np.outer(mean, mean))
     scaled = vectors[:, ::-1][:, :BOTTLENECK] * np.sqrt(np.maximum(values[::-1][:BOTTLENECK], 0))
     with hdf5.created(path) as file:
-        file["data/joints/0"], file["data/joints/1"] = scaled.astype(np.float32), mean.astype(np.float32)
+        file["data/joints/0"], file["data/joints/1"] = (
+            scaled.astype(np.float32),
+            mean.astype(np.float32),
+        )
 
 
 def column(files: Sequence[Path], name: str, width: int) -> Array:
@@ -231,7 +284,9 @@ def column(files: Sequence[Path], name: str, width: int) -> Array:
     parts = [hdf5.File(path, (name,)).datasets[0].numbers() for path in files]
     for path, part in zip(files, parts):
         if part.shape[1:] != (width,) or not np.isfinite(part).all():
-            raise DataError(f"{path}: data set {name!r} has shape {part.shape}, expected (N, {width}) finite numbers")
+            raise DataError(
+                f"{path}: data set {name!r} has shape {part.shape}, expected (N, {width}) finite numbers"
+            )
     return np.concatenate(parts)
 
 
@@ -239,7 +294,13 @@ def column(files: Sequence[Path], name: str, width: int) -> Array:
 
 
 def train(
-    prefix: Path, net: Message, recipe: Recipe, length: int, seed: int, threads: int | None, components: Sequence[Path]
+    prefix: Path,
+    net: Message,
+    recipe: Recipe,
+    length: int,
+    seed: int,
+    threads: int | None,
+    components: Sequence[Path],
 ) -> int:
     """Train to the end, from the newest snapshot if there is one; returns the exit status.
 
@@ -251,21 +312,34 @@ def train(
     model = Path(f"{prefix}_net.prototxt")
     make_folder(prefix.parent)
     if _newest(prefix) and atomic.text_of(model) != str(net):
-        raise NetlibError(f"{model}: its snapshots are of another net; remove them, or choose another --work")
+        raise NetlibError(
+            f"{model}: its snapshots are of another net; remove them, or choose another --work"
+        )
     atomic.replace_text(model, str(net))
     first = [Path(f"{prefix}_components{WEIGHTS}")] if components else []
     if components:
         write_components(first[0], components)
-    own = {"net": model, "display": 100, "snapshot": 5000, "snapshot_format": "HDF5", "snapshot_prefix": prefix,
-           "random_seed": seed}
+    own = {
+        "net": model,
+        "display": 100,
+        "snapshot": 5000,
+        "snapshot_format": "HDF5",
+        "snapshot_prefix": prefix,
+        "random_seed": seed,
+    }
     for last, tree in solvers(recipe, length, own):
         state = _newest(prefix)
         if state is not None and _iteration(state) >= last:
             continue
         solver = Path(f"{prefix}_solver.prototxt")
         atomic.replace_text(solver, str(tree))
-        status = training.train(solver, snapshot=state, weights=() if state else first, threads=threads,
-                                log_file=f"{prefix}.log")
+        status = training.train(
+            solver,
+            snapshot=state,
+            weights=() if state else first,
+            threads=threads,
+            log_file=f"{prefix}.log",
+        )
         if status != DONE:
             return status
     return DONE
@@ -281,22 +355,36 @@ def solvers(recipe: Recipe, length: int, own: dict[str, object]) -> list[tuple[i
         return [(length, _solver(recipe, stepvalue=begin, max_iter=length, **own))]
     # poly falls from base_lr at iteration 0 to 0 at max_iter; at ``begin`` it equals the constant rate.
     rate = solver_parameter.read(recipe.solver).base_lr / (1 - begin / length)
-    return [(begin, _solver(recipe, lr_policy='"fixed"', max_iter=begin, **own)),
-            (length, _solver(recipe, base_lr=rate, rampup_interval=0, max_iter=length, **own))]
+    return [
+        (begin, _solver(recipe, lr_policy='"fixed"', max_iter=begin, **own)),
+        (length, _solver(recipe, base_lr=rate, rampup_interval=0, max_iter=length, **own)),
+    ]
 
 
 def _solver(recipe: Recipe, **own: object) -> Message:
     """The recipe's solver with other fields, without tests and snapshots."""
     solver = prototxt.parse_file(recipe.solver)
-    kept = [f for f in solver.fields if not f.name.startswith(("test_", "snapshot")) and f.name not in own]
-    written = {name: Scalar("string", value.as_posix(), solver.position) if isinstance(value, Path) else value
-               for name, value in own.items()}
+    kept = [
+        f
+        for f in solver.fields
+        if not f.name.startswith(("test_", "snapshot")) and f.name not in own
+    ]
+    written = {
+        name: Scalar("string", value.as_posix(), solver.position)
+        if isinstance(value, Path)
+        else value
+        for name, value in own.items()
+    }
     added = prototxt.parse("\n".join(f"{name}: {value}" for name, value in written.items())).fields
     return Message([*kept, *added], solver.position)
 
 
 def _newest(prefix: Path) -> Path | None:
-    states = [path for path in prefix.parent.glob(f"*{STATE}") if path.name.startswith(f"{prefix.name}_iter_")]
+    states = [
+        path
+        for path in prefix.parent.glob(f"*{STATE}")
+        if path.name.startswith(f"{prefix.name}_iter_")
+    ]
     return max(states, key=_iteration, default=None)
 
 
@@ -307,15 +395,24 @@ def _iteration(state: Path) -> int:
 # ---------------------------------------------------------------------------------------------- scores
 
 
-def angles_of(predictions: Predictions, skeleton: Skeleton, progress: Callable[[int], None]) -> Array:
+def angles_of(
+    predictions: Predictions, skeleton: Skeleton, progress: Callable[[int], None]
+) -> Array:
     """Inputs (N, D) of the hand that a network predicts: its own, or fitted within the limits to its joints."""
     if predictions.dof is not None:
         return np.where(skeleton.fixed, 0.0, predictions.dof.astype(np.float64))
-    return fit_joints(skeleton, predictions.joints.astype(np.float64), limits=True, starts=4, progress=progress).inputs
+    return fit_joints(
+        skeleton, predictions.joints.astype(np.float64), limits=True, starts=4, progress=progress
+    ).inputs
 
 
 def scores(
-    predictions: Predictions, inputs: Array, fitted: Array, exact: Array | None, bones: Array | None, skeleton: Skeleton
+    predictions: Predictions,
+    inputs: Array,
+    fitted: Array,
+    exact: Array | None,
+    bones: Array | None,
+    skeleton: Skeleton,
 ) -> dict[str, str]:
     """The columns of a row, as text; a dash where a score does not exist.
 
@@ -336,7 +433,9 @@ def scores(
     for cube in np.unique(cubes)[::-1] if len(np.unique(cubes)) == 2 else ():
         row[f"cube of {cube:.0f}"] = f"{errors[cubes == cube].mean():.2f}"
     for name, truth in (("fitted angles", fitted), ("exact angles", exact)):
-        row[name] = "–" if truth is None else f"{angles.angle_errors(skeleton, inputs, truth).mean():.2f}°"
+        row[name] = (
+            "–" if truth is None else f"{angles.angle_errors(skeleton, inputs, truth).mean():.2f}°"
+        )
     row["out of limits"] = f"{figures['out_of_limits']:.1%}" if "out_of_limits" in figures else "–"
     row["max <= 40"] = f"{figures['within_40_mm']:.1%}"
     if bones is not None and predictions.dof is not None:

@@ -131,11 +131,17 @@ class TorchHand:
     def __init__(self, skeleton: Skeleton) -> None:
         steps, self.last, offsets = steps_of(skeleton, skeleton.bones)
         depths = np.array([step.depth for step in steps])  # ascending
-        self.levels = [slice(*np.searchsorted(depths, (depth, depth + 1))) for depth in range(depths[-1] + 1)]
-        self.parents = [[step.parent - above.start for step in steps[level]]
-                        for above, level in zip(self.levels, self.levels[1:])]
+        self.levels = [
+            slice(*np.searchsorted(depths, (depth, depth + 1))) for depth in range(depths[-1] + 1)
+        ]
+        self.parents = [
+            [step.parent - above.start for step in steps[level]]
+            for above, level in zip(self.levels, self.levels[1:])
+        ]
         self.dofs = [step.dof for step in steps]
-        self.parts = torch.tensor(np.stack([step.parts for step in steps], axis=1), dtype=torch.float32)
+        self.parts = torch.tensor(
+            np.stack([step.parts for step in steps], axis=1), dtype=torch.float32
+        )
         self.initial = torch.tensor(skeleton.initial[self.dofs], dtype=torch.float32)
         self.offsets = torch.tensor(offsets[:, None], dtype=torch.float32)
 

@@ -38,8 +38,20 @@ from tools.common.console import DONE, aligned, say
 from tools.common.progress import ProgressBar
 from tools.common.sources import rate
 
-COLUMNS = ("in sight", "found", "mean", "same", "alone", "ids", "wrong side", "flips", "jitter", "lag")
-Alone = Callable[[DepthFrame, TrackedFrame], dict[int, Array]]  # errors (K,) in mm of true hands, by their ids
+COLUMNS = (
+    "in sight",
+    "found",
+    "mean",
+    "same",
+    "alone",
+    "ids",
+    "wrong side",
+    "flips",
+    "jitter",
+    "lag",
+)
+# errors (K,) in mm of true hands, by their ids
+Alone = Callable[[DepthFrame, TrackedFrame], dict[int, Array]]
 
 
 class Tracked(NamedTuple):
@@ -78,16 +90,25 @@ def follow(
         if alone is not None and number % every == 0:
             singles[number] = alone(frame, truth)
         progress(1)
-    both = {id: np.array([(_error(one.tracked.xyz, one.true.xyz).mean(), singles[one.number][id].mean())
-                          for one in seen if one.tracked and id in singles.get(one.number, ())]).reshape(-1, 2)
-            for id, seen in match(tracked, true)[0].items()}
+    both = {
+        id: np.array(
+            [
+                (_error(one.tracked.xyz, one.true.xyz).mean(), singles[one.number][id].mean())
+                for one in seen
+                if one.tracked and id in singles.get(one.number, ())
+            ]
+        ).reshape(-1, 2)
+        for id, seen in match(tracked, true)[0].items()
+    }
     return Tracked(score(tracker.header(recording.name), tracked, true), both, seconds)
 
 
 def alone_of(camera: Camera, fit: Literal["fast", "accurate"], engine: str | None) -> Alone:
     """A prediction of hands in single frames of a camera, with the true crop centre and side. Raises NetlibError."""
-    predictors = {side: load_predictor(camera, hand=side, refine=0, fit=fit, engine=engine, min_confidence=0)
-                      for side in SIDES}
+    predictors = {
+        side: load_predictor(camera, hand=side, refine=0, fit=fit, engine=engine, min_confidence=0)
+        for side in SIDES
+    }
 
     def alone(frame: DepthFrame, true: TrackedFrame) -> dict[int, Array]:
         errors = {}
@@ -111,50 +132,107 @@ def cells_of(tracked: Tracked, id: int) -> list[str]:
     hand = tracked.scores.hands[id]
     same, alone = tracked.both[id].mean(axis=0) if len(tracked.both[id]) else (np.nan, np.nan)
     found = hand.found / hand.in_sight if hand.in_sight else np.nan
-    values = (("{}", hand.in_sight), ("{:.1%}", found), ("{:.1f}", hand.error_mm), ("{:.1f}", same), ("{:.1f}", alone),
-              ("{}", hand.id_switches), ("{}", hand.wrong_side), ("{}", hand.side_switches), ("{:.2f}", hand.jitter_mm),
-              ("{:.0f}", hand.lag_ms))
+    values = (
+        ("{}", hand.in_sight),
+        ("{:.1%}", found),
+        ("{:.1f}", hand.error_mm),
+        ("{:.1f}", same),
+        ("{:.1f}", alone),
+        ("{}", hand.id_switches),
+        ("{}", hand.wrong_side),
+        ("{}", hand.side_switches),
+        ("{:.2f}", hand.jitter_mm),
+        ("{:.0f}", hand.lag_ms),
+    )
     return ["" if np.isnan(value) else form.format(value) for form, value in values]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    parser.add_argument("--scripts", choices=SCRIPTS, nargs="+", default=list(SCRIPTS), metavar="NAME",
-                        help=f"some of {', '.join(SCRIPTS)} (default: all)")
-    parser.add_argument("--cameras", choices=CAMERAS, nargs="+", default=["nyu"], metavar="NAME",
-                        help=f"some of {', '.join(CAMERAS)} (default: nyu)")
-    parser.add_argument("--seeds", type=seed, nargs="+", default=[0], metavar="N", help="default: 0")
-    parser.add_argument("--rate", type=rate, default=30.0, metavar="HZ", help="frames per second (default: 30)")
-    parser.add_argument("--seconds", type=seconds, metavar="S", help="duration (default: the script's)")
-    parser.add_argument("--fit", choices=("fast", "accurate"), default="fast", help="default: %(default)s")
+    parser.add_argument(
+        "--scripts",
+        choices=SCRIPTS,
+        nargs="+",
+        default=list(SCRIPTS),
+        metavar="NAME",
+        help=f"some of {', '.join(SCRIPTS)} (default: all)",
+    )
+    parser.add_argument(
+        "--cameras",
+        choices=CAMERAS,
+        nargs="+",
+        default=["nyu"],
+        metavar="NAME",
+        help=f"some of {', '.join(CAMERAS)} (default: nyu)",
+    )
+    parser.add_argument(
+        "--seeds", type=seed, nargs="+", default=[0], metavar="N", help="default: 0"
+    )
+    parser.add_argument(
+        "--rate", type=rate, default=30.0, metavar="HZ", help="frames per second (default: 30)"
+    )
+    parser.add_argument(
+        "--seconds", type=seconds, metavar="S", help="duration (default: the script's)"
+    )
+    parser.add_argument(
+        "--fit", choices=("fast", "accurate"), default="fast", help="default: %(default)s"
+    )
     parser.add_argument("--raw", action="store_true", help="do not smooth")
-    parser.add_argument("--frame-by-frame", type=count, nargs="?", const=1, metavar="N",
-                        help="also fit each frame, or every N-th, independently")
+    parser.add_argument(
+        "--frame-by-frame",
+        type=count,
+        nargs="?",
+        const=1,
+        metavar="N",
+        help="also fit each frame, or every N-th, independently",
+    )
     add_engine(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Measure the tracker. Raises NetlibError."""
     recordings = [
-        (script, camera, seed, SyntheticRecording(script, CAMERAS[camera], rate=args.rate, seconds=args.seconds,
-                                                  seed=seed))
-        for camera in args.cameras for script in args.scripts for seed in args.seeds
+        (
+            script,
+            camera,
+            seed,
+            SyntheticRecording(
+                script, CAMERAS[camera], rate=args.rate, seconds=args.seconds, seed=seed
+            ),
+        )
+        for camera in args.cameras
+        for script in args.scripts
+        for seed in args.seeds
     ]
     rows, done = [], []
-    with ProgressBar(sum(recording.count for *_, recording in recordings), what="tracking") as progress:
+    with ProgressBar(
+        sum(recording.count for *_, recording in recordings), what="tracking"
+    ) as progress:
         for script, camera, seed, recording in recordings:
-            tracker = Tracker(load_predictor(recording.camera, fit=args.fit, engine=args.engine), smooth=not args.raw,
-                              min_confidence=0)
-            alone = alone_of(recording.camera, args.fit, args.engine) if args.frame_by_frame else None
+            tracker = Tracker(
+                load_predictor(recording.camera, fit=args.fit, engine=args.engine),
+                smooth=not args.raw,
+                min_confidence=0,
+            )
+            alone = (
+                alone_of(recording.camera, args.fit, args.engine) if args.frame_by_frame else None
+            )
             tracked = follow(recording, tracker, alone, args.frame_by_frame or 1, progress)
             done.append(tracked)
-            rows += [[script, camera, str(seed), f"{id} {hand.hand}", *cells_of(tracked, id)]
-                     for id, hand in tracked.scores.hands.items()]
+            rows += [
+                [script, camera, str(seed), f"{id} {hand.hand}", *cells_of(tracked, id)]
+                for id, hand in tracked.scores.hands.items()
+            ]
     print(aligned([["script", "camera", "seed", "hand", *COLUMNS], *rows]))
     hands = [hand for tracked in done for hand in tracked.scores.hands.values()]
-    found, frames = sum(hand.found for hand in hands), sum(tracked.scores.frames for tracked in done)
+    found, frames = (
+        sum(hand.found for hand in hands),
+        sum(tracked.scores.frames for tracked in done),
+    )
     error = sum(hand.found * hand.error_mm for hand in hands if hand.found) / max(found, 1)
-    say(f"{found} of {sum(hand.in_sight for hand in hands)} visible hands found, mean error {error:.1f} mm; "
+    say(
+        f"{found} of {sum(hand.in_sight for hand in hands)} visible hands found, mean error {error:.1f} mm; "
         f"{sum(tracked.scores.invented for tracked in done)} reported where there is none; "
-        f"{frames} frames, {frames / sum(tracked.seconds for tracked in done):.0f} per second")
+        f"{frames} frames, {frames / sum(tracked.seconds for tracked in done):.0f} per second"
+    )
     return DONE

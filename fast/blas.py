@@ -24,10 +24,16 @@ from collections.abc import Iterator
 from pathlib import Path
 
 _THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-_AVX512 = {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"}  # used by OpenBLAS's SkylakeX kernels
-_KEEPING = {-1: 256 << 20, -3: 32 << 20}  # M_TRIM_THRESHOLD and M_MMAP_THRESHOLD, of which 32 MB is the maximum
-_SETTERS = ("scipy_openblas_set_num_threads64_", "scipy_openblas_set_num_threads", "openblas_set_num_threads64_",
-            "openblas_set_num_threads")
+# used by OpenBLAS's SkylakeX kernels
+_AVX512 = {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"}
+# M_TRIM_THRESHOLD and M_MMAP_THRESHOLD, of which 32 MB is the maximum
+_KEEPING = {-1: 256 << 20, -3: 32 << 20}
+_SETTERS = (
+    "scipy_openblas_set_num_threads64_",
+    "scipy_openblas_set_num_threads",
+    "openblas_set_num_threads64_",
+    "openblas_set_num_threads",
+)
 
 
 def configure() -> str:
@@ -53,9 +59,13 @@ def configure() -> str:
 
 def _keep_freed_memory() -> None:
     """Let the GNU C library use freed memory again, unless the user has set its thresholds."""
-    if sys.platform != "linux" or {"MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_"} & os.environ.keys():
+    if (
+        sys.platform != "linux"
+        or {"MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_"} & os.environ.keys()
+    ):
         return
-    if (mallopt := getattr(ctypes.CDLL(None), "mallopt", None)) is not None:  # other C libraries have none
+    # other C libraries have none
+    if (mallopt := getattr(ctypes.CDLL(None), "mallopt", None)) is not None:
         for option, size in _KEEPING.items():
             mallopt(ctypes.c_int(option), ctypes.c_int(size))
 
@@ -66,7 +76,9 @@ def _is_amd_with_avx512() -> bool:
         info = Path("/proc/cpuinfo").read_text(encoding="utf-8")
     except OSError:
         return False
-    flags = next((set(line.split()) for line in info.splitlines() if line.startswith("flags")), set())
+    flags = next(
+        (set(line.split()) for line in info.splitlines() if line.startswith("flags")), set()
+    )
     return "AuthenticAMD" in info and flags >= _AVX512
 
 
@@ -85,7 +97,13 @@ def _loaded(name: str) -> Iterator[ctypes.CDLL]:
         maps = Path("/proc/self/maps").read_text(encoding="utf-8", errors="replace")
     except OSError:
         return
-    for path in sorted({line.split(maxsplit=5)[-1] for line in maps.splitlines() if name in line.rsplit("/", 1)[-1]}):
+    for path in sorted(
+        {
+            line.split(maxsplit=5)[-1]
+            for line in maps.splitlines()
+            if name in line.rsplit("/", 1)[-1]
+        }
+    ):
         try:
             yield ctypes.CDLL(path)
         except OSError:

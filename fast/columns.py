@@ -21,14 +21,27 @@ from typing import Any
 import numpy as np
 
 from fast.fusing import After
-from fast.geometry import MAX_EXCESS, Algorithm, Geometry, Sizes, Sum, at, image_blocks, run_blocks, run_parts
+from fast.geometry import (
+    MAX_EXCESS,
+    Algorithm,
+    Geometry,
+    Sizes,
+    Sum,
+    at,
+    image_blocks,
+    run_blocks,
+    run_parts,
+)
 from fast.parallel import scratch
 from netlib.blob import Array
 
-COLUMN_BYTES = 8 << 20  # of a block; smaller ones take more calls, larger ones do not stay in the cache
+# of a block; smaller ones take more calls, larger ones do not stay in the cache
+COLUMN_BYTES = 8 << 20
 MIN_COLUMNS = 512  # of a block, because BLAS copies the weights for every product
-MIN_WINDOWS = 8  # per output, from which flipping the kernel takes less time than adding instead of copying columns
-MIN_IMAGE = 128  # positions of an image from which a 1 x 1 convolution reads x in place, without joining images
+# per output, from which flipping the kernel takes less time than adding instead of copying columns
+MIN_WINDOWS = 8
+# positions of an image from which a 1 x 1 convolution reads x in place, without joining images
+MIN_IMAGE = 128
 MIN_ROW = 16  # outputs; copying shorter rows takes as long if their values are not adjacent
 COPY = 16  # multiplications that take as long as copying a value
 
@@ -40,7 +53,12 @@ class Columns(Algorithm):
 
     def fits(self, s: Sizes, sum_: Sum) -> bool:
         """All sizes, except where flipping the kernel takes less time than adding instead of copying columns."""
-        if sum_ != "transpose" or s.turned is None or s.turned.excess > MAX_EXCESS or max(s.geometry.kernel) == 1:
+        if (
+            sum_ != "transpose"
+            or s.turned is None
+            or s.turned.excess > MAX_EXCESS
+            or max(s.geometry.kernel) == 1
+        ):
             return True
         windows = s.images * math.prod(s.windows)
         return s.inputs < s.outputs or windows < MIN_WINDOWS * s.outputs * s.geometry.group
@@ -75,7 +93,9 @@ class Columns(Algorithm):
             columns = lower(g, x[images], rows, dy.shape[2:])
             _gradient(g, columns, _by_channel(dy[images, :, rows]), dw)
 
-    def correlate_and_gradient(self, g: Geometry, x: Array, w: Array, dy: Array, y: Array, dw: Array) -> None:
+    def correlate_and_gradient(
+        self, g: Geometry, x: Array, w: Array, dy: Array, y: Array, dw: Array
+    ) -> None:
         """Write y and add to dw, from the same columns."""
         for images, rows in _blocks(g, x, y.shape):
             columns = lower(g, x[images], rows, y.shape[2:])
@@ -151,7 +171,9 @@ def lower(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Array
     n, C = x.shape[:2]
     if _in_place(g, slice(0, n)):
         return x[0, :, rows].reshape(C, -1)
-    plan = _plan(g, x.shape[2:], x.swapaxes(0, 1).strides, x.dtype, n, rows.start, rows.stop, outputs)
+    plan = _plan(
+        g, x.shape[2:], x.swapaxes(0, 1).strides, x.dtype, n, rows.start, rows.stop, outputs
+    )
     by_channel = x.swapaxes(0, 1)[:, :, plan.rows]
     columns = scratch("columns", (C, *g.kernel, n, rows.stop - rows.start, *outputs[1:]), x.dtype)
     padded = scratch("padded", (C, n, *plan.padded), x.dtype) if plan.padded else by_channel
@@ -162,7 +184,8 @@ def lower(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Array
             read.fill(0)
             for place, values in plan.copies:
                 read[place] = source[values]
-        for own, start, strides in plan.windows:  # few calls, because small copies take less time than calls
+        # few calls, because small copies take less time than calls
+        for own, start, strides in plan.windows:
             part = target[own]
             if plan.padded:  # as_strided takes ten times as long
                 part[...] = np.ndarray(part.shape, part.dtype, read, start, strides)
@@ -192,8 +215,14 @@ class _Plan:
 
 @lru_cache(maxsize=256)
 def _plan(
-    g: Geometry, sizes: tuple[int, ...], strides: tuple[int, ...], dtype: Any, n: int, start: int,
-    stop: int, outputs: tuple[int, ...],
+    g: Geometry,
+    sizes: tuple[int, ...],
+    strides: tuple[int, ...],
+    dtype: Any,
+    n: int,
+    start: int,
+    stop: int,
+    outputs: tuple[int, ...],
 ) -> _Plan:
     """``strides`` are those of x (C, n, ...)."""
     last, every = g.stride[-1], (slice(None),) * len(g.kernel)
@@ -202,7 +231,8 @@ def _plan(
     low, high = min(max(begin, 0), sizes[0]), max(min(end, sizes[0]), 0)
     inside = (slice(low - begin, max(high, low) - begin), *g.inside(sizes)[1:])
     shape = (end - begin, *g.padded(sizes)[1:])
-    step = last if g.kernel[-1] > last and outputs[-1] >= MIN_ROW else 1  # values of a column are then adjacent
+    # values of a column are then adjacent
+    step = last if g.kernel[-1] > last and outputs[-1] >= MIN_ROW else 1
     padded, phase_bytes = None, 0
     copies: list[tuple[Index, Index]] = []
     if step > 1 or any(g.pad):
@@ -210,18 +240,23 @@ def _plan(
         strides = np.empty((1, n, *padded), dtype).strides
         strides, phase_bytes = (*strides[:-2], strides[-1]), strides[-2]
         for phase in range(step):
-            values = slice((phase - inside[-1].start) % step, inside[-1].stop - inside[-1].start, step)
+            values = slice(
+                (phase - inside[-1].start) % step, inside[-1].stop - inside[-1].start, step
+            )
             place = (inside[-1].start + values.start) // step
             places = slice(place, place + len(range(values.start, values.stop, step)))
             copies.append(((slice(None), slice(None), *inside[:-1], phase, places), (..., values)))
-    period = step // math.gcd(step, g.dilation[-1])  # elements of a row that read the same of every ``step`` values
+    # elements of a row that read the same of every ``step`` values
+    period = step // math.gcd(step, g.dilation[-1])
     down = map(mul, (*g.dilation[:-1], g.dilation[-1] * period // step), strides[2:])
     across = map(mul, (*g.stride[:-1], last // step), strides[2:])
     steps = strides[0], *down, strides[1], *across
     windows: list[tuple[Index, int, tuple[int, ...]]] = []
     for first in range(min(period, g.kernel[-1])):
         place, phase = divmod(first * g.dilation[-1], step)
-        windows.append(((*every, slice(first, None, period)), phase * phase_bytes + place * strides[-1], steps))
+        windows.append(
+            ((*every, slice(first, None, period)), phase * phase_bytes + place * strides[-1], steps)
+        )
     return _Plan(slice(low, high), padded, copies, windows)
 
 

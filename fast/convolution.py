@@ -68,7 +68,11 @@ class Turned(Algorithm):
 
     def fits(self, s: Sizes, sum_: Sum) -> bool:
         """Whether there is such a convolution, and the algorithm fits it."""
-        return sum_ == "transpose" and s.turned is not None and self.algorithm.fits(s.turned, "correlate")
+        return (
+            sum_ == "transpose"
+            and s.turned is not None
+            and self.algorithm.fits(s.turned, "correlate")
+        )
 
     def transpose(self, g: Geometry, dy: Array, w: Array, after: After, dx: Array) -> None:
         """Write dx. An infinite weight times the padding of dy is NaN where no window has that weight."""
@@ -106,7 +110,11 @@ class Contained(Algorithm):
             Columns().gradient(g, x, dy, dw)
 
 
-ROW_WINOGRAD, WINOGRAD, ROWS = ByGroup(Contained(RowWinograd())), ByGroup(Contained(Winograd())), ByGroup(Rows())
+ROW_WINOGRAD, WINOGRAD, ROWS = (
+    ByGroup(Contained(RowWinograd())),
+    ByGroup(Contained(Winograd())),
+    ByGroup(Rows()),
+)
 FILTER, PHASES = Contained(Filter()), Contained(Phases((ROW_WINOGRAD, WINOGRAD)))
 ALGORITHMS: tuple[Algorithm, ...] = tuple(
     each
@@ -146,7 +154,9 @@ class ByAlgorithms(FastLayer, Convolution):
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         """Read the geometry."""
         super().setup(bottom, top)
-        self.geometry = Geometry(self.kernel, self.stride, self.pad, self.dilation, self.param.group)
+        self.geometry = Geometry(
+            self.kernel, self.stride, self.pad, self.dilation, self.param.group
+        )
 
     def fuses_relu(self) -> bool:
         """Whether an algorithm computes what is behind the layer: not the plain layer."""
@@ -193,7 +203,9 @@ class FastConvolution(ByAlgorithms):
             if isinstance(y, FastBlob) and y.tile is not None:
                 y.pitch = -(-(pitch_of(x) or x.width) // y.tile) * y.tile
         on_tiles = self.window_tiles, self.row_tiles
-        self.tiles = next((one for one in on_tiles if one.fits(self.geometry, bottom, top, self.weight)), None)
+        self.tiles = next(
+            (one for one in on_tiles if one.fits(self.geometry, bottom, top, self.weight)), None
+        )
         self.algorithms = choose_each(self.geometry, self.axis, bottom, top)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
@@ -210,7 +222,9 @@ class FastConvolution(ByAlgorithms):
             if 2 * w.size < top[0].count:  # scaling the weights takes less time
                 w, after = after.fold(w)
             for choice, x, y in zip(self.algorithms, bottom, top):
-                choice.correlate.correlate(self.geometry, self.images(x.data), w, after, self.images(y.data))
+                choice.correlate.correlate(
+                    self.geometry, self.images(x.data), w, after, self.images(y.data)
+                )
         else:
             super().forward(bottom, top)
 
@@ -225,7 +239,12 @@ class FastConvolution(ByAlgorithms):
                     self._backward_untiled(choice, x, y, down)
         elif self.algorithms:
             for choice, x, y, down in zip(self.algorithms, bottom, top, propagate_down):
-                self._backward(choice, self.images(x.data), self.images(y.diff), self.images(x.diff) if down else None)
+                self._backward(
+                    choice,
+                    self.images(x.data),
+                    self.images(y.diff),
+                    self.images(x.diff) if down else None,
+                )
         else:
             super().backward(top, propagate_down, bottom)
 
@@ -244,7 +263,9 @@ class FastConvolution(ByAlgorithms):
         if isinstance(y, FastBlob):
             y.sparse = None
         out = np.empty(y.shape, y.dtype)
-        choice.correlate.correlate(self.geometry, plain_of(x, x.data), self.weight.data, After(bias=bias), out)
+        choice.correlate.correlate(
+            self.geometry, plain_of(x, x.data), self.weight.data, After(bias=bias), out
+        )
         store_plain(y, out, y.data)
 
     def _backward_untiled(self, choice: Choice, x: Blob, y: Blob, down: bool) -> None:
@@ -296,12 +317,17 @@ class FastDeconvolution(ByAlgorithms, Deconvolution):
                 continue
             choice.gradient.gradient(self.geometry, dy, self.images(x.data), self.weight.diff)
             if down:
-                choice.correlate.correlate(self.geometry, dy, self.weight.data, After(), self.images(x.diff))
+                choice.correlate.correlate(
+                    self.geometry, dy, self.weight.data, After(), self.images(x.diff)
+                )
 
 
 def choose_each(g: Geometry, axis: int, xs: Blobs, ys: Blobs) -> list[Choice]:
     """The algorithms for each pair of blobs x and y with channels on this axis; none without a spatial axis."""
-    shapes = [[(math.prod(blob.shape[:axis]), *blob.shape[axis:]) for blob in pair] for pair in zip(xs, ys)]
+    shapes = [
+        [(math.prod(blob.shape[:axis]), *blob.shape[axis:]) for blob in pair]
+        for pair in zip(xs, ys)
+    ]
     return [choose(g, x, y) for x, y in shapes] if g.kernel else []
 
 

@@ -61,7 +61,13 @@ class RowTiles:
     @staticmethod
     def fits(g: Geometry, bottom: Blobs, top: Blobs, w: Blob) -> bool:
         """Whether the convolution has these options, and so few numbers in a row of the kernel that tiles help."""
-        if len(g.kernel) != 2 or len(bottom[0].shape) != 4 or not g.is_dense or any(g.pad) or g.group > 1:
+        if (
+            len(g.kernel) != 2
+            or len(bottom[0].shape) != 4
+            or not g.is_dense
+            or any(g.pad)
+            or g.group > 1
+        ):
             return False
         return max(g.kernel) > 1 and w.shape[1] * w.shape[3] <= MAX_ROW
 
@@ -113,11 +119,14 @@ class RowTiles:
         else:
             tiles_of(x, x.data, T, pitch, X[:, :T])
         rows = X.reshape(H, J, C, N * P)
-        for j in range(T, J):  # the last column is that of the next image, but no valid output reads it
+        # the last column is that of the next image, but no valid output reads it
+        for j in range(T, J):
             rows[:, j, :, :-1] = rows[:, j - T, :, 1:]
         return rows.reshape(H, J * C, N * P)
 
-    def backward(self, layer: FastLayer, x: Blob, y: Blob, w: Array, dw: Array, db: Array | None, down: bool) -> None:
+    def backward(
+        self, layer: FastLayer, x: Blob, y: Blob, w: Array, dw: Array, db: Array | None, down: bool
+    ) -> None:
         """Add to dw and db, and write dx if ``down``. Raises NotFiniteError before."""
         T = self.tile(tile_of(y), w.shape)
         (N, O, Ho, _), kh = y.shape, w.shape[2]
@@ -137,7 +146,9 @@ class RowTiles:
         if down:
             self.backward_x(layer, x, dy.reshape(Ho, T, O, -1), w, T, pitch)
 
-    def backward_x(self, layer: FastLayer, x: Blob, dy: Array, w: Array, T: int, pitch: int) -> None:
+    def backward_x(
+        self, layer: FastLayer, x: Blob, dy: Array, w: Array, T: int, pitch: int
+    ) -> None:
         """Compute dx from dy (Ho, T, O, L)."""
         (N, C, H, W), (O, _, kh, kw), (Ho, _, _, L) = x.shape, w.shape, dy.shape
         J = T + kw - 1
@@ -148,7 +159,9 @@ class RowTiles:
             rows[:, j, :, -back:] = dy[:, phase, :, : L + back]
         direct = tile_of(x) == T and pitch_of(x) == pitch
         dx = x.diff[:H] if direct else layer.buffer("dX", (H, T, C, N, pitch // T))
-        multiply(self.matrices(w, T)[1], D.reshape(H + kh - 1, J * O, L), kh, dx.reshape(H, T * C, L))
+        multiply(
+            self.matrices(w, T)[1], D.reshape(H + kh - 1, J * O, L), kh, dx.reshape(H, T * C, L)
+        )
         if direct:
             x.diff[H:] = 0  # padding, which may have values of a higher image
             return
@@ -199,11 +212,24 @@ class WindowTiles:
         """Whether each T x T window of a sparse top, with a kernel of T + 1, reads exactly 2 x 2 blocks of T x T inputs
         of one channel."""
         x, y = bottom[0], top[0]
-        if len(top) > 1 or not isinstance(y, FastBlob) or not y.may_be_sparse or y.tile not in FLAGS:
+        if (
+            len(top) > 1
+            or not isinstance(y, FastBlob)
+            or not y.may_be_sparse
+            or y.tile not in FLAGS
+        ):
             return False
-        if not g.is_dense or any(g.pad) or x.shape[1] != 1 or tile_of(x) is not None or g.kernel != (y.tile + 1,) * 2:
+        if (
+            not g.is_dense
+            or any(g.pad)
+            or x.shape[1] != 1
+            or tile_of(x) is not None
+            or g.kernel != (y.tile + 1,) * 2
+        ):
             return False
-        return x.shape[2] % y.tile == x.shape[3] % y.tile == 0 and y.tile * x.dtype.itemsize % 8 == 0
+        return (
+            x.shape[2] % y.tile == x.shape[3] % y.tile == 0 and y.tile * x.dtype.itemsize % 8 == 0
+        )
 
     def matrix(self, w: Array, T: int) -> Array:
         """M of one half; computed again only if the weights have changed."""
@@ -220,7 +246,9 @@ class WindowTiles:
     def halves(X: Array, T: int) -> Array:
         """View X (A, S S), C-contiguous, as (2, A, rows): the inputs of the upper and the lower half of the outputs."""
         S, item = 2 * T, X.itemsize
-        return np.ndarray((2, len(X), 3 * T // 2 * S), X.dtype, X, 0, (T // 2 * S * item, S * S * item, item))
+        return np.ndarray(
+            (2, len(X), 3 * T // 2 * S), X.dtype, X, 0, (T // 2 * S * item, S * S * item, item)
+        )
 
     def forward(self, layer: FastLayer, x: Blob, y: Blob, w: Array, bias: Array | None) -> None:
         """Compute y from x. Raises NotFiniteError, because the zeros of M would make NaN of infinity."""
@@ -236,7 +264,9 @@ class WindowTiles:
         np.matmul(self.matrix(w, T), X.swapaxes(1, 2), out=out.reshape(2, places * O // 2, A))
         if bias is None:
             bias = np.zeros(O, w.dtype)
-        y.sparse = SparseTiles(window, out.reshape(places, O, A), bias, w.sum(axis=(1, 2, 3)) * b + bias)
+        y.sparse = SparseTiles(
+            window, out.reshape(places, O, A), bias, w.sum(axis=(1, 2, 3)) * b + bias
+        )
 
     @staticmethod
     def background(x: Blob) -> Array:
@@ -268,7 +298,9 @@ class WindowTiles:
         np.take(x.reshape(-1).view(unit), first[:, None] + inside, out=out, mode="clip")
         return out.view(x.dtype).reshape(A, S * S)
 
-    def backward(self, layer: FastLayer, x: Blob, y: Blob, w: Array, dw: Array, db: Array | None, down: bool) -> None:
+    def backward(
+        self, layer: FastLayer, x: Blob, y: Blob, w: Array, dw: Array, db: Array | None, down: bool
+    ) -> None:
         """Add to dw and db. Raises NotFiniteError if forward did."""
         assert isinstance(y, FastBlob) and y.tile is not None and not down
         found = y.sparse
@@ -281,7 +313,9 @@ class WindowTiles:
         # Column a of dY has O numbers, in the rows (winner, o).
         rows = found.winner.T.astype(np.int32) * O + np.arange(O, dtype=np.int32)
         columns = np.arange(0, O * A + 1, O, dtype=np.int32)
-        dY = scipy.sparse.csc_array((found.diff.T.reshape(-1), rows.reshape(-1), columns), shape=(T * T * O, A))
+        dY = scipy.sparse.csc_array(
+            (found.diff.T.reshape(-1), rows.reshape(-1), columns), shape=(T * T * O, A)
+        )
         dM = (dY @ X).reshape(T, T, O, S, S)
         for p, q in np.ndindex(T, T):
             dw[:, 0] += dM[p, q, :, p : p + k, q : q + k]

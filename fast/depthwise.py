@@ -47,10 +47,16 @@ class Filter(Algorithm):
         """Maps of which filter2D computes all windows, with the padding as its border, in less time, and not by a
         Fourier transform, which mixes all values of a map."""
         g = s.geometry
-        if sum_ != "correlate" or not is_depthwise(s) or set(g.dilation) != {1} or math.prod(g.kernel) >= FOURIER:
+        if (
+            sum_ != "correlate"
+            or not is_depthwise(s)
+            or set(g.dilation) != {1}
+            or math.prod(g.kernel) >= FOURIER
+        ):
             return False
         inside = all(
-            (o - 1) * step < n and p < k for o, n, step, k, p in zip(s.windows, s.sizes, g.stride, g.kernel, g.pad)
+            (o - 1) * step < n and p < k
+            for o, n, step, k, p in zip(s.windows, s.sizes, g.stride, g.kernel, g.pad)
         )
         return inside and math.prod(s.sizes) >= FILTERED * math.prod(g.stride)
 
@@ -59,7 +65,9 @@ class Filter(Algorithm):
         C, (w, after) = x.shape[1], after.fold(w)
         if not w.all():
             check_finite(x)  # filter2D omits weights of 0, so that 0 times infinity would be 0
-        _filter(g, x, _by_input(C, w, 0), _biases(w, after).reshape(C, -1), after, _by_input(C, y, 1))
+        _filter(
+            g, x, _by_input(C, w, 0), _biases(w, after).reshape(C, -1), after, _by_input(C, y, 1)
+        )
 
 
 class Depthwise(Algorithm):
@@ -72,7 +80,11 @@ class Depthwise(Algorithm):
     def correlate(self, g: Geometry, x: Array, w: Array, after: After, y: Array) -> None:
         """Write y."""
         C, (w, after) = x.shape[1], after.fold(w)
-        kernels, biases, target = _by_input(C, w, 0), _biases(w, after).reshape(C, -1), _by_input(C, y, 1)
+        kernels, biases, target = (
+            _by_input(C, w, 0),
+            _biases(w, after).reshape(C, -1),
+            _by_input(C, y, 1),
+        )
         for c, maps, sums in _blocks(g, x, y):
             for m in range(kernels.shape[1]):
                 weights = sums.repeated(kernels[c, m])
@@ -85,7 +97,9 @@ class Depthwise(Algorithm):
         C = dx.shape[1]
         kernels, gradient = _by_input(C, w, 0), _by_input(C, dy, 1)
         for c, maps, sums in _blocks(g, dx, dy):
-            weights = [sums.repeated(kernels[c, m], f"kernels {m}") for m in range(kernels.shape[1])]
+            weights = [
+                sums.repeated(kernels[c, m], f"kernels {m}") for m in range(kernels.shape[1])
+            ]
             for image, out in zip(gradient[:, c], dx[:, c]):
                 maps.values[...] = 0
                 for m, own in enumerate(weights):
@@ -104,7 +118,11 @@ class Depthwise(Algorithm):
                 for image, own in zip(x[:, c], gradient[:, c, m]):
                     maps.read(image)
                     sums.gradient(own, found)
-                total[c, m] += found.reshape(*found.shape[:2], -1, len(total[c])).sum(axis=2).transpose(2, 0, 1)
+                total[c, m] += (
+                    found.reshape(*found.shape[:2], -1, len(total[c]))
+                    .sum(axis=2)
+                    .transpose(2, 0, 1)
+                )
 
 
 def _biases(w: Array, after: After) -> Array:
@@ -125,9 +143,19 @@ def _filter(g: Geometry, x: Array, kernels: Array, biases: Array, after: After, 
     each = max(1, ACTIVATED // (y.shape[2] * Ho * Wo))
     for image, outputs in zip(x, y):
         for part in blocks(len(image), each):
-            for source, own, added, targets in zip(image[part], kernels[part], biases[part].tolist(), outputs[part]):
+            for source, own, added, targets in zip(
+                image[part], kernels[part], biases[part].tolist(), outputs[part]
+            ):
                 for kernel, bias, target in zip(own, added, targets):
-                    cv2.filter2D(source, -1, kernel, target if whole else full, anchor, bias, cv2.BORDER_CONSTANT)
+                    cv2.filter2D(
+                        source,
+                        -1,
+                        kernel,
+                        target if whole else full,
+                        anchor,
+                        bias,
+                        cv2.BORDER_CONSTANT,
+                    )
                     if not whole:
                         target[...] = chosen
             after.activate(outputs[part], outputs[part])

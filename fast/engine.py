@@ -62,18 +62,25 @@ class FastEngine(Engine):
         """Create a blob of a net, with aligned arrays."""
         return Blob((), dtype, parallel.zeros_for_blob)
 
-    def steps(self, connections: Sequence[Connection], outside: Iterable[Blob], old: Sequence[Step]) -> Sequence[Step]:
+    def steps(
+        self, connections: Sequence[Connection], outside: Iterable[Blob], old: Sequence[Step]
+    ) -> Sequence[Step]:
         """The steps of a net: layers that run in slices together (plan.py), and other layers on the whole batch."""
         for at in connections:
             if isinstance(at.layer, FastLayer):
-                at.layer.needs_backward, at.layer.needs_bottom_diff = at.needs_backward, any(at.propagate_down)
+                at.layer.needs_backward, at.layer.needs_bottom_diff = (
+                    at.needs_backward,
+                    any(at.propagate_down),
+                )
         fuse(connections)
         known = {step.run.key: step for step in old if isinstance(step, SlicedStep)}
         whole = {step.at: step for step in old if isinstance(step, WholeStep)}
         runs = plan(connections, set(outside))
         _share_splits(connections, [at for run in runs if run.sliced for at in run.connections])
         return [
-            known.get(run.key) or SlicedStep(run) if run.sliced else whole.get(run.order[0]) or WholeStep(run.order[0])
+            known.get(run.key) or SlicedStep(run)
+            if run.sliced
+            else whole.get(run.order[0]) or WholeStep(run.order[0])
             for run in runs
         ]
 
@@ -96,7 +103,12 @@ class FastEngine(Engine):
         def job(rows: slice) -> None:
             target[rows] = source[rows]
 
-        parallel.run([functools.partial(job, rows) for rows in blocks(len(target), -(-len(target) // COPIES))])
+        parallel.run(
+            [
+                functools.partial(job, rows)
+                for rows in blocks(len(target), -(-len(target) // COPIES))
+            ]
+        )
 
     def threads(self) -> int:
         """Number of threads in use, all from the pool in parallel.py."""

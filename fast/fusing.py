@@ -56,13 +56,21 @@ class After:
         Both have the outputs on ``axis``. They are divided into blocks of outputs that stay in the cache.
         """
         count = target.shape[axis]
-        operations = (self.gain is not None) + (self.bias is not None) + self.rectify + (self.limit is not None)
+        operations = (
+            (self.gain is not None)
+            + (self.bias is not None)
+            + self.rectify
+            + (self.limit is not None)
+        )
         if operations == 0:
             if values is not target:
                 target[...] = values
             return
         each = count if operations == 1 else max(1, BLOCK * count // max(target.size, 1))
-        gain, bias = self._wide(self.gain, o, target.ndim - axis), self._wide(self.bias, o, target.ndim - axis)
+        gain, bias = (
+            self._wide(self.gain, o, target.ndim - axis),
+            self._wide(self.bias, o, target.ndim - axis),
+        )
         for part in blocks(count, each):
             at = (slice(None),) * axis + (part,)
             own, out = values[at], target[at]
@@ -123,7 +131,12 @@ def fuse(connections: Sequence[Connection]) -> None:
     release(connections)
     for i, at in enumerate(connections):
         layer = at.layer
-        if isinstance(layer, FastLayer) and not layer.is_fused and layer.fuses_relu() and len(at.top) == 1:
+        if (
+            isinstance(layer, FastLayer)
+            and not layer.is_fused
+            and layer.fuses_relu()
+            and len(at.top) == 1
+        ):
             chain: list[FastLayer] = []
             for follower in connections[i + 1 :]:
                 if not _continues(at, chain, follower):
@@ -146,7 +159,9 @@ def _continues(at: Connection, chain: Sequence[Layer], follower: Connection) -> 
     """Whether a layer is in place on the top of ``at`` and can be computed with it and the chain between them."""
     first, layer, blob = at.layer, follower.layer, at.top[0]
     assert isinstance(first, FastLayer)
-    if not isinstance(layer, FastLayer) or not all(one is blob for one in [*follower.bottom, *follower.top]):
+    if not isinstance(layer, FastLayer) or not all(
+        one is blob for one in [*follower.bottom, *follower.top]
+    ):
         return False
     if len(follower.bottom) != 1 or (chain and isinstance(chain[-1], (ReLU, ReLU6))):
         return False

@@ -24,12 +24,17 @@ from fast.fusing import After
 from netlib.blob import Array
 from netlib.system.memory import blocks
 
-MIN_PART = 32  # rows of a part; a multiple of the rows that BLAS computes together, so that all parts round alike
-MIN_BLOCK_COST = 5_000_000  # multiplications of a block, on average, from which blocks run on several threads
-MAX_OUTLIER = 4000.0  # relative to usual values; the errors of its neighbours are then 5e-4 of usual outputs
+# rows of a part; a multiple of the rows that BLAS computes together, so that all parts round alike
+MIN_PART = 32
+# multiplications of a block, on average, from which blocks run on several threads
+MIN_BLOCK_COST = 5_000_000
+# relative to usual values; the errors of its neighbours are then 5e-4 of usual outputs
+MAX_OUTLIER = 4000.0
 SAMPLE = 256  # sums
-QUARTILE = 0.3186  # of the absolute values of numbers with a normal distribution and standard deviation 1
-MIN_PARTS_COST = 20_000_000  # multiplications; a virtual processor wakes a thread more slowly than a smaller product
+# of the absolute values of numbers with a normal distribution and standard deviation 1
+QUARTILE = 0.3186
+# multiplications; a virtual processor wakes a thread more slowly than a smaller product
+MIN_PARTS_COST = 20_000_000
 
 
 @dataclass(frozen=True)
@@ -77,12 +82,24 @@ class Geometry:
         """The part of padded axes that is not padding."""
         return tuple(slice(p, p + n) for n, p in zip(sizes, self.pad))
 
-    def windows(self, rows: slice, outputs: Sequence[int]) -> Iterator[tuple[tuple[int, ...], tuple[slice, ...]]]:
+    def windows(
+        self, rows: slice, outputs: Sequence[int]
+    ) -> Iterator[tuple[tuple[int, ...], tuple[slice, ...]]]:
         """For each kernel element, the part of the padded axes under it in all windows of these rows of outputs."""
-        starts, counts = (rows.start, *(0,) * (len(outputs) - 1)), (rows.stop - rows.start, *outputs[1:])
+        starts, counts = (
+            (rows.start, *(0,) * (len(outputs) - 1)),
+            (rows.stop - rows.start, *outputs[1:]),
+        )
         for element in np.ndindex(self.kernel):
-            firsts = [i * d + r * s for i, d, r, s in zip(element, self.dilation, starts, self.stride)]
-            yield element, tuple(slice(f, f + (n - 1) * s + 1, s) for f, n, s in zip(firsts, counts, self.stride))
+            firsts = [
+                i * d + r * s for i, d, r, s in zip(element, self.dilation, starts, self.stride)
+            ]
+            yield (
+                element,
+                tuple(
+                    slice(f, f + (n - 1) * s + 1, s) for f, n, s in zip(firsts, counts, self.stride)
+                ),
+            )
 
 
 @dataclass(frozen=True)
@@ -132,7 +149,8 @@ def inside(start: int, step: int, size: int, count: int) -> tuple[int, slice]:
 
 
 Sum = Literal["correlate", "transpose", "gradient"]
-MAX_EXCESS = 1.3  # from which a convolution with the flipped kernel takes longer than adding columns
+# from which a convolution with the flipped kernel takes longer than adding columns
+MAX_EXCESS = 1.3
 
 
 class Algorithm:
@@ -182,7 +200,9 @@ def check_spread(sums: Array, x: Array, outputs: int) -> None:
     if not math.isfinite(squares):
         raise NotFiniteError
     usual = _usual(sums)
-    is_suspicious = usual and (squares / usual / usual - sums.size) * x.shape[1] > MAX_OUTLIER**2 * outputs
+    is_suspicious = (
+        usual and (squares / usual / usual - sums.size) * x.shape[1] > MAX_OUTLIER**2 * outputs
+    )
     if is_suspicious and max(x.max(), -x.min()) > MAX_OUTLIER * _usual(x):
         raise NotFiniteError
 
@@ -191,7 +211,11 @@ def _usual(values: Array) -> float:
     """An estimate of the standard deviation, which few large values do not change. Zeros are those of a background."""
     sample = np.abs(values.reshape(-1)[:: max(values.size // SAMPLE, 1) | 1])
     sample = sample[sample > 0]
-    return float(np.partition(sample, sample.size // 4)[sample.size // 4]) / QUARTILE if sample.size else 0.0
+    return (
+        float(np.partition(sample, sample.size // 4)[sample.size // 4]) / QUARTILE
+        if sample.size
+        else 0.0
+    )
 
 
 def run_parts(job: Callable[[slice], None], channels: int, group: int, cost: float) -> None:
@@ -205,10 +229,17 @@ def run_parts(job: Callable[[slice], None], channels: int, group: int, cost: flo
         job(slice(0, channels))
     else:
         units = -(-channels // unit)
-        parallel.run([partial(job, part) for part in blocks(channels, -(-units // parallel.threads()) * unit)])
+        parallel.run(
+            [
+                partial(job, part)
+                for part in blocks(channels, -(-units // parallel.threads()) * unit)
+            ]
+        )
 
 
-def run_blocks(job: Callable[[slice, slice], None], parts: Iterator[tuple[slice, slice]], cost: float) -> None:
+def run_blocks(
+    job: Callable[[slice, slice], None], parts: Iterator[tuple[slice, slice]], cost: float
+) -> None:
     """Call ``job`` for independent blocks of images and rows with together ``cost`` multiplications.
 
     Several expensive blocks run on several threads; otherwise each may divide its channels between them.
@@ -217,7 +248,9 @@ def run_blocks(job: Callable[[slice, slice], None], parts: Iterator[tuple[slice,
     parallel.run(jobs, here=cost < len(jobs) * MIN_BLOCK_COST)
 
 
-def image_blocks(images: int, outputs: Sequence[int], columns: int) -> Iterator[tuple[slice, slice]]:
+def image_blocks(
+    images: int, outputs: Sequence[int], columns: int
+) -> Iterator[tuple[slice, slice]]:
     """Divide a batch into blocks of about ``columns`` windows: several images, or some rows of one image."""
     rows, row = outputs[0], math.prod(outputs[1:])
     each = columns // max(row * rows, 1)

@@ -21,9 +21,11 @@ from netlib.blob import Array, Blobs
 from netlib.system.memory import blocks
 
 MAX_BLOCK = 640  # features; 1,024 features are two blocks, one per thread on two cores
-FEW_ITEMS = 8  # up to this number, items are faster one at a time (measured by experiments/parts.py)
+# up to this number, items are faster one at a time (measured by experiments/parts.py)
+FEW_ITEMS = 8
 CACHED_BYTES = 1 << 20  # size of a block's weights, so that they stay in the cache between items
-LARGE_BYTES = 32 << 20  # size of weights that are read from main memory, which takes longer than starting threads
+# size of weights that are read from main memory, which takes longer than starting threads
+LARGE_BYTES = 32 << 20
 SUM_VALUES = 1 << 21  # of dw computed before they are added, in memory that is used again
 MIN_COST = 4_000_000  # multiplications for dw, from which starting threads takes less time
 ALIGNED = 64  # outputs; blocks of multiples of this size round like one product of all outputs
@@ -34,7 +36,11 @@ class FastInnerProduct(FastLayer, InnerProduct):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         """Compute y = x wᵀ + b in blocks of outputs, for a few items one at a time."""
-        x, y, w = self.rows(bottom[0].data), self.rows(top[0].data), self.output_first(self.weight.data)
+        x, y, w = (
+            self.rows(bottom[0].data),
+            self.rows(top[0].data),
+            self.output_first(self.weight.data),
+        )
 
         few = len(x) <= FEW_ITEMS
 
@@ -44,14 +50,23 @@ class FastInnerProduct(FastLayer, InnerProduct):
             if self.param.bias_term:
                 y[:, o] += self.bias.data[o]
 
-        jobs = [partial(job, o) for o in blocks(len(w), _few_outputs(len(x), w))] if few else _by_blocks(job, len(w))
+        jobs = (
+            [partial(job, o) for o in blocks(len(w), _few_outputs(len(x), w))]
+            if few
+            else _by_blocks(job, len(w))
+        )
         parallel.run(jobs)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         """Compute dw = dyᵀ x and db in blocks of outputs, and dx = dy w in blocks of inputs."""
-        x, dy, w = self.rows(bottom[0].data), self.rows(top[0].diff), self.output_first(self.weight.data)
+        x, dy, w = (
+            self.rows(bottom[0].data),
+            self.rows(top[0].diff),
+            self.output_first(self.weight.data),
+        )
         dw = self.output_first(self.weight.diff)
-        multiply = np.dot if len(x) == 1 else np.matmul  # matmul computes the product of two vectors without BLAS
+        # matmul computes the product of two vectors without BLAS
+        multiply = np.dot if len(x) == 1 else np.matmul
 
         def weight_job(o: slice) -> None:
             for i in blocks(self.inputs, max(SUM_VALUES // max(o.stop - o.start, 1), 1)):
@@ -75,7 +90,11 @@ def _few_outputs(items: int, w: Array) -> int:
     """Number of outputs in a block of the weights w (O, inputs) for a few items; one item reads all weights once."""
     if items > 1:
         return max(CACHED_BYTES // max(w[:1].nbytes, 1) // ALIGNED, 1) * ALIGNED
-    return -(-len(w) // (parallel.threads() * ALIGNED)) * ALIGNED if w.nbytes >= LARGE_BYTES else len(w)
+    return (
+        -(-len(w) // (parallel.threads() * ALIGNED)) * ALIGNED
+        if w.nbytes >= LARGE_BYTES
+        else len(w)
+    )
 
 
 def _by_blocks(job: Callable[[slice], None], count: int) -> list[Callable[[], None]]:

@@ -29,7 +29,8 @@ from layers.hand.sized_hand_model import SizedHandModel
 from layers.hand.skeleton import Skeleton
 from netlib.blob import Array, Blobs
 
-FEW = 16  # up to this number of poses, FewPoses is faster (measured by experiments/parts.py: hand-1)
+# up to this number of poses, FewPoses is faster (measured by experiments/parts.py: hand-1)
+FEW = 16
 
 
 class FastPose(Pose):
@@ -64,14 +65,21 @@ class FastKinematics(Kinematics):
     def __init__(self, skeleton: Skeleton, dtype: DTypeLike = np.float64) -> None:
         super().__init__(skeleton, dtype)
         steps = parts_of(skeleton)
-        moving = [(j, step) for j, own in enumerate(steps) for step in own if step.kind != "constant"]
+        moving = [
+            (j, step) for j, own in enumerate(steps) for step in own if step.kind != "constant"
+        ]
         self.dof_of = np.array([step.dof for _, step in moving], dtype=int)
         self.free = np.flatnonzero(~skeleton.fixed[self.dof_of])
         self.spare: FastPose | None = None
         self._slides = np.flatnonzero([step.kind == "translate" for _, step in moving])
         self._joint_of = np.array([j for j, _ in moving], dtype=int)
-        carried = skeleton.descendants[[j for j, _ in moving]].reshape(len(moving), len(skeleton.parents))
-        self._moves, self._descendants = carried.astype(self.dtype), skeleton.descendants.astype(self.dtype)
+        carried = skeleton.descendants[[j for j, _ in moving]].reshape(
+            len(moving), len(skeleton.parents)
+        )
+        self._moves, self._descendants = (
+            carried.astype(self.dtype),
+            skeleton.descendants.astype(self.dtype),
+        )
         self.groups, self._places = groups_of(skeleton, steps, self.dtype)
         self._few = FewPoses(skeleton, steps)
         self._repeats = len(set(self.dof_of.tolist())) < len(self.dof_of)
@@ -79,7 +87,9 @@ class FastKinematics(Kinematics):
     def joints(self, inputs: Array, bones: Array | None = None) -> Array:
         """Joint positions (N, K, 3)."""
         if len(inputs) <= FEW:
-            return self._few.joints(self.skeleton.theta(inputs)[:, self.dof_of], bones).astype(self.dtype)
+            return self._few.joints(self.skeleton.theta(inputs)[:, self.dof_of], bones).astype(
+                self.dtype
+            )
         return self.forward(inputs, bones).joints
 
     def forward(self, inputs: Array, bones: Array | None = None) -> FastPose:
@@ -117,7 +127,9 @@ class FastKinematics(Kinematics):
                     i, j = (k + 1) % 3, (k + 2) % 3
                     c, s = cos[rows][:, None], sin[rows][:, None] * sign
                     frame[i], frame[j] = c * frame[i] + s * frame[j], c * frame[j] - s * frame[i]
-            for body, from_where in zip(group.bodies, np.broadcast_to(start, (len(group.joints), 3, N))):
+            for body, from_where in zip(
+                group.bodies, np.broadcast_to(start, (len(group.joints), 3, N))
+            ):
                 X[body] = from_where
             local[group.joints] = p + frame[group.bone_axis] * lengths[group.joints][:, None]
             pose.columns.append((frame[0], frame[1], frame[2]))
@@ -128,7 +140,9 @@ class FastKinematics(Kinematics):
         """Like ``forward``, but without the data that ``backward`` needs; fast for a few poses."""
         if len(inputs) > FEW:
             return self.forward(inputs, bones)
-        return self._few.pose(self.skeleton.theta(inputs)[:, self.dof_of], self.free, bones, self.dtype)
+        return self._few.pose(
+            self.skeleton.theta(inputs)[:, self.dof_of], self.free, bones, self.dtype
+        )
 
     def backward(self, pose: Pose, dX: Array) -> Array:
         """Gradient (N, D) with respect to the inputs; two products give the forces and torques of all motions."""
@@ -139,7 +153,11 @@ class FastKinematics(Kinematics):
             pose.work = (*(np.empty_like(pose.pivot) for _ in range(3)), np.empty_like(pose.X))
         force, torque, offset, turning = pose.work
         np.matmul(self._moves, f.reshape(K, 3 * N), out=force.reshape(len(force), 3 * N))
-        np.matmul(self._moves, _cross(pose.local, f, turning).reshape(K, 3 * N), out=torque.reshape(len(torque), 3 * N))
+        np.matmul(
+            self._moves,
+            _cross(pose.local, f, turning).reshape(K, 3 * N),
+            out=torque.reshape(len(torque), 3 * N),
+        )
         torque -= _cross(pose.pivot, force, offset)
         torque[self._slides] = force[self._slides]
         torque *= pose.axis
@@ -191,7 +209,9 @@ class FastKinematics(Kinematics):
         if not isinstance(pose, FastPose):
             return super().axes(pose)
         start = (pose.X - pose.local)[self._joint_of[self.free]]
-        return pose.axis[self.free].transpose(2, 0, 1), (pose.pivot[self.free] + start).transpose(2, 0, 1)
+        return pose.axis[self.free].transpose(2, 0, 1), (pose.pivot[self.free] + start).transpose(
+            2, 0, 1
+        )
 
     def rotation_of(self, pose: Pose, joint: int) -> Array:
         """The rotation world_from_joint of one joint, (N, 3, 3), from the frames of its group."""
@@ -206,7 +226,9 @@ def _turn_constant(frame: list[Array], matrices: Array) -> list[Array]:
     """Right-multiply the frames, three columns of (1 or n, 3, N), by constant ``matrices`` (n, 3, 3)."""
     if len(frame[0]) == 1:  # one parent: one product for all columns of all joints
         N = frame[0].shape[-1]
-        columns = matrices.transpose(0, 2, 1).reshape(-1, 3) @ np.concatenate(frame).reshape(3, 3 * N)
+        columns = matrices.transpose(0, 2, 1).reshape(-1, 3) @ np.concatenate(frame).reshape(
+            3, 3 * N
+        )
         return list(columns.reshape(len(matrices), 3, 3, N).transpose(1, 0, 2, 3))
     return [_combine(matrices[:, :, c], frame) for c in range(3)]
 
@@ -315,12 +337,20 @@ def groups_of(
     for same in alike.values():  # in the order of depth
         by_parent: dict[int, list[int]] = {}
         for j in same:
-            by_parent.setdefault(places[int(parents[j])][0] if parents[j] >= 0 else -1, []).append(j)
+            by_parent.setdefault(places[int(parents[j])][0] if parents[j] >= 0 else -1, []).append(
+                j
+            )
         for parent, joints in by_parent.items():
             slots = [places[int(parents[j])][1] if parent >= 0 else 0 for j in joints]
-            together = [_together(same_step, dtype) for same_step in zip(*(steps[j] for j in joints))]
+            together = [
+                _together(same_step, dtype) for same_step in zip(*(steps[j] for j in joints))
+            ]
             places.update({j: (len(groups), slot) for slot, j in enumerate(joints)})
-            bodies = [_as_slice(np.flatnonzero(skeleton.descendants[j]).tolist()) for j in joints if parent < 0]
+            bodies = [
+                _as_slice(np.flatnonzero(skeleton.descendants[j]).tolist())
+                for j in joints
+                if parent < 0
+            ]
             axis = int(max(skeleton.bone_axes[joints[0]], 0))
             groups.append(Group(joints, parent, _as_slice(slots), together, axis, bodies))
     return groups, places
@@ -356,7 +386,8 @@ class FewPoses:
     def __init__(self, skeleton: Skeleton, steps: Sequence[Sequence[Part]]) -> None:
         K, M = len(steps), sum(step.kind != "constant" for own in steps for step in own)
         most = max(1, *(sum(step.kind != "translate" for step in own) for own in steps))
-        self.P, self.C, self.S = np.zeros((3, most, K, 3, 3))  # rotations of every joint, padded with the identity
+        # rotations of every joint, padded with the identity
+        self.P, self.C, self.S = np.zeros((3, most, K, 3, 3))
         self.P[:] = np.eye(3)
         self.angle = np.full((most, K), M)  # index of the motion of each rotation; M: none
         self.slides: list[tuple[int, int, float, int]] = []  # joint, axis, sign, motion
@@ -437,6 +468,8 @@ class FewPoses:
 
 def _rodrigues(step: Part) -> tuple[Array, Array, Array]:
     """P, C, S (3, 3) of a rotation R(t) = P + cos t C + sin t S."""
-    start, quarter, half = (rotation(step.axis, step.sign * angle) for angle in (0.0, np.pi / 2, np.pi))
+    start, quarter, half = (
+        rotation(step.axis, step.sign * angle) for angle in (0.0, np.pi / 2, np.pi)
+    )
     P = (start + half) / 2
     return P, start - P, quarter - P

@@ -64,7 +64,10 @@ class Maps:
             first = start * down + i * self.g.dilation[0]
             for j in range(self.g.kernel[1]):
                 column, phase = divmod(j * self.g.dilation[1], step)
-                yield (i, j), phases[phase][first : first + last : down, column * M : column * M + length]
+                yield (
+                    (i, j),
+                    phases[phase][first : first + last : down, column * M : column * M + length],
+                )
 
 
 def map_last(x: Array, out: Array) -> None:
@@ -74,7 +77,9 @@ def map_last(x: Array, out: Array) -> None:
 
 def map_first(x: Array, out: Array) -> None:
     """Copy x (H, W, M) to out (M, H, W), of which each map is contiguous, by blocks that stay in the cache."""
-    rows = np.lib.stride_tricks.as_strided(out, (len(out), out[0].size), (out.strides[0], out.itemsize))
+    rows = np.lib.stride_tricks.as_strided(
+        out, (len(out), out[0].size), (out.strides[0], out.itemsize)
+    )
     cv2.transpose(x.reshape(-1, len(out)), rows)
 
 

@@ -81,7 +81,8 @@ class LastPass:
     def begin(self) -> None:
         """Prepare the copies of a forward pass, and copy the parameters."""
         late = self.late if self.back is None else self._differentiated
-        self.late = frozenset(blob for blob in late if blob.shape == self.shapes[blob])  # a reshape discards diffs
+        # a reshape discards diffs
+        self.late = frozenset(blob for blob in late if blob.shape == self.shapes[blob])
         self.is_done, self.back = False, None
         self.shapes = {blob: blob.shape for at in self.run.connections for blob in at.blobs}
         self.inputs = _like(self._read, self.inputs)
@@ -116,7 +117,9 @@ class LastPass:
     def written_input(self, rows: slice) -> Blob | None:
         """An input of which a caller has written the items ``rows`` since forward, if any."""
         changed = (
-            blob for blob in self._unwritten if not is_same(blob.data[rows], self.inputs[blob][rows])
+            blob
+            for blob in self._unwritten
+            if not is_same(blob.data[rows], self.inputs[blob][rows])
         )
         return next(changed, None)
 
@@ -145,7 +148,9 @@ class LastPass:
 
     def _store(self) -> None:
         """Repeat the pass with copies of the layers, and keep what it gives."""
-        blobs = {blob: Blob(shape, blob.dtype, zeros_for_blob) for blob, shape in self.shapes.items()}
+        blobs = {
+            blob: Blob(shape, blob.dtype, zeros_for_blob) for blob, shape in self.shapes.items()
+        }
         connections = [_copied(at, blobs) for at in self.run.connections]
         self._compute(connections, blobs)
         diffs = self._differentiated if self.back is not None and self.back.is_done else ()
@@ -241,7 +246,11 @@ def _like(blobs: Iterable[Blob], arrays: Copies) -> Copies:
     found: Copies = {}
     for blob in blobs:
         array = arrays.get(blob)
-        found[blob] = np.empty(blob.shape, blob.dtype) if array is None or array.shape != blob.shape else array
+        found[blob] = (
+            np.empty(blob.shape, blob.dtype)
+            if array is None or array.shape != blob.shape
+            else array
+        )
     return found
 
 

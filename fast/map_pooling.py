@@ -25,7 +25,8 @@ from layers.vision.pooling import NOTHING
 from netlib.blob import Array
 from netlib.system.memory import blocks
 
-BLOCK_BYTES = 1 << 20  # of the padded maps of a block; on fewer, two threads wait for the interpreter
+# of the padded maps of a block; on fewer, two threads wait for the interpreter
+BLOCK_BYTES = 1 << 20
 MAX_EVERYWHERE = 4  # side of overlapping windows, up to which those at every place take less time
 PART = 1 << 15  # values; starting a thread takes longer than pooling fewer
 
@@ -44,11 +45,19 @@ class Windows:
     """
 
     def __init__(self, g: Geometry, sizes: tuple[int, int], outputs: tuple[int, int]) -> None:
-        self.g, self.sizes, self.outputs, self.kernel, self.stride = g, sizes, outputs, g.kernel, g.stride
+        self.g, self.sizes, self.outputs, self.kernel, self.stride = (
+            g,
+            sizes,
+            outputs,
+            g.kernel,
+            g.stride,
+        )
         axes = zip(sizes, outputs, g.kernel, g.stride, g.pad)
         self.padded = tuple(max((o - 1) * s + k, p + n) for n, o, k, s, p in axes)
         self.inside = g.inside(sizes)
-        starts = [(inside(i - g.pad[0], g.stride[0], sizes[0], outputs[0])) for i in range(g.kernel[0])]
+        starts = [
+            (inside(i - g.pad[0], g.stride[0], sizes[0], outputs[0])) for i in range(g.kernel[0])
+        ]
         self.rows = [
             (own, slice(first, first + (own.stop - own.start - 1) * g.stride[0] + 1, g.stride[0]))
             for first, own in starts
@@ -67,7 +76,9 @@ class Windows:
         """Call ``job`` for all blocks of maps, on several threads if there are enough values."""
         values = max(self.padded[0] * self.padded[1], 1)
         size = max(1, BLOCK_BYTES // (4 * values))
-        parallel.run([partial(job, rows) for rows in blocks(maps, size)], here=maps * values < 2 * PART)
+        parallel.run(
+            [partial(job, rows) for rows in blocks(maps, size)], here=maps * values < 2 * PART
+        )
 
 
 def running(op: np.ufunc, values: Array, k: int, out: Array) -> None:
@@ -211,7 +222,8 @@ def mean(w: Windows, x: Array, y: Array, area: Array) -> None:
     """Write the means y (n, Ho, Wo) of maps x (n, H, W); ``area`` (Ho, Wo) holds the divisor of each window."""
 
     def job(maps: slice) -> None:
-        np.divide(_over_rows(w, np.add, _over_columns(w, np.add, x[maps], 0)), area, out=y[maps])  # 0 / 0: empty window
+        # 0 / 0: empty window
+        np.divide(_over_rows(w, np.add, _over_columns(w, np.add, x[maps], 0)), area, out=y[maps])
 
     w.run(len(x), job)
 

@@ -66,7 +66,8 @@ def set_threads(count: int) -> None:
     if count < 1:
         raise ValueError(f"the number of threads must be at least 1, not {count}")
     if _helpers is None or count != _helpers.count + 1:
-        _helpers = Workers(count - 1, "netlib")  # the old threads end with the last run that uses them
+        # the old threads end with the last run that uses them
+        _helpers = Workers(count - 1, "netlib")
 
 
 def is_inside() -> bool:
@@ -122,7 +123,9 @@ def run(jobs: Sequence[Callable[[], None]], *, here: bool = False) -> None:
 LINE = 64
 
 
-def aligned(shape: tuple[int, ...], dtype: DTypeLike, make: Callable[[int, DTypeLike], Any] = np.empty) -> NDArray[Any]:
+def aligned(
+    shape: tuple[int, ...], dtype: DTypeLike, make: Callable[[int, DTypeLike], Any] = np.empty
+) -> NDArray[Any]:
     """An array that starts at a multiple of LINE bytes, of the values of ``make``, such as np.zeros."""
     size = math.prod(shape) * np.dtype(dtype).itemsize
     values = make(size + LINE, np.uint8)
@@ -138,7 +141,8 @@ def zeros_for_blob(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
 
 
 _scratch = threading.local()
-MAX_VIEWS = 1000  # of working memory that are kept, because making them takes longer than a small operation
+# of working memory that are kept, because making them takes longer than a small operation
+MAX_VIEWS = 1000
 
 
 def scratch(key: str, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
@@ -156,7 +160,9 @@ def scratch(key: str, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
     return found
 
 
-def buffer_of(buffers: threading.local, key: str, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+def buffer_of(
+    buffers: threading.local, key: str, shape: tuple[int, ...], dtype: DTypeLike
+) -> NDArray[Any]:
     """Memory of the calling thread by name: zeros at first and in a new shape, else the values of its last use."""
     kept: dict[str, NDArray[Any]] = buffers.__dict__
     found = kept.get(key)

@@ -32,7 +32,8 @@ from layers.normalization.batch_norm import BatchNorm
 from netlib.blob import Array, Blobs
 from netlib.system.memory import blocks
 
-BLOCK = 1 << 18  # values; in calls on fewer, two threads wait for the interpreter longer than they compute
+# values; in calls on fewer, two threads wait for the interpreter longer than they compute
+BLOCK = 1 << 18
 MIN_ROW = 64  # values from which BLAS adds a row faster than NumPy
 
 
@@ -149,7 +150,9 @@ class FastBatchNorm(FastLayer, BatchNorm):
         if self.uses_sums:
             mean, deviation = statistics(self)
             mean, after = mean.astype(x.dtype), after_of(None, self.after)
-            factor = (1 / deviation if after.gain is None else after.gain / deviation).astype(x.dtype)
+            factor = (1 / deviation if after.gain is None else after.gain / deviation).astype(
+                x.dtype
+            )
             after = replace(after, gain=factor)
 
             def scale_and_shift(i: slice, c: slice) -> None:
@@ -173,7 +176,11 @@ class FastBatchNorm(FastLayer, BatchNorm):
         v = np.maximum(squares - np.square(rest), 0)
         self._add_to_sums(k + rest, v, count)
         deviation = np.sqrt(v + self.param.eps)
-        self.s, factor, rest = self._per_channel(deviation), (1 / deviation).astype(x.dtype), rest.astype(x.dtype)
+        self.s, factor, rest = (
+            self._per_channel(deviation),
+            (1 / deviation).astype(x.dtype),
+            rest.astype(x.dtype),
+        )
         after = after_of(None, self.after)
 
         def normalize(i: slice, c: slice) -> None:
@@ -200,7 +207,9 @@ class FastBatchNorm(FastLayer, BatchNorm):
             affine(dy, factor, None, dx)
             return
         y, scale = view(self.y, 1, C), self._scale()
-        mean, along = (np.asarray(total) * (C / dy.size) for total in (scale.totals if scale else sums(dy, y)))
+        mean, along = (
+            np.asarray(total) * (C / dy.size) for total in (scale.totals if scale else sums(dy, y))
+        )
         gain = scale.gain.data.reshape(-1, 1) if scale else None
         if gain is not None:
             mean, along = mean * gain[:, 0], along * gain[:, 0]

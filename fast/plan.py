@@ -102,16 +102,20 @@ def _fits(row: list[Connection], at: Connection) -> bool:
 def _runs_for(row: list[Connection], users: Mapping[Blob, int], stored: Set[Blob]) -> list[Run]:
     """Plan the runs of a row of layers, in slices if this is faster. ``users`` is the number of users of each blob."""
     hidden = _hidden_blobs(row, users, stored)
-    if all(traits_of(at.layer).elementwise for at in row):  # slices are not faster; includes the empty row
+    # slices are not faster; includes the empty row
+    if all(traits_of(at.layer).elementwise for at in row):
         return [whole(at) for at in row]
     order = _pool_first(row, hidden)
     tiles = _agree_on_tiles(order, hidden)
-    if row[0].bottom[0].shape[0] == 1 and not tiles:  # one slice saves no memory and copies the parameters
+    # one slice saves no memory and copies the parameters
+    if row[0].bottom[0].shape[0] == 1 and not tiles:
         return [whole(at) for at in row]
     return [Run(row, order, hidden, tiles, sliced=True)]
 
 
-def _hidden_blobs(row: list[Connection], users: Mapping[Blob, int], stored: Set[Blob]) -> list[Blob]:
+def _hidden_blobs(
+    row: list[Connection], users: Mapping[Blob, int], stored: Set[Blob]
+) -> list[Blob]:
     """Blobs that only the layers of the row read and write."""
     uses = uses_of(row)
     written = dict.fromkeys(blob for at in row for blob in at.top)
@@ -130,9 +134,16 @@ def _pool_first(row: list[Connection], hidden: list[Blob]) -> list[Connection]:
             and traits_of(pool.layer).takes_maximum
             and pool.bottom[0] is at.top[0]
             and pool.top[0] in secret  # else a caller would find the wrong gradient in its diff
-            and not _is_overwritten(pool.top[0], order[i + 2 :])  # backward reads the signs of the layer's output
+            # backward reads the signs of the layer's output
+            and not _is_overwritten(pool.top[0], order[i + 2 :])
         ):
-            moved = Connection(at.layer, Blobs(pool.top[:1]), Blobs(pool.top[:1]), at.propagate_down, at.needs_backward)
+            moved = Connection(
+                at.layer,
+                Blobs(pool.top[:1]),
+                Blobs(pool.top[:1]),
+                at.propagate_down,
+                at.needs_backward,
+            )
             order[i], order[i + 1] = pool, moved
     return order
 
@@ -146,7 +157,8 @@ def _agree_on_tiles(order: list[Connection], hidden: list[Blob]) -> dict[Blob, i
     """Map hidden blobs to their tiles; a blob is tiled if its writer and all its readers prefer the same tile."""
     tiles: dict[Blob, int] = {}
     uses = uses_of(order)
-    for blob in reversed(hidden):  # readers first, because their preference may depend on their tops
+    # readers first, because their preference may depend on their tops
+    for blob in reversed(hidden):
         wishes = [_wish(use, tiles) for use in uses[blob]]
         wanted = [wish for wish in wishes if wish != ANY]
         if wanted and wanted[0] is not None and all(wish == wanted[0] for wish in wanted):

@@ -14,7 +14,16 @@ import numpy as np
 from fast import map_pooling
 from fast.fast_layer import FastLayer
 from fast.geometry import Geometry
-from fast.tiles import FastBlob, SparseTiles, pitch_of, sparse_of, store_plain, tile_of, tiles_of, untile
+from fast.tiles import (
+    FastBlob,
+    SparseTiles,
+    pitch_of,
+    sparse_of,
+    store_plain,
+    tile_of,
+    tiles_of,
+    untile,
+)
 from layers.vision.pooling import NOTHING, Pooling
 from netlib.blob import Array, Blob, Blobs
 
@@ -54,9 +63,13 @@ class FastPooling(FastLayer, Pooling):
         on_tiles = self.tile is not None and (tile_of(x) is not None or tile_of(y) is not None)
         self.tiles = MaxTiles(self, self.tile, x, y) if on_tiles and self.tile else None
         (_, _, H, W), (_, _, Ho, Wo) = x.shape, y.shape
-        self.over = map_pooling.Windows(Geometry(self.kernel, self.stride, self.pad, (1, 1), 1), (H, W), (Ho, Wo))
+        self.over = map_pooling.Windows(
+            Geometry(self.kernel, self.stride, self.pad, (1, 1), 1), (H, W), (Ho, Wo)
+        )
         if self.is_max:
-            self.winners = np.empty(0 if on_tiles else y.shape, np.uint8 if math.prod(self.kernel) < 256 else np.uint32)
+            self.winners = np.empty(
+                0 if on_tiles else y.shape, np.uint8 if math.prod(self.kernel) < 256 else np.uint32
+            )
         else:
             self.areas = self.area(x.shape, y.shape)
         self.layout = _layout(x, y)  # after MaxTiles has set the pitch of the top
@@ -69,7 +82,9 @@ class FastPooling(FastLayer, Pooling):
         x, y = bottom[0].data, top[0].data
         if not self.is_max:
             if self.over.is_whole:
-                np.matmul(_flat(x), np.ones(self.kernel[0] * self.kernel[1], x.dtype), out=y.reshape(-1))
+                np.matmul(
+                    _flat(x), np.ones(self.kernel[0] * self.kernel[1], x.dtype), out=y.reshape(-1)
+                )
                 y /= self.areas
             else:
                 map_pooling.mean(self.over, _maps(x), _maps(y), self.areas)
@@ -81,7 +96,9 @@ class FastPooling(FastLayer, Pooling):
                 self.winners = _flat(x).argmax(axis=1).reshape(y.shape)
             np.maximum(_flat(x).max(axis=1), y.dtype.type(NOTHING), out=y.reshape(-1))
         else:
-            map_pooling.maximum(self.over, _maps(x), _maps(y), _maps(self.winners) if wanted else None)
+            map_pooling.maximum(
+                self.over, _maps(x), _maps(y), _maps(self.winners) if wanted else None
+            )
         for n in range(len(x) if masks else 0):
             top[1].data[n] = np.where(y[n] == NOTHING, -1, self._index(n, x.shape[3]))
 
@@ -136,18 +153,26 @@ class MaxTiles:
     def tile(layer: Pooling, tops: int) -> int | None:
         """T if the windows are adjacent T x T squares that reach beyond the map's end, without a mask; else None."""
         T = layer.kernel[0]
-        if not layer.is_max or tops > 1 or layer.kernel != (T, T) or layer.stride != (T, T) or any(layer.pad):
+        if (
+            not layer.is_max
+            or tops > 1
+            or layer.kernel != (T, T)
+            or layer.stride != (T, T)
+            or any(layer.pad)
+        ):
             return None
         return T if layer.param.round_mode == "CEIL" and 1 < T <= MAX_TILE else None
 
     def __init__(self, layer: FastLayer, T: int, bottom: Blob, top: Blob) -> None:
         self.layer, self.T = layer, T
         N, C, H, W = bottom.shape
-        self.columns = (pitch_of(bottom) if tile_of(bottom) == T else -(-W // T) * T) // T  # windows stored per row
+        # windows stored per row
+        self.columns = (pitch_of(bottom) if tile_of(bottom) == T else -(-W // T) * T) // T
         if isinstance(top, FastBlob) and top.tile is not None:
             top.pitch = -(-self.columns // top.tile) * top.tile
         self.R, self.L = -(-H // T), C * N * self.columns
-        self.rank = np.arange(T * T, 0, -1, dtype=np.uint8)[:, None]  # the first element has the highest rank
+        # the first element has the highest rank
+        self.rank = np.arange(T * T, 0, -1, dtype=np.uint8)[:, None]
         self.winners = np.empty((self.R, self.L), np.uint8)
 
     def forward(self, bottom: Blob, top: Blob) -> None:
@@ -168,7 +193,8 @@ class MaxTiles:
         if self.layer.needs_backward:
             self._find_winners(slabs, maximum[:, None], self.winners)
         np.maximum(maximum, NOTHING, out=maximum)
-        self._fill_overhang(x, H, W, 0)  # finite, because the backward of a layer in place multiplies by it
+        # finite, because the backward of a layer in place multiplies by it
+        self._fill_overhang(x, H, W, 0)
         y[..., -(-W // T) :] = 0  # windows that are only padding
         if not self._is_rows(top):
             store_plain(top, untile(y[:, None], *top.shape[2:]), top.data)
@@ -205,7 +231,12 @@ class MaxTiles:
         first *= self.rank
         np.subtract(np.uint8(len(self.rank)), first.max(axis=-2), out=winners)
         if len(self.rank) in winners:  # no value equals a NaN maximum
-            np.copyto(winners, np.isnan(slabs).argmax(axis=-2), casting="unsafe", where=winners == len(self.rank))
+            np.copyto(
+                winners,
+                np.isnan(slabs).argmax(axis=-2),
+                casting="unsafe",
+                where=winners == len(self.rank),
+            )
 
     # The top as rows of windows, (R, C, N, P): its own array if it has this layout, else a buffer.
 

@@ -20,17 +20,25 @@ class FastReLU(FastLayer, ReLU):
         x, y = bottom[0].data.reshape(-1), top[0].data.reshape(-1)
         for part in blocks(x.size, BLOCK):
             if self.slope:
-                (np.maximum if self.slope <= 1 else np.minimum)(x[part], self.slope * x[part], out=y[part])
+                (np.maximum if self.slope <= 1 else np.minimum)(
+                    x[part], self.slope * x[part], out=y[part]
+                )
             else:
                 x[part].clip(0, np.inf, out=y[part])
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         """Compute dx. The sign of y is not used, because a layer in place may have overwritten y."""
         if propagate_down[0]:
-            x, dy, dx = bottom[0].data.reshape(-1), top[0].diff.reshape(-1), bottom[0].diff.reshape(-1)
+            x, dy, dx = (
+                bottom[0].data.reshape(-1),
+                top[0].diff.reshape(-1),
+                bottom[0].diff.reshape(-1),
+            )
             for part in blocks(x.size, BLOCK):
                 above = x[part] > 0
-                np.multiply(dy[part], above + self.slope * ~above if self.slope else above, out=dx[part])
+                np.multiply(
+                    dy[part], above + self.slope * ~above if self.slope else above, out=dx[part]
+                )
 
 
 class FastReLU6(FastLayer, ReLU6):

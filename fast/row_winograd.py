@@ -38,7 +38,8 @@ from netlib.blob import Array
 from netlib.system.memory import blocks
 
 TILE = 4  # outputs
-PAIRS = {3: (0.75, 1.5), 5: (0.6, 1.0, 1.0 / 0.6)}  # with a small largest error, below 5e-6 of the largest output
+# with a small largest error, below 5e-6 of the largest output
+PAIRS = {3: (0.75, 1.5), 5: (0.6, 1.0, 1.0 / 0.6)}
 BLOCK_BYTES = 2 << 20  # of V; smaller blocks take more calls
 MIN_IMAGES = 8  # of a block, so that copied vectors are long
 MAX_ROW_EXCESS = 2.5  # of multiplications for dx
@@ -53,11 +54,19 @@ class RowWinograd(Algorithm):
 
         For dw with fewer channels, because dy has no values to be added.
         """
-        if sum_ == "transpose" or s.geometry.kernel not in ((3, 3), (5, 5)) or not s.geometry.is_dense:
+        if (
+            sum_ == "transpose"
+            or s.geometry.kernel not in ((3, 3), (5, 5))
+            or not s.geometry.is_dense
+        ):
             return False
         if s.geometry.group > 1 or s.excess > MAX_ROW_EXCESS:
             return False
-        area, channels, total = s.inputs * math.prod(s.sizes), s.inputs * s.outputs, s.inputs + s.outputs
+        area, channels, total = (
+            s.inputs * math.prod(s.sizes),
+            s.inputs * s.outputs,
+            s.inputs + s.outputs,
+        )
         if s.geometry.kernel == (5, 5):
             return channels >= (2 if sum_ == "gradient" else 6) * total and s.images * area >= 4096
         return channels >= 16 * total and total <= 192 and s.images >= 8 and area <= 1 << 16
@@ -130,7 +139,9 @@ def output_matrix(k: int) -> Array:
 
 def transform(matrix: Array, vectors: Array, out: Array) -> None:
     """Write matrix @ vectors, arrays (vectors, ...), in one call: threads wait for each other between calls."""
-    np.matmul(matrix.astype(out.dtype), vectors.reshape(len(vectors), -1), out=out.reshape(len(out), -1))
+    np.matmul(
+        matrix.astype(out.dtype), vectors.reshape(len(vectors), -1), out=out.reshape(len(out), -1)
+    )
 
 
 def items(values: Array) -> Array:
@@ -167,7 +178,9 @@ def _windows(k: int, V: Array) -> Array:
     """View V as the factors (P, Ho, k C, T n)."""
     P, H, C, T, n = V.shape
     point, row, channel, _, item = V.strides
-    return np.lib.stride_tricks.as_strided(V, (P, H - k + 1, k * C, T * n), (point, row, channel, item))
+    return np.lib.stride_tricks.as_strided(
+        V, (P, H - k + 1, k * C, T * n), (point, row, channel, item)
+    )
 
 
 def _correlate(weights: Array, V: Array, x: Array, after: After, y: Array) -> None:

@@ -43,7 +43,13 @@ class Rows(Algorithm):
         For dw also few weights, because there is a product for each row of outputs. Up to 1.4 times as fast.
         """
         g = s.geometry
-        if sum_ == "transpose" or len(s.sizes) < 2 or g.dilation[0] > 1 or g.group > 1 or s.excess > MAX_EXCESS:
+        if (
+            sum_ == "transpose"
+            or len(s.sizes) < 2
+            or g.dilation[0] > 1
+            or g.group > 1
+            or s.excess > MAX_EXCESS
+        ):
             return False
         if not 8 <= s.outputs <= 96 or not all(k > step for k, step in zip(g.kernel, g.stride)):
             return False
@@ -125,7 +131,9 @@ def stacked(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...]) -> Arr
 
 
 @lru_cache(maxsize=256)
-def _plan(g: Geometry, sizes: tuple[int, ...], outputs: tuple[int, ...]) -> list[tuple[Index, Index, list[Index]]]:
+def _plan(
+    g: Geometry, sizes: tuple[int, ...], outputs: tuple[int, ...]
+) -> list[tuple[Index, Index, list[Index]]]:
     """For each element of the kernel without the first axis, the indices in X of the windows in which it is inside x,
     those of its values there, and the indices of the other windows."""
     plan: list[tuple[Index, Index, list[Index]]] = []
@@ -133,13 +141,17 @@ def _plan(g: Geometry, sizes: tuple[int, ...], outputs: tuple[int, ...]) -> list
         own: Index = (slice(None), element, ...)
         taken: Index = (...,)
         edges: list[Index] = []
-        for i, d, p, step, size, count in zip(place, g.dilation[1:], g.pad[1:], g.stride[1:], sizes, outputs):
+        for i, d, p, step, size, count in zip(
+            place, g.dilation[1:], g.pad[1:], g.stride[1:], sizes, outputs
+        ):
             first, within = inside(i * d - p, step, size, count)
             others = [slice(0, within.start), slice(within.stop, count)]
             rest = (slice(None),) * (len(outputs) - len(taken))
             edges += [(*own, edge, *rest) for edge in others if edge.stop > edge.start]
             own += (within,)
-            taken += (slice(first, first + max((within.stop - within.start - 1) * step + 1, 0), step),)
+            taken += (
+                slice(first, first + max((within.stop - within.start - 1) * step + 1, 0), step),
+            )
         plan.append((own, taken, edges))
     return plan
 
@@ -150,6 +162,11 @@ def _blocks(g: Geometry, x: Array, y_shape: tuple[int, ...]) -> Iterator[tuple[s
     count = -(-N // min(-(-LENGTH // row), N)) if N else 0
     for images in blocks(N, -(-N // max(count, 1)) or 1):
         values = math.prod(g.kernel[1:]) * C * (images.stop - images.start) * row
-        bands = -(-Ho // max((BLOCK_BYTES // (values * x.itemsize) - g.kernel[0]) // g.stride[0] + 1, MIN_ROWS))
+        bands = -(
+            -Ho
+            // max(
+                (BLOCK_BYTES // (values * x.itemsize) - g.kernel[0]) // g.stride[0] + 1, MIN_ROWS
+            )
+        )
         for rows in blocks(Ho, -(-Ho // bands)):
             yield images, rows

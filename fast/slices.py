@@ -50,7 +50,8 @@ MAX_SLICE = 64
 LANES = 16
 LANE_BYTES = 64 << 20  # of the parameter gradients of all lanes
 MIN_LANES = 4
-RECENT = 4  # numbers of items whose division is kept, without a backward pass: a caller's batches vary
+# numbers of items whose division is kept, without a backward pass: a caller's batches vary
+RECENT = 4
 
 
 @dataclass
@@ -86,7 +87,12 @@ class Hidden(FastBlob):
     """A blob of one slice. Its diff, and its data unless kept, are valid only until the thread's next slice."""
 
     def __init__(
-        self, shape: tuple[int, ...], dtype: DTypeLike, buffers: threading.local, key: int, keep: bool
+        self,
+        shape: tuple[int, ...],
+        dtype: DTypeLike,
+        buffers: threading.local,
+        key: int,
+        keep: bool,
     ) -> None:
         super().__init__(shape, dtype)
         self._buffers, self._key, self._keep = buffers, key, keep
@@ -128,13 +134,18 @@ class WholeStep(Step):
 
     def __init__(self, at: Connection) -> None:
         super().__init__(at)
-        self._is_steady = at.layer.type != "Python"  # reshape of a Python layer may depend on more than shapes
-        self._reshaped: tuple[tuple[int, ...], ...] | None = None  # shapes after the last reshape of the layer
+        # reshape of a Python layer may depend on more than shapes
+        self._is_steady = at.layer.type != "Python"
+        # shapes after the last reshape of the layer
+        self._reshaped: tuple[tuple[int, ...], ...] | None = None
 
     def forward(self) -> None:
         """Reshape the tops if necessary and compute them, unless an earlier layer does."""
         at = self.at
-        fits, fused = self._is_steady and self._reshaped == tuple(map(SHAPE, at.blobs)), is_fused(at.layer)
+        fits, fused = (
+            self._is_steady and self._reshaped == tuple(map(SHAPE, at.blobs)),
+            is_fused(at.layer),
+        )
         if not (fits and fused):
             with at.errors:
                 if not fits:
@@ -166,7 +177,9 @@ class SlicedStep(Step):
         self._has_run = False  # whether the slices have the state of a complete forward pass
         self.last = LastPass(run) if self._is_recorded() else None
         read, self._outputs = run.read(), run.written()
-        down = {b for at in run.connections for b, wanted in zip(at.bottom, at.propagate_down) if wanted}
+        down = {
+            b for at in run.connections for b, wanted in zip(at.bottom, at.propagate_down) if wanted
+        }
         self._outside = [*read, *self._outputs]
         self._gradients = [b for b in read if b in down] + self._outputs  # whose diff is used
         self._user = {b: at for at in reversed(run.connections) for b in at.blobs}
@@ -183,7 +196,9 @@ class SlicedStep(Step):
     def pieces(self) -> list[list[Connection]]:
         """The layers of every slice in execution order."""
         self._reshape()
-        return [piece.connections for lane in self._lanes for piece in lane] or [[step.at] for step in self._whole]
+        return [piece.connections for lane in self._lanes for piece in lane] or [
+            [step.at] for step in self._whole
+        ]
 
     def forward(self) -> None:
         """Run the layers forwards on all slices."""
@@ -255,7 +270,10 @@ class SlicedStep(Step):
     def _written(self, blob: Blob) -> NetlibError:
         """The error for an input that a caller has written between forward and backward."""
         at = next(at for at in self.connections if blob in at.bottom)
-        name, first = at.layer.spec.bottom[at.bottom.index(blob)], self.connections[0].layer.spec.top[0]
+        name, first = (
+            at.layer.spec.bottom[at.bottom.index(blob)],
+            self.connections[0].layer.spec.top[0],
+        )
         return NetlibError(
             f"blob {name!r} was written between forward and backward, which would give the gradient of no pass: run "
             f"forward again, or read a blob such as {first!r} before, so that the net stores all blobs"
@@ -281,7 +299,9 @@ class SlicedStep(Step):
             return
         items = self.at.bottom[0].shape[0]
         each = max(items, 1)
-        largest = max(b.count * b.dtype.itemsize // each for at in self.run.connections for b in at.top)
+        largest = max(
+            b.count * b.dtype.itemsize // each for at in self.run.connections for b in at.top
+        )
         number = _slice_count(items, largest, sum(_cost(at) for at in self.run.connections) // each)
         param_bytes = sum(p.bytes for at in self.run.connections for p in at.layer.blobs)
         count = min(LANES, max(LANE_BYTES // max(param_bytes, 1), MIN_LANES))
@@ -313,7 +333,9 @@ class SlicedStep(Step):
         def on_slice(whole: Blob) -> Blob:
             if whole not in blobs:
                 source = self._sources.get(whole)
-                blobs[whole] = on_slice(source) if source is not None else self._slice_blob(whole, rows)
+                blobs[whole] = (
+                    on_slice(source) if source is not None else self._slice_blob(whole, rows)
+                )
             return blobs[whole]
 
         connections = []
@@ -331,7 +353,9 @@ class SlicedStep(Step):
         for at in self.run.order:
             if at.layer.type == "Split" and self._users[at.bottom[0]][-1].at is at:
                 uses = [use for top in at.top for use in self._users[top]]
-                if all(top in self._secret for top in at.top) and sum(use.writes for use in uses) == len(at.top):
+                if all(top in self._secret for top in at.top) and sum(
+                    use.writes for use in uses
+                ) == len(at.top):
                     sources |= dict.fromkeys(at.top, at.bottom[0])
         return sources
 
@@ -342,7 +366,9 @@ class SlicedStep(Step):
         blob = Hidden(shape, whole.dtype, self._buffers, id(whole), whole in self._kept)
         blob.tile = self.run.tiles.get(whole)
         uses = self._users[whole]
-        blob.may_be_sparse = blob.tile is not None and len(uses) == 2 and all(map(_can_be_sparse, uses))
+        blob.may_be_sparse = (
+            blob.tile is not None and len(uses) == 2 and all(map(_can_be_sparse, uses))
+        )
         return blob
 
 
@@ -359,7 +385,12 @@ def _slice_count(items: int, item_bytes: int, item_cost: int) -> int:
     count = -(-items // max(1, min(MAX_SLICE, SLICE_BYTES // max(item_bytes, 1))))
     size = -(-items // _even(count))
     for wanted, cost, images in SPLITS:
-        while size > 1 and size * wanted > items and size // 2 >= images and size // 2 * item_cost >= cost:
+        while (
+            size > 1
+            and size * wanted > items
+            and size // 2 >= images
+            and size // 2 * item_cost >= cost
+        ):
             size //= 2
     return _even(-(-items // size)) if size else 0
 
@@ -370,7 +401,9 @@ def _even(count: int) -> int:
 
 def _nearly_equal(items: int, count: int) -> list[slice]:
     """Divide the items into slices, the larger ones first, so that two threads end at the same time."""
-    ends = np.cumsum([items // count + (i < items % count) for i in range(min(count, items))]).tolist()
+    ends = np.cumsum(
+        [items // count + (i < items % count) for i in range(min(count, items))]
+    ).tolist()
     return [slice(start, end) for start, end in zip([0, *ends], ends)]
 
 

@@ -40,8 +40,13 @@ class LayerTraits:
 
 
 def _relu(layer: Any) -> LayerTraits:
-    return LayerTraits(batchwise=True, elementwise=True, monotone=layer.param.negative_slope == 0, reads_top=False,
-                       keeps=False)
+    return LayerTraits(
+        batchwise=True,
+        elementwise=True,
+        monotone=layer.param.negative_slope == 0,
+        reads_top=False,
+        keeps=False,
+    )
 
 
 def _power(layer: Any) -> LayerTraits:
@@ -62,10 +67,14 @@ def _interp(layer: Any) -> LayerTraits:
 
 
 def _pooling(layer: Any) -> LayerTraits:
-    full = all(stride <= kernel for stride, kernel in zip(layer.stride, layer.kernel))  # no empty windows
+    # no empty windows
+    full = all(stride <= kernel for stride, kernel in zip(layer.stride, layer.kernel))
     alone = len(layer.spec.top) == 1  # a mask depends on a layer in place that would be moved
     return LayerTraits(
-        batchwise=True, takes_maximum=layer.is_max and full and alone, reads_bottom=False, reads_top=False
+        batchwise=True,
+        takes_maximum=layer.is_max and full and alone,
+        reads_bottom=False,
+        reads_top=False,
     )
 
 
@@ -75,7 +84,8 @@ def _axis(layer: Layer) -> int:
 
 
 def _scale(layer: Any) -> LayerTraits:
-    own = layer.learned and (_axis(layer) > 0 or layer.gain.shape == ())  # a second bottom may have no items
+    # a second bottom may have no items
+    own = layer.learned and (_axis(layer) > 0 or layer.gain.shape == ())
     return LayerTraits(batchwise=own, reads_top=False)
 
 
@@ -135,7 +145,9 @@ TABLE: dict[str, LayerTraits | Callable[..., LayerTraits]] = {
     "common.dropout.Dropout": _dropout,
     "common.eltwise.Eltwise": _eltwise,
     "common.permute.Permute": _permute,
-    "common.shuffle_channel.ShuffleChannel": LayerTraits(batchwise=True, reads_bottom=False, reads_top=False),
+    "common.shuffle_channel.ShuffleChannel": LayerTraits(
+        batchwise=True, reads_bottom=False, reads_top=False
+    ),
     "common.softmax.Softmax": _softmax,
     "common.split.Split": LayerTraits(
         batchwise=True, elementwise=True, reads_bottom=False, reads_top=False, keeps=False
@@ -147,7 +159,9 @@ TABLE: dict[str, LayerTraits | Callable[..., LayerTraits]] = {
     "vision.deconvolution.Deconvolution": _convolution,
     "vision.im2col.Im2col": _im2col,
     "vision.interp.Interp": _interp,
-    "vision.nearest_upsample.NearestUpsample": LayerTraits(batchwise=True, reads_bottom=False, reads_top=False),
+    "vision.nearest_upsample.NearestUpsample": LayerTraits(
+        batchwise=True, reads_bottom=False, reads_top=False
+    ),
     "vision.pooling.Pooling": _pooling,
     "vision.upsample.Upsample": LayerTraits(batchwise=True, reads_top=False),
 }
@@ -164,5 +178,9 @@ def traits_of(layer: Layer) -> LayerTraits:
 def _traits_of_type(cls: type) -> LayerTraits | Callable[..., LayerTraits]:
     """The entry of the table for a layer's class."""
     lineage = cls.__mro__ if issubclass(cls, FastLayer) else [cls]  # a user's subclass may differ
-    places = (place for one in lineage if (place := place_of(one)) in TABLE and class_at(PACKAGE, place) is one)
+    places = (
+        place
+        for one in lineage
+        if (place := place_of(one)) in TABLE and class_at(PACKAGE, place) is one
+    )
     return TABLE.get(next(places, ""), LayerTraits())

@@ -26,7 +26,16 @@ import numpy as np
 
 from fast import parallel
 from fast.fusing import After
-from fast.geometry import MAX_EXCESS, Algorithm, Geometry, Sizes, Sum, check_finite, check_spread, image_blocks
+from fast.geometry import (
+    MAX_EXCESS,
+    Algorithm,
+    Geometry,
+    Sizes,
+    Sum,
+    check_finite,
+    check_spread,
+    image_blocks,
+)
 from fast.parallel import scratch
 from fast.row_winograd import TILE, input_matrix, items, kernel_matrix, output_matrix, transform
 from netlib.blob import Array
@@ -38,7 +47,8 @@ MIN_PART = 64  # tiles of a thread
 FEW_TILES = 256  # of a batch, up to which transforming the weights takes a large part of the time
 WEIGHT_BYTES = 5 << 19  # of the transformed weights of a block of outputs
 MIN_OUTPUTS = 32  # of such a block
-MIN_COST = 100_000_000  # multiplications of the products, from which several threads save more than their calls take
+# multiplications of the products, from which several threads save more than their calls take
+MIN_COST = 100_000_000
 KERNEL = 3
 SIDE = TILE + KERNEL - 1  # of the inputs of a tile
 
@@ -59,7 +69,10 @@ class Winograd(Algorithm):
             return False
         if s.geometry.group > 1 or s.excess > MAX_EXCESS:
             return False
-        tiles, channels = [-(-n // TILE) for n in s.windows], s.inputs * s.outputs / (s.inputs + s.outputs)
+        tiles, channels = (
+            [-(-n // TILE) for n in s.windows],
+            s.inputs * s.outputs / (s.inputs + s.outputs),
+        )
         if sum_ == "gradient":
             return s.images * math.prod(tiles) >= 96 and channels >= 12
         waste = math.prod(count * TILE / n for count, n in zip(tiles, s.windows))
@@ -75,7 +88,9 @@ class Winograd(Algorithm):
         def job(part: Part) -> None:
             images, rows = part
             V = _inputs(g, x[images], rows, y.shape[2:]).reshape(SIDE * SIDE, x.shape[1], -1)
-            _correlate(weights, V, x[images], after, y[images, :, TILE * rows.start : TILE * rows.stop])
+            _correlate(
+                weights, V, x[images], after, y[images, :, TILE * rows.start : TILE * rows.stop]
+            )
 
         parallel.run([partial(job, part) for part in _blocks(x, y)])
 
@@ -134,11 +149,15 @@ def _correlate_few(g: Geometry, x: Array, w: Array, after: After, y: Array) -> N
 
 def _weights(w: Array, out: Array) -> Array:
     """Write G w Gᵀ of w (O, C, 3, 3) to out (36, O, C)."""
-    np.matmul(_gg().astype(w.dtype), w.reshape(-1, KERNEL * KERNEL).T, out=out.reshape(SIDE * SIDE, -1))
+    np.matmul(
+        _gg().astype(w.dtype), w.reshape(-1, KERNEL * KERNEL).T, out=out.reshape(SIDE * SIDE, -1)
+    )
     return out
 
 
-def _inputs(g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...], V: Array | None = None) -> Array:
+def _inputs(
+    g: Geometry, x: Array, rows: slice, outputs: tuple[int, ...], V: Array | None = None
+) -> Array:
     """Bᵀ d B of the tiles of these rows, V (6, 6 C n, tiles of an image), from x (n, C, H, W).
 
     The rows of d are transformed by one product with all tiles, for which each tile is copied with the one to the right
@@ -198,7 +217,9 @@ def _place(x: Array, top: int, left: int, out: Array) -> None:
         inner = target[:, :, first:end]
         inner[..., :start] = inner[..., stop:] = 0
         row = TILE * first + phase - top
-        inner[..., start:stop] = x[:, :, row : row + TILE * (end - first) : TILE, start - left : stop - left]
+        inner[..., start:stop] = x[
+            :, :, row : row + TILE * (end - first) : TILE, start - left : stop - left
+        ]
 
 
 def _correlate(weights: Array, V: Array, x: Array, after: After, y: Array) -> None:

@@ -20,16 +20,33 @@ import handpose
 
 PROGRAM = "handpose"
 BASE = Path(__file__).resolve().parents[1]
-INSTALLED = BASE / "netlib" / "share" / "tools"  # netlib/files/paths.py, which is not imported before a tool starts
+# netlib/files/paths.py, which is not imported before a tool starts
+INSTALLED = BASE / "netlib" / "share" / "tools"
 TOOLS = INSTALLED if INSTALLED.is_dir() else BASE / "tools"
 
 # The groups in which ``handpose`` lists its commands.
 GROUPS = {
     "Hands in depth images": ("demo", "predict", "track"),
-    "Recordings and data": ("record", "make-recording", "make-synthetic", "show-data", "prepare-nyu", "prepare-icvl"),
+    "Recordings and data": (
+        "record",
+        "make-recording",
+        "make-synthetic",
+        "show-data",
+        "prepare-nyu",
+        "prepare-icvl",
+    ),
     "Hand models and scores": ("fit-pose", "evaluate", "score"),
     "Nets": (
-        "train", "test", "finetune", "deploy", "run-net", "test-net", "plot-log", "time", "draw-net", "export-onnx",
+        "train",
+        "test",
+        "finetune",
+        "deploy",
+        "run-net",
+        "test-net",
+        "plot-log",
+        "time",
+        "draw-net",
+        "export-onnx",
     ),
     "Caffe's commands": ("caffe", "compute-image-mean", "upgrade-net"),
     "Learning": ("docs", "exercise"),
@@ -73,7 +90,11 @@ EXAMPLES = {
 def main() -> None:
     """Run the tool that the command line names, in this process, as if Python ran its file."""
     known = commands()
-    _run_command(PROGRAM, {title: {name: known[name] for name in names} for title, names in GROUPS.items()}, known)
+    _run_command(
+        PROGRAM,
+        {title: {name: known[name] for name in names} for title, names in GROUPS.items()},
+        known,
+    )
 
 
 def netlib() -> None:
@@ -94,8 +115,11 @@ def _run_command(program: str, groups: dict[str, dict[str, Path]], known: dict[s
     if name not in known:
         from netlib.errors import did_you_mean
 
-        print(f"{program}: error: unknown command {words[0]!r}{did_you_mean(name, known)}; "
-              f"'{program} --help' lists them", file=sys.stderr)
+        print(
+            f"{program}: error: unknown command {words[0]!r}{did_you_mean(name, known)}; "
+            f"'{program} --help' lists them",
+            file=sys.stderr,
+        )
         sys.exit(2)
     sys.argv = [f"{program} {name}", *words[1:]]
     _run(known[name])
@@ -103,14 +127,22 @@ def _run_command(program: str, groups: dict[str, dict[str, Path]], known: dict[s
 
 def commands() -> dict[str, Path]:
     """The file of each sub-command of ``handpose`` by its name."""
-    files = {path.stem.replace("_", "-"): path for path in sorted(TOOLS.glob("*.py")) if path.stem != "__init__"}
+    files = {
+        path.stem.replace("_", "-"): path
+        for path in sorted(TOOLS.glob("*.py"))
+        if path.stem != "__init__"
+    }
     return files | {"score": files["test"]}  # `netlib test` is another program: of any net
 
 
 def usage(program: str, groups: dict[str, dict[str, Path]]) -> str:
     """The commands by group, each with the first sentence of its docstring."""
-    lines = [f"usage: {program} COMMAND ...", "", f"'{program} COMMAND --help' describes a command, "
-             f"'{program} docs' lists the pages of the documentation."]
+    lines = [
+        f"usage: {program} COMMAND ...",
+        "",
+        f"'{program} COMMAND --help' describes a command, "
+        f"'{program} docs' lists the pages of the documentation.",
+    ]
     width = max(len(name) for listed in groups.values() for name in listed)
     for title, listed in groups.items():
         lines += ["", f"{title}:"]
@@ -124,12 +156,15 @@ def usage(program: str, groups: dict[str, dict[str, Path]]) -> str:
 def summary_of(path: Path) -> str:
     """The first sentence of a file's docstring, or its first paragraph."""
     doc = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
-    return re.split(r"(?<=[.?]) (?=[A-Z])", " ".join(doc.partition("\n\n")[0].split()), maxsplit=1)[0]
+    return re.split(r"(?<=[.?]) (?=[A-Z])", " ".join(doc.partition("\n\n")[0].split()), maxsplit=1)[
+        0
+    ]
 
 
 def _run(path: Path) -> None:
     """Run a file as the main module. ``runpy`` would put the file's name in the place of the command's."""
-    sys.path.insert(0, str(path.parent.parent))  # tools/, exercises/ and export/ are not installed as packages
+    # tools/, exercises/ and export/ are not installed as packages
+    sys.path.insert(0, str(path.parent.parent))
     module = ModuleType("__main__")
     module.__file__ = str(path)
     sys.modules["__main__"] = module

@@ -23,14 +23,17 @@ LAYER_TYPES = LayerTable(
         "Concat": "common.concat.Concat",
         "ContrastiveLoss": "loss.contrastive_loss.ContrastiveLoss",
         "Convolution": "vision.convolution.Convolution",
-        "ConvolutionDepthwise": "vision.depthwise_convolution.ConvolutionDepthwise",  # from MobileNet's forks
+        # from MobileNet's forks
+        "ConvolutionDepthwise": "vision.depthwise_convolution.ConvolutionDepthwise",
         "Crop": "vision.crop.Crop",
         "Data": "data.data.Data",
         "Deconvolution": "vision.deconvolution.Deconvolution",
         "DeepHandModel": "hand.hand_model.HandModel",  # name in the released system
-        "DeepHandModelDofConstraintLoss": "hand.phys_limit.ReleasedPhysLimit",  # name in the released system
+        # name in the released system
+        "DeepHandModelDofConstraintLoss": "hand.phys_limit.ReleasedPhysLimit",
         "DetectionOutput": "detection.detection_output.DetectionOutput",  # from SSD
-        "DepthwiseConvolution": "vision.depthwise_convolution.DepthwiseConvolution",  # from MobileNet's forks
+        # from MobileNet's forks
+        "DepthwiseConvolution": "vision.depthwise_convolution.DepthwiseConvolution",
         "Dropout": "common.dropout.Dropout",
         "DummyData": "data.dummy_data.DummyData",
         "ELU": "activation.elu.ELU",

@@ -18,7 +18,8 @@ BLAS_NOTE: str = (
     if (ROOT / "fast").is_dir()
     else "BLAS: as NumPy sets it up"
 )
-os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(1 << 28))  # OpenCV reads this once, when it is imported
+# OpenCV reads this once, when it is imported
+os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(1 << 28))
 
 from netlib import engine  # noqa: E402
 from netlib.blob import Blob, Blobs  # noqa: E402
@@ -42,9 +43,29 @@ if TYPE_CHECKING:
     from netlib.solver import get_solver as get_solver
 
 __all__ = [
-    "BLAS_NOTE", "TEST", "TRAIN", "Blob", "Blobs", "DataError", "DivergenceError", "Layer", "LayerError", "Net",
-    "NetlibError", "PrototxtError", "Solver", "WeightsError", "get_solver", "gradcheck", "install_as_caffe",
-    "layer_type_list", "set_mode_cpu", "set_mode_gpu", "set_random_seed", "set_threads", "threads",
+    "BLAS_NOTE",
+    "TEST",
+    "TRAIN",
+    "Blob",
+    "Blobs",
+    "DataError",
+    "DivergenceError",
+    "Layer",
+    "LayerError",
+    "Net",
+    "NetlibError",
+    "PrototxtError",
+    "Solver",
+    "WeightsError",
+    "get_solver",
+    "gradcheck",
+    "install_as_caffe",
+    "layer_type_list",
+    "set_mode_cpu",
+    "set_mode_gpu",
+    "set_random_seed",
+    "set_threads",
+    "threads",
 ]
 
 

@@ -124,14 +124,21 @@ class Blob:
         if shape != self.shape:
             self._checked(shape)
             kept = self._memory.arrays if math.prod(shape) == self.count else {}
-            self._memory = Memory(shape, {half: array.reshape(shape) for half, array in kept.items()})
+            self._memory = Memory(
+                shape, {half: array.reshape(shape) for half, array in kept.items()}
+            )
 
     def _checked(self, shape: tuple[int, ...]) -> tuple[int, ...]:
         """Return ``shape``. Raises ValueError or OutOfMemoryError if no array can have it."""
         if min(shape, default=0) < 0 or len(shape) > MAX_AXES:
             raise ValueError(f"a blob cannot have the shape {shape}")
-        if max(math.prod(n for n in shape if n), max(shape, default=0)) * self.dtype.itemsize >= 2**63:
-            raise OutOfMemoryError(f"a blob cannot have the shape {shape}: no computer has so much memory")
+        if (
+            max(math.prod(n for n in shape if n), max(shape, default=0)) * self.dtype.itemsize
+            >= 2**63
+        ):
+            raise OutOfMemoryError(
+                f"a blob cannot have the shape {shape}: no computer has so much memory"
+            )
         return shape
 
     def share(self, owner: Blob) -> None:
@@ -214,7 +221,9 @@ class Blobs(list[Blob]):
     def add_blob(self, *shape: int) -> Blob:
         """Append a blob of zeros and return it. Raises OutOfMemoryError if it does not fit in memory."""
         blob = Blob(shape, self.dtype)
-        memory.check(blob.bytes + sum(other.bytes for other in self) + self.bytes_before, "of parameters")
+        memory.check(
+            blob.bytes + sum(other.bytes for other in self) + self.bytes_before, "of parameters"
+        )
         self.append(blob)
         return blob
 
@@ -225,5 +234,7 @@ class BlobVec(Blobs):
     def __setitem__(self, index: Any, blob: Any) -> None:
         own = self[index]  # layers keep it
         if (own.count, own.dtype) != (blob.count, blob.dtype):
-            raise ValueError(f"{blob} cannot take the place of {own}: expected as many values of the same type")
+            raise ValueError(
+                f"{blob} cannot take the place of {own}: expected as many values of the same type"
+            )
         own.share(blob)

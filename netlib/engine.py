@@ -31,7 +31,8 @@ from netlib.system.memory import OutOfMemoryError
 
 T = TypeVar("T")
 NAMES = ("fast", "plain")
-UNWRITTEN = 1.2345678e-38  # a normal float32: adding to it, or multiplying it, gives in effect what 0 gives
+# a normal float32: adding to it, or multiplying it, gives in effect what 0 gives
+UNWRITTEN = 1.2345678e-38
 Missing = Mapping[Blob, frozenset[str]]  # "data", "diff" or both of blobs
 
 
@@ -125,8 +126,11 @@ def _all_written(at: Connection) -> Iterator[None]:
     """Context manager around a layer's backward: set what it leaves unwritten of the diffs of its bottoms to 0, as in
     Caffe, with a warning.
     """
-    bottoms = [(name, blob) for name, blob, down in zip(at.layer.spec.bottom, at.bottom, at.propagate_down)
-               if down and blob.count and blob not in at.top]
+    bottoms = [
+        (name, blob)
+        for name, blob, down in zip(at.layer.spec.bottom, at.bottom, at.propagate_down)
+        if down and blob.count and blob not in at.top
+    ]
     for _, blob in bottoms:
         blob.diff.fill(UNWRITTEN)
     yield
@@ -134,9 +138,16 @@ def _all_written(at: Connection) -> Iterator[None]:
         unwritten = blob.diff == np.asarray(UNWRITTEN, blob.dtype)
         if unwritten.any():
             blob.diff[unwritten] = 0
-            part = "the diff" if unwritten.all() else f"{unwritten.sum()} of {blob.count} values of the diff"
-            warn(at.layer, f"backward of {type(at.layer).__name__} does not write {part} of bottom {name!r}; "
-                           "what is not written is 0, as in Caffe: write every element, or set propagate_down: false")
+            part = (
+                "the diff"
+                if unwritten.all()
+                else f"{unwritten.sum()} of {blob.count} values of the diff"
+            )
+            warn(
+                at.layer,
+                f"backward of {type(at.layer).__name__} does not write {part} of bottom {name!r}; "
+                "what is not written is 0, as in Caffe: write every element, or set propagate_down: false",
+            )
 
 
 class Engine:
@@ -144,7 +155,9 @@ class Engine:
 
     name = "plain"
 
-    def steps(self, connections: Sequence[Connection], outside: Iterable[Blob], old: Sequence[Step]) -> Sequence[Step]:
+    def steps(
+        self, connections: Sequence[Connection], outside: Iterable[Blob], old: Sequence[Step]
+    ) -> Sequence[Step]:
         """The steps of a net, forwards; those of ``old`` that still fit are used again.
 
         ``outside`` are the blobs that a caller reads or writes: inputs, outputs, losses. They are always stored.
@@ -201,7 +214,9 @@ def get(name: str | None = None, default: str | None = None) -> Engine:
 
     Raises NetlibError.
     """
-    return _engine(name or os.environ.get("NETLIB_ENGINE") or default or ("fast" if has_fast() else "plain"))
+    return _engine(
+        name or os.environ.get("NETLIB_ENGINE") or default or ("fast" if has_fast() else "plain")
+    )
 
 
 def for_each(items: Iterable[T], job: Callable[[T], None]) -> None:
@@ -214,9 +229,13 @@ def _engine(name: str) -> Engine:
     if name == "plain":
         return Engine()
     if name != "fast":
-        raise NetlibError(f"unknown engine {name!r}{did_you_mean(name, NAMES)}; known: {', '.join(NAMES)}")
+        raise NetlibError(
+            f"unknown engine {name!r}{did_you_mean(name, NAMES)}; known: {', '.join(NAMES)}"
+        )
     if not has_fast():
-        raise NetlibError("the engine 'fast' needs the folder fast/, which is missing; use the engine 'plain'")
+        raise NetlibError(
+            "the engine 'fast' needs the folder fast/, which is missing; use the engine 'plain'"
+        )
     own_module("layers")  # from which fast/ imports
     fast: Engine = own_module("fast.engine").FastEngine()
     return fast
@@ -232,6 +251,9 @@ def check_memory(steps: Sequence[Step]) -> None:
     writers = {top: at.layer for at in connections for top in at.top if top not in unstored}
     params = {blob for at in connections for blob in at.layer.blobs}
     try:
-        memory.check(sum(blob.bytes for blob in [*params, *writers] if blob.owns_memory), "for all blobs of the net")
+        memory.check(
+            sum(blob.bytes for blob in [*params, *writers] if blob.owns_memory),
+            "for all blobs of the net",
+        )
     except OutOfMemoryError as error:
         raise lacking(writers[max(writers, key=lambda top: top.bytes)], "forward", error) from error

@@ -64,13 +64,24 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     stems = [other.removesuffix(ending) for other in known if other.endswith(ending)]
     for near in difflib.get_close_matches(stem, stems, n=3, cutoff=0.6):
         begins_alike = near.startswith(stem) or stem.startswith(near)
-        if begins_alike or len(stem) < 4 or difflib.SequenceMatcher(None, stem, near).ratio() >= 0.7:
+        if (
+            begins_alike
+            or len(stem) < 4
+            or difflib.SequenceMatcher(None, stem, near).ratio() >= 0.7
+        ):
             return f" (did you mean {near + ending!r}?)"
     return ""
 
 
 # Reasons why a name leads to no readable file; every other error of a system call concerns the system.
-_OF_THE_FILE = (errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.ELOOP, errno.ENAMETOOLONG, errno.EINVAL)
+_OF_THE_FILE = (
+    errno.ENOENT,
+    errno.ENOTDIR,
+    errno.EISDIR,
+    errno.ELOOP,
+    errno.ENAMETOOLONG,
+    errno.EINVAL,
+)
 _HDF5_ERRNO = re.compile(r"\berrno = (\d+)")
 
 

@@ -30,7 +30,9 @@ def check(shape: tuple[int, ...], filler: Filler) -> None:
     """Raise PrototxtError for an unknown type, or for options that cannot fill an array of this shape."""
     if filler.type not in TYPES:
         advice = did_you_mean(filler.type, TYPES) or f"; known types: {', '.join(TYPES)}"
-        raise PrototxtError(schema.position_of(filler, "type"), f"unknown filler type {filler.type!r}{advice}")
+        raise PrototxtError(
+            schema.position_of(filler, "type"), f"unknown filler type {filler.type!r}{advice}"
+        )
     fault = _fault(shape, filler)
     if fault:
         raise PrototxtError(schema.position_of(filler, "type"), f"filler {filler.type!r}: {fault}")
@@ -75,7 +77,9 @@ def _fault(shape: tuple[int, ...], filler: Filler) -> str:
     if filler.type == "gaussian" and filler.sparse >= 0 and not shape:
         return "sparse needs weights with an output axis, found a single number"
     if filler.type == "uniform" and not -np.inf < filler.min <= filler.max < np.inf:
-        return f"min {filler.min:g} and max {filler.max:g} must be finite, and min must not exceed max"
+        return (
+            f"min {filler.min:g} and max {filler.max:g} must be finite, and min must not exceed max"
+        )
     if filler.type in ("xavier", "msra", "positive_unitball") and (not shape or 0 in shape):
         return f"cannot fill a parameter of shape {shape}"
     if filler.type == "bilinear" and (len(shape) != 4 or shape[2] != shape[3]):
@@ -86,7 +90,9 @@ def _fault(shape: tuple[int, ...], filler: Filler) -> str:
 def _fan(shape: tuple[int, ...], filler: Filler) -> float:
     count = float(np.prod(shape))
     fan_in, fan_out = count / shape[0], count / (shape[1] if len(shape) > 1 else 1)
-    return {"FAN_IN": fan_in, "FAN_OUT": fan_out, "AVERAGE": (fan_in + fan_out) / 2}[filler.variance_norm]
+    return {"FAN_IN": fan_in, "FAN_OUT": fan_out, "AVERAGE": (fan_in + fan_out) / 2}[
+        filler.variance_norm
+    ]
 
 
 def _bilinear(shape: tuple[int, ...]) -> NDArray[np.float64]:

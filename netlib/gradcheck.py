@@ -46,8 +46,10 @@ class Gradient(NamedTuple):
     kind: str  # "bottom" or "parameter"
     number: int
     analytic: Array  # computed by backward
-    differences: Callable[[], Array]  # computes the central differences: two forward passes per value
-    doubt: Callable[[tuple[int, ...]], str]  # why the central difference at a place may be wrong, or an empty string
+    # computes the central differences: two forward passes per value
+    differences: Callable[[], Array]
+    # why the central difference at a place may be wrong, or an empty string
+    doubt: Callable[[tuple[int, ...]], str]
 
 
 class Checked(NamedTuple):
@@ -146,7 +148,9 @@ def gradients(
         return lambda: _differences(array, value)
 
     def doubt(array: Array) -> Callable[[tuple[int, ...]], str]:
-        return lambda place: _doubt(array, place, value, lambda: [y.data.copy() for y in run(arrays)[1]])
+        return lambda place: _doubt(
+            array, place, value, lambda: [y.data.copy() for y in run(arrays)[1]]
+        )
 
     for blob in bottom:
         blob.diff[...] = np.nan
@@ -177,7 +181,10 @@ def _differences(array: Array, value: Callable[[], float]) -> Array:
 
 
 def _doubt(
-    array: Array, place: tuple[int, ...], value: Callable[[], float], tops: Callable[[], list[Array]]
+    array: Array,
+    place: tuple[int, ...],
+    value: Callable[[], float],
+    tops: Callable[[], list[Array]],
 ) -> str:
     """Why the difference at a place may be wrong: tops rounded to float32, or a kink within the step.
 
@@ -201,14 +208,18 @@ def _doubt(
     array[place] = original
     fractions = values[values * COARSE % 1 != 0]  # others are exact in float32, too
     if fractions.size and (fractions == fractions.astype(np.float32)).all():
-        return ("the tops are rounded to float32, which is too coarse for the differences: compute in the dtype of the "
-                "bottoms, float64 here")
+        return (
+            "the tops are rounded to float32, which is too coarse for the differences: compute in the dtype of the "
+            "bottoms, float64 here"
+        )
     (left, right), (near_left, near_right) = sides(STEP), sides(STEP / 10)
     apart, near_apart = abs(right - left), abs(near_right - near_left)
     is_smooth = apart / 20 < near_apart < apart / 5
     if apart > KINK * max(abs(left), abs(right)) and not is_smooth:
-        return (f"the difference to the left is {left:.3g}, to the right {right:.3g}, so there is a kink within "
-                f"{STEP:g} of the value {original:.9g}: move it away from there")
+        return (
+            f"the difference to the left is {left:.3g}, to the right {right:.3g}, so there is a kink within "
+            f"{STEP:g} of the value {original:.9g}: move it away from there"
+        )
     return ""
 
 

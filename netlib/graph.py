@@ -67,7 +67,8 @@ class Graph:
         self._needs: dict[Blob, bool] = {}  # whether a layer towards the data needs its gradient
         specs = insert_splits(param.layer)
         seeds = np.random.SeedSequence(seed).spawn(len(specs))
-        with np.errstate(all="ignore"):  # options can be any numbers; a run reports values that are not finite
+        # options can be any numbers; a run reports values that are not finite
+        with np.errstate(all="ignore"):
             for spec, name, own_seed in zip(specs, distinct([spec.name for spec in specs]), seeds):
                 self._add(spec, name, own_seed)
         self.learnable = self._parameters.learnable
@@ -84,7 +85,9 @@ class Graph:
     def _add(self, spec: LayerParameter, name: str, seed: np.random.SeedSequence) -> None:
         """Create a layer and its tops; its bottoms exist already."""
         rng = np.random.Generator(np.random.SFC64(seed))
-        layer = create.create(spec, spec.phase or self.phase, rng, self.dtype, self.engine.implementation)
+        layer = create.create(
+            spec, spec.phase or self.phase, rng, self.dtype, self.engine.implementation
+        )
         layer.name = name
         _check_counts(layer)
         bottom = self._bottoms(layer)
@@ -102,8 +105,13 @@ class Graph:
         if layer.blobs:
             self.params[name] = layer.blobs
         if layer.blobs and name != spec.name:
-            log.warning("%s: a second layer is called %r; its parameters are those of %r here, in Caffe those "
-                        "of the first are loaded twice", schema.position_of(spec), spec.name, name)
+            log.warning(
+                "%s: a second layer is called %r; its parameters are those of %r here, in Caffe those "
+                "of the first are loaded twice",
+                schema.position_of(spec),
+                spec.name,
+                name,
+            )
         self.layer_hook.after_setup(layer, seed)
 
     def _connect(self, layer: Layer, bottom: Blobs, top: Blobs) -> None:
@@ -121,8 +129,10 @@ class Graph:
             if name not in self.blobs:
                 known = f"; known here: {', '.join(self.blobs)}" if self.blobs else ""
                 where = schema.position_of(layer.spec, "bottom", index)
-                raise LayerError(f"{where}: error: layer {layer.name!r}: unknown bottom blob {name!r}"
-                                 f"{did_you_mean(name, self.blobs) or known}")
+                raise LayerError(
+                    f"{where}: error: layer {layer.name!r}: unknown bottom blob {name!r}"
+                    f"{did_you_mean(name, self.blobs) or known}"
+                )
             self._unread.pop(name, None)
         return Blobs(self.blobs[name] for name in layer.spec.bottom)
 
@@ -155,7 +165,9 @@ class Graph:
         for i, blob in enumerate(top):
             weight = weights[i] if weights else (layer.loss_weight if i == 0 else 0.0)
             if weight:
-                self.losses.append((blob, weight, layer.spec.top[i] if i < len(layer.spec.top) else AUTOMATIC))
+                self.losses.append(
+                    (blob, weight, layer.spec.top[i] if i < len(layer.spec.top) else AUTOMATIC)
+                )
 
     # ------------------------------------------------------------------------------------------ gradients
 
@@ -179,7 +191,8 @@ class Graph:
             for at in self.connections:
                 at.needs_backward = True
                 at.propagate_down = [
-                    down or at.layer.allow_force_backward(i) for i, down in enumerate(at.propagate_down)
+                    down or at.layer.allow_force_backward(i)
+                    for i, down in enumerate(at.propagate_down)
                 ]
 
     def _note_overwritten_tops(self) -> None:
@@ -194,9 +207,16 @@ class Graph:
                 elif signs and not at.layer.keeps_signs:
                     needs = "of which", "needs the signs: where they change it"
                 if below is not None and below.needs_backward and needs[0]:
-                    log.warning("%s: layer %r overwrites blob %r, %s the gradient of layer %r %s will be wrong, as in "
-                                "Caffe; give the top another name", schema.position_of(at.layer.spec), at.layer.name,
-                                name, needs[0], below.layer.name, needs[1])
+                    log.warning(
+                        "%s: layer %r overwrites blob %r, %s the gradient of layer %r %s will be wrong, as in "
+                        "Caffe; give the top another name",
+                        schema.position_of(at.layer.spec),
+                        at.layer.name,
+                        name,
+                        needs[0],
+                        below.layer.name,
+                        needs[1],
+                    )
                 if not signs or not at.layer.keeps_signs:
                     writers[blob] = at
 
@@ -222,8 +242,16 @@ def _check_counts(layer: Layer) -> None:
     ):
         given = len(names) + (_automatic_tops(layer) if what == "top" else 0)
         if given < least or (most is not None and len(names) > most):
-            wanted = f"{least}" if most == least else f"at least {least}" if most is None else f"{least} to {most}"
+            wanted = (
+                f"{least}"
+                if most == least
+                else f"at least {least}"
+                if most is None
+                else f"{least} to {most}"
+            )
             raise layer.fail(f"has {len(names)} {what}s, {layer.type} takes {wanted}")
     if not layer.in_place:
         for name in set(layer.spec.bottom) & set(layer.spec.top):
-            raise layer.fail(f"{layer.type} cannot run in place, but {name!r} is both bottom and top")
+            raise layer.fail(
+                f"{layer.type} cannot run in place, but {name!r} is both bottom and top"
+            )

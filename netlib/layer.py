@@ -48,22 +48,34 @@ class Layer:
     """
 
     param_type: ClassVar[type] = NoParameter  # dataclass of the options
-    param_name: ClassVar[str] = ""  # name of their block; by default the type in snake case, ``inner_product_param``
-    other_blocks: ClassVar[Mapping[str, type]] = {}  # blocks that several types read, ``loss_param``
-    rejected_blocks: ClassVar[Mapping[str, str]] = {}  # blocks of other types that are an error here, and why
-    bottoms: ClassVar[tuple[int, int | None]] = (0, None)  # minimum and maximum number of bottoms; None: no maximum
+    # name of their block; by default the type in snake case, ``inner_product_param``
+    param_name: ClassVar[str] = ""
+    # blocks that several types read, ``loss_param``
+    other_blocks: ClassVar[Mapping[str, type]] = {}
+    # blocks of other types that are an error here, and why
+    rejected_blocks: ClassVar[Mapping[str, str]] = {}
+    # minimum and maximum number of bottoms; None: no maximum
+    bottoms: ClassVar[tuple[int, int | None]] = (0, None)
     tops: ClassVar[tuple[int, int | None]] = (0, None)
     in_place: ClassVar[bool] = True  # whether a top may be the same blob as its bottom
-    reads_top: bool = False  # backward reads the data of the tops, so no layer in place may overwrite them
+    # backward reads the data of the tops, so no layer in place may overwrite them
+    reads_top: bool = False
     reads_signs: bool = False  # backward reads which values of the tops are positive
-    keeps_signs: ClassVar[bool] = False  # where a gradient flows, a value is positive after the layer iff it was before
+    # where a gradient flows, a value is positive after the layer iff it was before
+    keeps_signs: ClassVar[bool] = False
     loss_weight: ClassVar[float] = 0.0  # default loss weight of the first top
     is_input: ClassVar[bool] = False  # the caller writes the tops
-    has_gradient: ClassVar[bool] = True  # False: backward is an error, and force_backward does not ask for it
+    # False: backward is an error, and force_backward does not ask for it
+    has_gradient: ClassVar[bool] = True
     moving: ClassVar[bool] = False  # forward updates the parameters, which are moving averages
 
-    def __init__(self, spec: LayerParameter, phase: Phase | None = None, rng: np.random.Generator | None = None,
-                 dtype: DTypeLike = np.float32) -> None:
+    def __init__(
+        self,
+        spec: LayerParameter,
+        phase: Phase | None = None,
+        rng: np.random.Generator | None = None,
+        dtype: DTypeLike = np.float32,
+    ) -> None:
         """A Python layer's own ``__init__`` passes on the first argument alone, when all is set (create.py)."""
         if phase is None or rng is None:
             return
@@ -92,7 +104,9 @@ class Layer:
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         """Write the diffs of the bottoms and add to the diffs of the parameters."""
         if not self.has_gradient and any(propagate_down):
-            raise self.fail("has no gradient; set propagate_down: false, or remove it from the training net")
+            raise self.fail(
+                "has no gradient; set propagate_down: false, or remove it from the training net"
+            )
         check_backward(self, propagate_down)
 
     def allow_force_backward(self, bottom_index: int) -> bool:
@@ -118,7 +132,8 @@ class Layer:
 
     def read_block(self, name: str, kind: type) -> Any:
         """Read an options block into its dataclass; if absent, all defaults. Raises PrototxtError."""
-        nothing = Message([], schema.position_of(self.spec))  # a missing required option is reported at the layer
+        # a missing required option is reported at the layer
+        nothing = Message([], schema.position_of(self.spec))
         return schema.read(self.spec.blocks.get(name, nothing), kind, name)
 
     def fail(self, message: str, field: str | None = None, at: Place | None = None) -> LayerError:
@@ -133,7 +148,9 @@ class Layer:
         """Return ``axis`` as a non-negative index; negative axes count from the end. Raises LayerError."""
         n = len(blob.shape)
         if not -n <= axis < n:
-            raise self.fail(f"{what} {axis} is out of range for a blob of {n} axes {blob.shape}", what)
+            raise self.fail(
+                f"{what} {axis} is out of range for a blob of {n} axes {blob.shape}", what
+            )
         return axis % n
 
 
@@ -153,10 +170,18 @@ def check_backward(layer: Layer, propagate_down: Sequence[bool]) -> None:
     if is_defined or not layer.has_gradient or not (any(propagate_down) or layer.blobs):
         return
     cls = type(layer)
-    near = difflib.get_close_matches("backward", [name for name in dir(cls) if not hasattr(Layer, name)], n=1)
-    advice = f"rename its method {near[0]!r}" if near else "define it, or set propagate_down: false for each bottom"
-    raise layer.fail(f"class {cls.__module__}.{cls.__qualname__} defines no backward, so nothing before this layer "
-                     f"would be trained, and none of its own parameters; {advice}")
+    near = difflib.get_close_matches(
+        "backward", [name for name in dir(cls) if not hasattr(Layer, name)], n=1
+    )
+    advice = (
+        f"rename its method {near[0]!r}"
+        if near
+        else "define it, or set propagate_down: false for each bottom"
+    )
+    raise layer.fail(
+        f"class {cls.__module__}.{cls.__qualname__} defines no backward, so nothing before this layer "
+        f"would be trained, and none of its own parameters; {advice}"
+    )
 
 
 def warn(layer: Layer, message: str, at: Place | None = None) -> None:
@@ -170,4 +195,8 @@ def warn_of_ignored(layer: Layer, *names: str, block: str = "", advice: str = ""
     tree = layer.spec.blocks.get(block)
     for item in tree.fields if tree else []:
         if item.name in names:
-            warn(layer, f"{layer.type} ignores {item.name} in {block}, as Caffe does{advice}", item.position)
+            warn(
+                layer,
+                f"{layer.type} ignores {item.name} in {block}, as Caffe does{advice}",
+                item.position,
+            )

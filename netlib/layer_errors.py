@@ -14,7 +14,8 @@ from netlib.system import memory
 from netlib.system.memory import OutOfMemoryError
 
 ADVICE = "; use a smaller batch or layer"
-LIBRARIES = ("<", *(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")))  # not the user's files
+# not the user's files
+LIBRARIES = ("<", *(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")))
 
 
 class LayerErrors(AbstractContextManager[None]):
@@ -26,7 +27,10 @@ class LayerErrors(AbstractContextManager[None]):
         self.layer, self.bottom = layer, bottom
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         if error is None or trace is None or not isinstance(error, Exception):
             return
@@ -36,11 +40,14 @@ class LayerErrors(AbstractContextManager[None]):
         if memory.is_lacking(error):
             raise lacking(self.layer, method, error) from error
         for name, blob in zip(self.layer.spec.bottom, self.bottom):
-            if not blob.count and self.layer.type != "Python":  # the author of a Python layer needs its own error
+            # the author of a Python layer needs its own error
+            if not blob.count and self.layer.type != "Python":
                 raise self.layer.fail(
                     f"bottom {name!r} {blob.shape} is empty; {self.layer.type} expects values"
                 ) from error
-        raise self.layer.fail(f"{method} failed: {type(error).__name__}: {error}{_place(trace)}") from error
+        raise self.layer.fail(
+            f"{method} failed: {type(error).__name__}: {error}{_place(trace)}"
+        ) from error
 
 
 def _place(trace: TracebackType) -> str:
@@ -57,5 +64,9 @@ def lacking(layer: Layer, what: str, error: Exception) -> OutOfMemoryError:
     """The error for a layer that lacks memory, with its name unless ``error`` has it."""
     if str(error).endswith(ADVICE):
         return OutOfMemoryError(str(error))
-    needs = str(error) if isinstance(error, OutOfMemoryError) else f"needs more memory than there is: {error}"
+    needs = (
+        str(error)
+        if isinstance(error, OutOfMemoryError)
+        else f"needs more memory than there is: {error}"
+    )
     return OutOfMemoryError(str(layer.fail(f"{what}: {needs.removesuffix(': ')}{ADVICE}")))

@@ -94,9 +94,13 @@ class Net:
         self.source = str(model) if isinstance(model, (str, Path)) else "<net>"
         param = load_parameter(model)
         if phase not in (None, TRAIN, TEST):
-            raise NetlibError(f"phase {phase} is unknown; expected {TRAIN} (TRAIN) or {TEST} (TEST)")
+            raise NetlibError(
+                f"phase {phase} is unknown; expected {TRAIN} (TRAIN) or {TEST} (TEST)"
+            )
         phase_name: schema.Phase = param.state.phase if phase is None else ("TRAIN", "TEST")[phase]
-        self.state = state or NetState(phase_name, level or param.state.level, param.state.stage + tuple(stages or ()))
+        self.state = state or NetState(
+            phase_name, level or param.state.level, param.state.stage + tuple(stages or ())
+        )
         self.phase = PHASES[self.state.phase]
         self.name = param.name
         self.seed = next_seed() if seed is None else seed
@@ -111,27 +115,40 @@ class Net:
         self.layers = list(self.layer_dict.values())
         self._learnable_values = sum(param.blob.count for param in self.learnable)
         self._in_place = {x for at in self.connections for x in at.bottom for y in at.top if x is y}
-        self._seeded: dict[int, NDArray[Any]] = {}  # number of a loss -> the diff array that holds its weight
-        self._outside = [self.blobs[name] for name in [*self.inputs, *self.outputs]] + [loss[0] for loss in self.losses]
+        # number of a loss -> the diff array that holds its weight
+        self._seeded: dict[int, NDArray[Any]] = {}
+        self._outside = [self.blobs[name] for name in [*self.inputs, *self.outputs]] + [
+            loss[0] for loss in self.losses
+        ]
         self.one_thread = OneThread(self.name)
         self._is_at_once = False  # whether backward runs directly after forward
         self._is_running = False  # whether a pass has begun and not ended
-        self._is_reshaped = False  # whether the steps fit the shapes; an interrupted reshape is repeated
+        # whether the steps fit the shapes; an interrupted reshape is repeated
+        self._is_reshaped = False
         self._fits = False  # whether the check for memory has passed
         self._by_layer = False  # whether there is a step for each layer, so that a part can run
-        self._unknown: dict[Blob, Unknown] = {}  # blobs of which neither memory nor a step has the values
+        # blobs of which neither memory nor a step has the values
+        self._unknown: dict[Blob, Unknown] = {}
         self.steps: Sequence[Step] = []
         self._make_steps()
         self._seed_losses()
         if weights is not None:
             _, missing = self.copy_from(weights)
             if missing:
-                log.warning("%s has no weights for %s; they keep their initial values", weights, ", ".join(missing))
+                log.warning(
+                    "%s has no weights for %s; they keep their initial values",
+                    weights,
+                    ", ".join(missing),
+                )
 
     # ------------------------------------------------------------------------------------------ running
 
     def forward(
-        self, blobs: Iterable[str] | None = None, start: str | None = None, end: str | None = None, **inputs: Any
+        self,
+        blobs: Iterable[str] | None = None,
+        start: str | None = None,
+        end: str | None = None,
+        **inputs: Any,
     ) -> dict[str, NDArray[Any]]:
         """Run the layers from ``start`` to ``end`` (inclusive; default all) and return the tops of the last one.
 
@@ -140,7 +157,9 @@ class Net:
         """
         part = self._part(start, end)
         with self.one_thread:  # inputs are shared: a second thread would overwrite them
-            self._set_inputs({name: _numbers(array, f"input {name!r}") for name, array in inputs.items()})
+            self._set_inputs(
+                {name: _numbers(array, f"input {name!r}") for name, array in inputs.items()}
+            )
             self._forward_steps(*part)
         names = self.outputs if end is None else self.layer_dict[end].spec.top
         return {name: self._blob(name).data for name in [*names, *(blobs or [])]}
@@ -167,7 +186,8 @@ class Net:
     @contextmanager
     def _pass(self) -> Iterator[None]:
         """Context manager of a pass: in one thread; a blob that is not stored cannot be read meanwhile."""
-        with self.one_thread, np.errstate(all="ignore"):  # the solver reports values that are not finite
+        # the solver reports values that are not finite
+        with self.one_thread, np.errstate(all="ignore"):
             before, self._is_running = self._is_running, True
             try:
                 yield
@@ -178,10 +198,16 @@ class Net:
         """The loss of the last forward pass, or the part of it from some layers: the sum of loss_weight x top."""
         tops = {blob for at in self.connections[layers] for blob in at.top}
         losses = [(blob, weight) for blob, weight, _ in self.losses if blob in tops]
-        return float(sum(weight * float(blob.data.sum(dtype=np.float64)) for blob, weight in losses))
+        return float(
+            sum(weight * float(blob.data.sum(dtype=np.float64)) for blob, weight in losses)
+        )
 
     def backward(
-        self, diffs: Iterable[str] | None = None, start: str | None = None, end: str | None = None, **tops: Any
+        self,
+        diffs: Iterable[str] | None = None,
+        start: str | None = None,
+        end: str | None = None,
+        **tops: Any,
     ) -> dict[str, NDArray[Any]]:
         """Run the layers backwards from ``start`` to ``end`` and return the diffs of the last one's bottoms.
 
@@ -231,7 +257,9 @@ class Net:
             if not all(step.has_run() for step in self.steps[first:last]):
                 self._run_missing(first, last)
             if self._unknown:
-                self._find("diff", [(at.bottom, at.top) for at in reversed(self.connections[first:last])])
+                self._find(
+                    "diff", [(at.bottom, at.top) for at in reversed(self.connections[first:last])]
+                )
             for step in reversed(self.steps[first:last]):
                 step.backward(self._is_at_once)
 
@@ -250,14 +278,18 @@ class Net:
         self._find("data", [(step.at.top, step.at.bottom) for step in missing])
         for layer, step in zip(layers, missing):
             if not layer.spec.bottom and not layer.is_input:
-                raise layer.fail("backward was called before forward, which reads data: run forward first")
+                raise layer.fail(
+                    "backward was called before forward, which reads data: run forward first"
+                )
             kept = [(blob, blob.data.copy()) for blob in step.connections[0].top if blob in read]
             step.forward()
             for blob, data in kept:  # before a later layer reads them
                 blob.data[...] = data
             if snapshot.as_plain(layer.state()) != before[layer.name]:
                 self.restore_layer_states(before)
-                raise layer.fail("backward was called before forward, which draws random numbers: run forward first")
+                raise layer.fail(
+                    "backward was called before forward, which draws random numbers: run forward first"
+                )
 
     def _seed_losses(self) -> None:
         """Set the diff of each loss to its weight: the loss is the sum of loss_weight x top, so dL/dtop = loss_weight.
@@ -278,19 +310,27 @@ class Net:
         names = list(self.layer_dict)
         for name in (first, last):
             if name is not None and name not in self.layer_dict:
-                raise NetlibError(f"net {self.name!r} has no layer {name!r}{did_you_mean(name, names)}")
-        return 0 if first is None else names.index(first), None if last is None else names.index(last) + 1
+                raise NetlibError(
+                    f"net {self.name!r} has no layer {name!r}{did_you_mean(name, names)}"
+                )
+        return 0 if first is None else names.index(first), None if last is None else names.index(
+            last
+        ) + 1
 
     def _set_inputs(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Write the input blobs; reshape the net once if any shape is new."""
         reshaped = False
         for name, array in arrays.items():
             if name not in self.inputs:
-                raise NetlibError(f"net {self.name!r} has no input {name!r}{did_you_mean(name, self.inputs)}; "
-                                  f"its inputs: {', '.join(self.inputs) or 'none'}")
+                raise NetlibError(
+                    f"net {self.name!r} has no input {name!r}{did_you_mean(name, self.inputs)}; "
+                    f"its inputs: {', '.join(self.inputs) or 'none'}"
+                )
             blob = self.blobs[name]
             if array.ndim != len(blob.shape):
-                raise LayerError(f"input {name!r} has shape {blob.shape}, got an array of shape {array.shape}")
+                raise LayerError(
+                    f"input {name!r} has shape {blob.shape}, got an array of shape {array.shape}"
+                )
             if array.shape != blob.shape:
                 self._is_reshaped = False
                 blob.reshape(array.shape)
@@ -302,7 +342,9 @@ class Net:
 
     def _blob(self, name: str | None) -> Blob:
         if name not in self.blobs:
-            raise NetlibError(f"net {self.name!r} has no blob {name!r}{did_you_mean(str(name), self.blobs)}")
+            raise NetlibError(
+                f"net {self.name!r} has no blob {name!r}{did_you_mean(str(name), self.blobs)}"
+            )
         return self.blobs[str(name)]
 
     def reshape(self) -> None:
@@ -374,7 +416,9 @@ class Net:
     def _note(self, missing: Missing) -> None:
         """Note the values that a step could not compute."""
         names = {blob: name for name, blob in self.blobs.items()}
-        self._unknown |= {blob: Unknown(names[blob], set(halves)) for blob, halves in missing.items()}
+        self._unknown |= {
+            blob: Unknown(names[blob], set(halves)) for blob, halves in missing.items()
+        }
 
     def _find(self, half: str, layers: Iterable[tuple[Sequence[Blob], Sequence[Blob]]]) -> None:
         """Note that layers will write the first of their blobs, unless they also read them."""
@@ -385,7 +429,9 @@ class Net:
 
     def clear_param_diffs(self) -> None:
         """Set the gradients of all parameters to zero."""
-        self.engine.run([partial(param.blob.diff.fill, 0) for param in self.learnable], self._learnable_values)
+        self.engine.run(
+            [partial(param.blob.diff.fill, 0) for param in self.learnable], self._learnable_values
+        )
 
     def first_not_finite(self) -> str | None:
         """Describe where in the net NaN or infinity first appears; None if all values are finite."""
@@ -399,12 +445,16 @@ class Net:
         return None
 
     def __reduce_ex__(self, protocol: Any) -> Any:
-        raise NetlibError("a net cannot be copied or pickled; build a second net from the same file and copy the "
-                          "weights with copy_from, or save them")
+        raise NetlibError(
+            "a net cannot be copied or pickled; build a second net from the same file and copy the "
+            "weights with copy_from, or save them"
+        )
 
     # ------------------------------------------------------------------------------------------ weights and states
 
-    def copy_from(self, source: str | Path | Content | Net, strict: bool = False) -> tuple[list[str], list[str]]:
+    def copy_from(
+        self, source: str | Path | Content | Net, strict: bool = False
+    ) -> tuple[list[str], list[str]]:
         """Copy weights by layer name from a snapshot, from its content, or from another net.
 
         Returns the names of the layers that only the source has, and of those that only this net has, which keep their
@@ -483,11 +533,15 @@ def _store(net: weakref.ref[Net], blob: Blob, half: str) -> None:
     """Store all blobs of a net before the first access to one that it did not store. Raises NetlibError."""
     owner = net()
     if owner is None:
-        raise NetlibError("this blob was not stored and its net is gone; read it, or copy it, before")
+        raise NetlibError(
+            "this blob was not stored and its net is gone; read it, or copy it, before"
+        )
     with owner.one_thread:
         if owner._is_running:
-            raise NetlibError(f"net {owner.name!r}: a blob that is not stored is read during a pass; read it once "
-                              "before, so that the net stores all blobs")
+            raise NetlibError(
+                f"net {owner.name!r}: a blob that is not stored is read during a pass; read it once "
+                "before, so that the net stores all blobs"
+            )
         owner.store_all()
         owner._use(owner.steps)  # again, if it was interrupted
     if blob.on_access is not None:
@@ -497,7 +551,9 @@ def _store(net: weakref.ref[Net], blob: Blob, half: str) -> None:
 def _numbers(array: Any, what: str) -> NDArray[Any]:
     """Convert to an array of numbers. Raises LayerError for other types, ragged lists and masked arrays."""
     if isinstance(array, np.ma.MaskedArray):
-        raise LayerError(f"{what} got a masked array; expected a plain one, for example array.filled(VALUE)")
+        raise LayerError(
+            f"{what} got a masked array; expected a plain one, for example array.filled(VALUE)"
+        )
     try:
         found = np.asarray(array)
     except ValueError:

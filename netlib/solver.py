@@ -90,18 +90,26 @@ class Solver:
         self.on_update: list[Function] = []
         report.warn_of_no_progress(self.net, self.on_step, self.on_gradients_ready)
         self.on_step.append(self._introduce)
-        self._lap: tuple[int, float] = (0, time.perf_counter())  # iteration and time of the last display
+        # iteration and time of the last display
+        self._lap: tuple[int, float] = (0, time.perf_counter())
         self.snapshots = Snapshots(self)
 
     # ------------------------------------------------------------------------------------------ nets
 
-    def _make_net(self, name: str, param: NetParameter, state: NetState, phase: schema.Phase, number: int) -> Net:
+    def _make_net(
+        self, name: str, param: NetParameter, state: NetState, phase: schema.Phase, number: int
+    ) -> Net:
         """Build the net with this number."""
-        which = "training net from" if phase == "TRAIN" else f"test net (#{number - 1}) specified by"
+        which = (
+            "training net from" if phase == "TRAIN" else f"test net (#{number - 1}) specified by"
+        )
         log.info("Creating %s net file: %s", which, name)
         net = self.net_class(
-            param, state=solver_parameter.state_of(phase, param.state, state), seed=self.seed + number,
-            engine=self.engine.name, python_layers=self.python_layers,
+            param,
+            state=solver_parameter.state_of(phase, param.state, state),
+            seed=self.seed + number,
+            engine=self.engine.name,
+            python_layers=self.python_layers,
             layer_hook=self.ranks.layer_hook if phase == "TRAIN" else None,
         )
         net.source = name
@@ -132,7 +140,11 @@ class Solver:
             if resume is not None:
                 self.restore(resume)
             finished = self._train(p.max_iter - self.iter)
-            if p.snapshot_after_train and not self._snapshot_is_due() and not self.snapshots.is_current():
+            if (
+                p.snapshot_after_train
+                and not self._snapshot_is_due()
+                and not self.snapshots.is_current()
+            ):
                 self.snapshot()
             if not finished:
                 log.info("Optimization stopped early.")
@@ -266,8 +278,14 @@ class Solver:
         (before, since), self._lap = self._lap, (self.iter, time.perf_counter())
         done, seconds = self.iter - before, self._lap[1] - since
         speed = done / seconds if seconds and done else 0.0
-        log.info("Iteration %d (%.6g iter/s, %.6gs/%d iters), loss = %.6g",
-                 self.iter, speed, seconds, self.param.display, self.loss)
+        log.info(
+            "Iteration %d (%.6g iter/s, %.6gs/%d iters), loss = %.6g",
+            self.iter,
+            speed,
+            seconds,
+            self.param.display,
+            self.loss,
+        )
         report.outputs("Train", self.net, mean_outputs(self.net, self.ranks))
         if self.param.debug_info:
             report.debug_params(self.net)
@@ -278,14 +296,20 @@ class Solver:
     def test_is_due(self) -> bool:
         """Whether the next iteration begins with tests."""
         p = self.param
-        return bool(p.test_interval) and self.iter % p.test_interval == 0 and (self.iter > 0 or p.test_initialization)
+        return (
+            bool(p.test_interval)
+            and self.iter % p.test_interval == 0
+            and (self.iter > 0 or p.test_initialization)
+        )
 
     def test_all(self) -> list[dict[str, Any]]:
         """Run the test nets until a request to stop. Returns the mean of each output, at rank 0."""
         means: list[dict[str, Any]] = []
 
         def test() -> None:
-            means.extend(self.test(i) for i in range(len(self.test_nets)) if self.requested != "stop")
+            means.extend(
+                self.test(i) for i in range(len(self.test_nets)) if self.requested != "stop"
+            )
 
         self.ranks.at_root(test, lambda: self.requested)
         return means
@@ -298,7 +322,9 @@ class Solver:
         net, batches = self.test_nets[number], self.param.test_iter[number]
         begun = time.perf_counter()
         log.info("Iteration %d, Testing net (#%d)", self.iter, number)
-        found = report.means_of(net, f"test net (#{number})", batches, lambda: self.requested == "stop")
+        found = report.means_of(
+            net, f"test net (#{number})", batches, lambda: self.requested == "stop"
+        )
         if found is None:
             log.info("Test interrupted.")
             return {}
@@ -306,7 +332,8 @@ class Solver:
         if self.param.test_compute_loss and batches:
             log.info("Test loss: %.6g", loss)
         report.outputs("Test", net, means)
-        self._lap = (self._lap[0], self._lap[1] + time.perf_counter() - begun)  # tests do not count as training
+        # tests do not count as training
+        self._lap = (self._lap[0], self._lap[1] + time.perf_counter() - begun)
         return means
 
     # ------------------------------------------------------------------------------------------ snapshots
@@ -323,12 +350,18 @@ class Solver:
 
 
 def get_solver(
-    path: str | Path, seed: int | None = None, engine: str | None = None, python_layers: bool = True,
-    ranks: Ranks = ALONE, **changes: Any,
+    path: str | Path,
+    seed: int | None = None,
+    engine: str | None = None,
+    python_layers: bool = True,
+    ranks: Ranks = ALONE,
+    **changes: Any,
 ) -> Solver:
     """Create the solver of a prototxt file; ``changes`` replace its fields (``max_iter=10``). Raises NetlibError.
 
     ``python_layers=False`` rejects nets with layers of type Python. ``ranks`` are processes that train together, such
     as ``MPIRanks(MPI.COMM_WORLD)`` (distributed/mpi.py).
     """
-    return Solver(solver_parameter.read(path, **changes), str(path), seed, engine, python_layers, ranks)
+    return Solver(
+        solver_parameter.read(path, **changes), str(path), seed, engine, python_layers, ranks
+    )

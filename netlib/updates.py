@@ -36,38 +36,49 @@ from netlib.system import memory
 
 log = logging.getLogger("netlib")
 
-BLOCK = 1 << 17  # values updated at a time, so that they stay in the cache between the operations of a rule
+# values updated at a time, so that they stay in the cache between the operations of a rule
+BLOCK = 1 << 17
 
 Rule = Callable[[SolverParameter, Array, Array, float, Sequence[Array], int], None]
 
 
-def _sgd(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
+def _sgd(
+    p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int
+) -> None:
     [h] = history
     h *= p.momentum
     h += rate * g
     w -= h
 
 
-def _nesterov(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
+def _nesterov(
+    p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int
+) -> None:
     [h] = history
     before = h.copy()
     h[...] = p.momentum * h + rate * g
     w -= (1 + p.momentum) * h - p.momentum * before
 
 
-def _adagrad(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
+def _adagrad(
+    p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int
+) -> None:
     [h] = history
     h += g * g
     w -= rate * g / (np.sqrt(h) + p.delta)
 
 
-def _rmsprop(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
+def _rmsprop(
+    p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int
+) -> None:
     [h] = history
     h[...] = p.rms_decay * h + (1 - p.rms_decay) * (g * g)
     w -= rate * g / (np.sqrt(h) + p.delta)
 
 
-def _adadelta(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
+def _adadelta(
+    p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int
+) -> None:
     h, q = history
     h[...] = p.momentum * h + (1 - p.momentum) * (g * g)
     u = g * np.sqrt((q + p.delta) / (h + p.delta))
@@ -75,7 +86,9 @@ def _adadelta(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequ
     w -= rate * u
 
 
-def _adam(p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int) -> None:
+def _adam(
+    p: SolverParameter, w: Array, g: Array, rate: float, history: Sequence[Array], t: int
+) -> None:
     h, q = history
     h[...] = p.momentum * h + (1 - p.momentum) * g
     q[...] = p.momentum2 * q + (1 - p.momentum2) * (g * g)
@@ -116,20 +129,37 @@ class Update:
             sum(p.blob.bytes for p in learnable) + (1 + count) * trained,
             f"for parameters, their gradients and the history of solver type {param.type}",
         )
-        self.history = [[memory.zeros(p.blob.shape, p.blob.dtype) for _ in range(count)] for p in learnable]
+        self.history = [
+            [memory.zeros(p.blob.shape, p.blob.dtype) for _ in range(count)] for p in learnable
+        ]
 
     def apply(self, rate: float, t: int) -> None:
         """Apply update number ``t`` (from 1) at this learning rate; modifies weights, gradients and histories."""
-        trained = [(param, h) for param, h in zip(self.learnable, self.history) if param.spec.lr_mult != 0]
+        trained = [
+            (param, h) for param, h in zip(self.learnable, self.history) if param.spec.lr_mult != 0
+        ]
         scale = self._clip([param for param, _ in trained]) / self.param.iter_size
         jobs = []
         for param, history in trained:
             arrays = [a.reshape(-1) for a in (param.blob.data, param.blob.diff, *history)]
             for block in memory.blocks(param.blob.count, BLOCK):
-                jobs.append(functools.partial(self._change, param.spec, scale, rate, t, *(a[block] for a in arrays)))
+                jobs.append(
+                    functools.partial(
+                        self._change, param.spec, scale, rate, t, *(a[block] for a in arrays)
+                    )
+                )
         self._run(jobs, sum(param.blob.count for param, _ in trained))
 
-    def _change(self, spec: ParamSpec, scale: float, rate: float, t: int, w: Array, g: Array, *history: Array) -> None:
+    def _change(
+        self,
+        spec: ParamSpec,
+        scale: float,
+        rate: float,
+        t: int,
+        w: Array,
+        g: Array,
+        *history: Array,
+    ) -> None:
         p, decay = self.param, self.param.weight_decay * spec.decay_mult
         with np.errstate(all="ignore"):  # an overflow shows in the next loss
             if scale != 1:
@@ -146,8 +176,12 @@ class Update:
         norm = float(np.sqrt(sum(float(np.vdot(p.blob.diff, p.blob.diff)) for p in params)))
         if norm <= bound:
             return 1.0
-        log.info("Gradient clipping: scaling down gradients (L2 norm %.6g > %.6g) by scale factor %.6g",
-                 norm, bound, bound / norm)
+        log.info(
+            "Gradient clipping: scaling down gradients (L2 norm %.6g > %.6g) by scale factor %.6g",
+            norm,
+            bound,
+            bound / norm,
+        )
         return bound / norm
 
 

@@ -30,9 +30,12 @@ from netlib.snapshots import hdf5_format  # noqa: E402
 
 ENGINES = ("plain", "fast") if engine.has_fast() else ("plain",)
 
-signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job ignores SIGINT, which tests send
+# a background job ignores SIGINT, which tests send
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
-settings.register_profile("deterministic", derandomize=True, deadline=None, database=None, max_examples=60)
+settings.register_profile(
+    "deterministic", derandomize=True, deadline=None, database=None, max_examples=60
+)
 settings.load_profile("deterministic")
 
 
@@ -56,7 +59,11 @@ def has_fast_class(path: Path) -> bool:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """--order SEED: files, and the tests of each, in a random order; --order random prints its seed."""
-    parser.addoption("--order", metavar="SEED|random", help="run test files, and the tests of each, in random order")
+    parser.addoption(
+        "--order",
+        metavar="SEED|random",
+        help="run test files, and the tests of each, in random order",
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -110,7 +117,11 @@ def forget_weights() -> Iterator[Callable[[], None]]:
     read = hdf5_format.read_weights
     known = functools.lru_cache(maxsize=4)(read)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(hdf5_format, "read_weights", lambda path: (known if isinstance(path, Content) else read)(path))
+        patch.setattr(
+            hdf5_format,
+            "read_weights",
+            lambda path: (known if isinstance(path, Content) else read)(path),
+        )
         yield known.cache_clear
 
 

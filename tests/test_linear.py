@@ -64,18 +64,24 @@ def layer(i: int, bottom: str, top: str, kind: str = "ReLU", more: str = "") -> 
 NETS: dict[str, Callable[[int], str]] = {
     "in place": lambda n: "".join(layer(i, "x", "x") for i in range(n)),
     "in place, behind one that runs in slices": lambda n: (
-        layer(-1, "x", "c", "Convolution", CONVOLUTION) + "".join(layer(i, "c", "c", "Sigmoid") for i in range(n))
+        layer(-1, "x", "c", "Convolution", CONVOLUTION)
+        + "".join(layer(i, "c", "c", "Sigmoid") for i in range(n))
     ),
     "in a row": lambda n: "".join(
         layer(i, f"c{i}" if i else "x", f"c{i + 1}", "Convolution", CONVOLUTION) for i in range(n)
     ),
     "readers of one blob": lambda n: "".join(layer(i, "x", f"r{i}") for i in range(n)),
     "whole ones": lambda n: "".join(
-        layer(i, "x", f"r{i}", "InnerProduct", "inner_product_param { num_output: 1 }") for i in range(n)
+        layer(i, "x", f"r{i}", "InnerProduct", "inner_product_param { num_output: 1 }")
+        for i in range(n)
     ),
-    "parameters of one name": lambda n: "".join(layer(i, "x", f"r{i}", "InnerProduct", SHARED) for i in range(n)),
+    "parameters of one name": lambda n: "".join(
+        layer(i, "x", f"r{i}", "InnerProduct", SHARED) for i in range(n)
+    ),
     "layers of one name": lambda n: "".join(layer(0, "x", "x") for i in range(n)),
-    "tops of one layer": lambda n: layer(0, "x", "t", "Split", "".join(f'top: "t{i}" ' for i in range(n))),
+    "tops of one layer": lambda n: layer(
+        0, "x", "t", "Split", "".join(f'top: "t{i}" ' for i in range(n))
+    ),
     "bottoms of one layer": lambda n: layer(0, "x", "t", "Concat", 'bottom: "x" ' * n),
     "layers that are left out": lambda n: "".join(
         layer(i, "x", "x", more='include { stage: "a" } include { phase: TEST }') for i in range(n)
@@ -97,8 +103,13 @@ def test_building_a_net(kind: str, name: str) -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ['name: "a" ', 'layer { name: "a" bottom: "b" relu_param { } } ', "input_shape { dim: 1 } ", "input_dim: [3, 3] ",
-     'state { stage: "a" } '],
+    [
+        'name: "a" ',
+        'layer { name: "a" bottom: "b" relu_param { } } ',
+        "input_shape { dim: 1 } ",
+        "input_dim: [3, 3] ",
+        'state { stage: "a" } ',
+    ],
 )
 def test_text_and_bytes(text: str) -> None:
     """Parsing, reading, printing, and writing and reading binary nets is linear."""
@@ -120,7 +131,10 @@ def test_weights_by_name() -> None:
     """Copying weights by name from one net to another is linear."""
 
     def work_on(n: int) -> Callable[[], object]:
-        one, other = (netlib.Net(prototxt.parse(INPUT + NETS["whole ones"](n)), engine="plain") for _ in range(2))
+        one, other = (
+            netlib.Net(prototxt.parse(INPUT + NETS["whole ones"](n)), engine="plain")
+            for _ in range(2)
+        )
         return lambda: one.copy_from(other)
 
     assert_linear(work_on)
@@ -136,7 +150,11 @@ def test_a_skeleton(parent: str) -> None:
             f'rotate {{ axis: X dof: "d{i}" }} }}'
             for i in range(n)
         )
-        text = 'joint { name: "root" } ' + "".join(f'dof {{ name: "d{i}" }} ' for i in range(n)) + joints
+        text = (
+            'joint { name: "root" } '
+            + "".join(f'dof {{ name: "d{i}" }} ' for i in range(n))
+            + joints
+        )
         param = schema.read(prototxt.parse(text), SkeletonParameter)
         return lambda: Skeleton(param)
 
@@ -148,7 +166,9 @@ def test_a_skeleton(parent: str) -> None:
 
 def test_long_texts() -> None:
     """Many adjacent strings, and unfinished numbers and strings, are read quickly."""
-    [field] = prototxt.parse("name: " + '"' + "a" * 100 + '" ' * 1 + ('"' + "a" * 100 + '" ') * 40_000).fields
+    [field] = prototxt.parse(
+        "name: " + '"' + "a" * 100 + '" ' * 1 + ('"' + "a" * 100 + '" ') * 40_000
+    ).fields
     assert len(str(field.value)) == 100 * 40_001 + 2
     for text in ("1" * 80_000 + "x", "-" + " " * 80_000 + "x", '"' + '\\"' * 80_000):
         with pytest.raises(netlib.PrototxtError):
@@ -156,10 +176,13 @@ def test_long_texts() -> None:
 
 
 @pytest.mark.parametrize(
-    "line", ["Iteration 1 (", "Iteration 1 (x), ", "Iteration 1 " + ")" * 9, "Test net output #1: ", "1"]
+    "line",
+    ["Iteration 1 (", "Iteration 1 (x), ", "Iteration 1 " + ")" * 9, "Test net output #1: ", "1"],
 )
 def test_a_long_line_of_a_log(tmp_path: Path, line: str) -> None:
     """A long line that is not one of a log is skipped quickly."""
     path = tmp_path / "train.log"
-    path.write_text("Iteration " + line * 50_000 + "\nIteration 7 (2 iter/s, 1s/2 iters), loss = 0.5\n")
+    path.write_text(
+        "Iteration " + line * 50_000 + "\nIteration 7 (2 iter/s, 1s/2 iters), loss = 0.5\n"
+    )
     assert read_log(path) == {LOSS: [(7, 0.5)]}

@@ -15,8 +15,11 @@ from netlib.training import solver_parameter
 pytestmark = pytest.mark.both_engines
 
 PROTOTXT = Path(__file__).resolve().parents[1] / "prototxt"
-LEARNED = {"Convolution": "convolution_param", "Deconvolution": "convolution_param",
-           "InnerProduct": "inner_product_param"}
+LEARNED = {
+    "Convolution": "convolution_param",
+    "Deconvolution": "convolution_param",
+    "InnerProduct": "inner_product_param",
+}
 
 
 def learned(net: str, phase: Phase) -> dict[str, str]:
@@ -42,7 +45,11 @@ def test_the_finder_that_is_trained_is_the_one_that_looks() -> None:
     """The packaged net has the same layers with weights as its training net."""
     wanted = learned("../models/hand_finder/deploy.prototxt", "TEST")
     assert len(wanted) == 22
-    assert learned("finder_train_test.prototxt", "TEST") == learned("finder_train_test.prototxt", "TRAIN") == wanted
+    assert (
+        learned("finder_train_test.prototxt", "TEST")
+        == learned("finder_train_test.prototxt", "TRAIN")
+        == wanted
+    )
 
 
 PAPER = """
@@ -64,8 +71,12 @@ limit_loss PhysLimit norm: L1
 
 def test_the_papers_network_has_the_sizes_that_were_released() -> None:
     """The layers have the released sizes, with a ReLU after each layer with weights except the last."""
-    layers = select_layers(load_parameter(PROTOTXT / "nyu_train_test.prototxt"), NetState("TRAIN"))[1:]
-    described = [" ".join([x.name, x.type, *" ".join(map(str, x.blocks.values())).split()]) for x in layers]
+    layers = select_layers(load_parameter(PROTOTXT / "nyu_train_test.prototxt"), NetState("TRAIN"))[
+        1:
+    ]
+    described = [
+        " ".join([x.name, x.type, *" ".join(map(str, x.blocks.values())).split()]) for x in layers
+    ]
     assert [line for line in described if " ReLU" not in line] == PAPER.split("\n")[1:-1]
     learning = [layer.name for layer in layers if layer.type in LEARNED]
     rectified = [(layer.bottom, layer.top) for layer in layers if layer.type == "ReLU"]
@@ -76,7 +87,10 @@ def test_the_papers_losses() -> None:
     """The losses are the distance of all 31 joints and the limits of HandModel's input, with lambda 1."""
     layers = {x.name: x for x in load_parameter(PROTOTXT / "nyu_train_test.prototxt").layer}
     hand, joints, limits = (layers[name] for name in ("HandModel", "joint_loss", "limit_loss"))
-    assert joints.bottom == (hand.top[0], "joint") and limits.bottom == hand.bottom == layers["DoF"].top
+    assert (
+        joints.bottom == (hand.top[0], "joint")
+        and limits.bottom == hand.bottom == layers["DoF"].top
+    )
     assert joints.loss_weight == limits.loss_weight == (1.0,)
 
 
@@ -84,11 +98,17 @@ def test_the_papers_losses() -> None:
 def test_the_papers_training(name: str) -> None:
     """SGD, learning rate 0.003, lowered at most at the end, momentum 0.9, no weight decay, batches of 512."""
     solver = solver_parameter.read(PROTOTXT / f"{name}_solver.prototxt")
-    assert (solver_parameter.type_of(solver), solver.base_lr, solver.momentum) == ("SGD", approx(0.003), approx(0.9))
+    assert (solver_parameter.type_of(solver), solver.base_lr, solver.momentum) == (
+        "SGD",
+        approx(0.003),
+        approx(0.9),
+    )
     assert solver.weight_decay == 0 and solver.iter_size == 1
     assert solver.lr_policy == "fixed" or (solver.stepvalue, solver.gamma) == (
         (solver.max_iter * 9 // 10,),
         approx(0.1),
     )
-    data = select_layers(load_parameter(PROTOTXT / f"{name}_train_test.prototxt"), NetState("TRAIN"))[0]
+    data = select_layers(
+        load_parameter(PROTOTXT / f"{name}_train_test.prototxt"), NetState("TRAIN")
+    )[0]
     assert [str(size) for size in data.blocks["hdf5_data_param"].values("batch_size")] == ["512"]

@@ -12,7 +12,16 @@ import pytest
 from tests.support.running import Done, run_python
 
 ROOT = Path(__file__).resolve().parents[1]
-LEFT_OUT = ("fast", "test_without_fast.py", ".*", "data", "snapshots", "build", "site", "*.egg-info")
+LEFT_OUT = (
+    "fast",
+    "test_without_fast.py",
+    ".*",
+    "data",
+    "snapshots",
+    "build",
+    "site",
+    "*.egg-info",
+)
 
 # An installed copy of this project must not lend its own fast/ to the copy without it.
 NO_OTHER_COPY = f"""
@@ -45,16 +54,35 @@ def run(folder: Path, *argv: str) -> Done:
 
 def test_fast_is_gone(bare: Path) -> None:
     """The copy has no fast engine, which the other tests here assume."""
-    done = run(bare, "-c", "import netlib; from netlib import engine; print(netlib.__file__, engine.has_fast())")
+    done = run(
+        bare,
+        "-c",
+        "import netlib; from netlib import engine; print(netlib.__file__, engine.has_fast())",
+    )
     assert done.out == f"{bare}/netlib/__init__.py False\n"
 
 
 def test_a_solver_trains(bare: Path) -> None:
     """A solver trains from the command line with the plain engine, the only one there."""
-    run(bare, "tools/make_synthetic.py", "--out", "data/nyu", "--train", "64", "--test", "64", "--workers", "1")
+    run(
+        bare,
+        "tools/make_synthetic.py",
+        "--out",
+        "data/nyu",
+        "--train",
+        "64",
+        "--test",
+        "64",
+        "--workers",
+        "1",
+    )
     net = bare / "prototxt" / "nyu_train_test.prototxt"
     whole = net.read_text()
-    net.write_text(whole.replace("batch_size: 512", "batch_size: 8").replace("batch_size: 250", "batch_size: 8"))
+    net.write_text(
+        whole.replace("batch_size: 512", "batch_size: 8").replace(
+            "batch_size: 250", "batch_size: 8"
+        )
+    )
     done = run(bare, "tools/train.py", "prototxt/nyu_solver.prototxt", "--max-iter", "2")
     net.write_text(whole)  # other tests need the original net
     assert "1 thread, engine plain. BLAS: as NumPy sets it up" in done.err
@@ -65,8 +93,11 @@ def test_a_solver_trains(bare: Path) -> None:
 # Tests that query or use the default engine. The others do not depend on it, or run on the plain engine in the
 # whole suite as well; a contract of `make lint` ensures that nothing imports fast/ by name.
 WHERE_IT_COUNTS = (
-    "test_nets.py", "netlib/test_engine.py", "netlib/caffe/test_pycaffe.py",
-    "tools/test_time.py", "tools/test_tools.py::test_help_is_the_docstring",
+    "test_nets.py",
+    "netlib/test_engine.py",
+    "netlib/caffe/test_pycaffe.py",
+    "tools/test_time.py",
+    "tools/test_tools.py::test_help_is_the_docstring",
     "tools/test_predict.py::test_a_hand_with_the_packaged_weights",
 )
 

@@ -25,11 +25,14 @@ def begin(name: str) -> None:
         _is_program = True
         sys.excepthook = _say_what_cannot_be_loaded
         if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-            signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C during the imports ends it without a traceback
+            # Ctrl-C during the imports ends it without a traceback
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
         _prepare_streams()
-        if not sys.warnoptions:  # hide NumPy's warnings unless python -W asks for them; tools report what matters
+        # hide NumPy's warnings unless python -W asks for them; tools report what matters
+        if not sys.warnoptions:
             warnings.simplefilter("ignore")
-    importlib.import_module("netlib")  # must be imported before NumPy, because it selects BLAS kernels
+    # must be imported before NumPy, because it selects BLAS kernels
+    importlib.import_module("netlib")
 
 
 def _say_what_cannot_be_loaded(
@@ -40,9 +43,16 @@ def _say_what_cannot_be_loaded(
         sys.__excepthook__(kind, error, trace)
         return
     text = " ".join(str(error).split())
-    is_memory = isinstance(error, MemoryError) or "failed to map" in text or "cannot allocate memory" in text.lower()
+    is_memory = (
+        isinstance(error, MemoryError)
+        or "failed to map" in text
+        or "cannot allocate memory" in text.lower()
+    )
     what = getattr(error, "name", None) or "the packages"
-    print(f"not enough memory to load {what}" if is_memory else f"cannot load {what}: {text}", file=sys.stderr)
+    print(
+        f"not enough memory to load {what}" if is_memory else f"cannot load {what}: {text}",
+        file=sys.stderr,
+    )
 
 
 @contextlib.contextmanager
@@ -60,7 +70,8 @@ def interruptible() -> Iterator[None]:
 
 def _prepare_streams() -> None:
     """Open closed standard streams on the null device, and escape characters that the others cannot encode."""
-    while (null := os.open(os.devnull, os.O_RDWR)) <= 2:  # otherwise the next file opened would get the number
+    # otherwise the next file opened would get the number
+    while (null := os.open(os.devnull, os.O_RDWR)) <= 2:
         pass
     os.close(null)
     if sys.stderr is None:  # print(file=None) would write to stdout

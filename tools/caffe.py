@@ -47,20 +47,44 @@ EFFECTS = ("stop", "snapshot", "none")
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__, nets=True)
-    parser.add_argument("command", choices=NEEDED, nargs="?", help="device_query: report that this runs on the CPU")
+    parser.add_argument(
+        "command", choices=NEEDED, nargs="?", help="device_query: report that this runs on the CPU"
+    )
     parser.add_argument("--solver", metavar="FILE", help="train: the solver's prototxt")
     parser.add_argument("--model", metavar="FILE", help="test, time: the net's prototxt")
     start = parser.add_mutually_exclusive_group()
-    start.add_argument("--snapshot", metavar="STATE", help="train: resume from this solver state and its weights")
-    start.add_argument("--weights", metavar="FILE", help="test: weights; train: initial weights, comma-separated")
-    parser.add_argument("--iterations", type=count, default=50, metavar="N", help="default: %(default)s")
-    parser.add_argument("--phase", choices=("TRAIN", "TEST"), default="TRAIN", help="time (default: %(default)s)")
-    parser.add_argument("--level", type=whole(-MAX_COUNT, MAX_COUNT), default=0, metavar="N",
-                        help="level of the net (default: %(default)s)")
-    parser.add_argument("--stage", type=lambda text: tuple(filter(None, text.split(","))), default=(), metavar="A,B",
-                        help="stages of the net, separated by commas")
-    parser.add_argument("--sigint_effect", choices=EFFECTS, default="stop", help="train (default: %(default)s)")
-    parser.add_argument("--sighup_effect", choices=EFFECTS, default="snapshot", help="train (default: %(default)s)")
+    start.add_argument(
+        "--snapshot", metavar="STATE", help="train: resume from this solver state and its weights"
+    )
+    start.add_argument(
+        "--weights", metavar="FILE", help="test: weights; train: initial weights, comma-separated"
+    )
+    parser.add_argument(
+        "--iterations", type=count, default=50, metavar="N", help="default: %(default)s"
+    )
+    parser.add_argument(
+        "--phase", choices=("TRAIN", "TEST"), default="TRAIN", help="time (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--level",
+        type=whole(-MAX_COUNT, MAX_COUNT),
+        default=0,
+        metavar="N",
+        help="level of the net (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--stage",
+        type=lambda text: tuple(filter(None, text.split(","))),
+        default=(),
+        metavar="A,B",
+        help="stages of the net, separated by commas",
+    )
+    parser.add_argument(
+        "--sigint_effect", choices=EFFECTS, default="stop", help="train (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--sighup_effect", choices=EFFECTS, default="snapshot", help="train (default: %(default)s)"
+    )
     parser.add_argument("--gpu", metavar="ID", help="accepted; this runs on the CPU")
     with only_first_prints():
         args = parser.parse_args(caffes_flags(argv))
@@ -98,7 +122,9 @@ def train(args: argparse.Namespace, console: training.BarHandler, ranks: Ranks) 
     state = solver_parameter.read(args.solver).train_state
     state = schema.changed(state, level=args.level, stage=(*state.stage, *args.stage))
     weights = [args.weights] if args.weights else []
-    solver = training.new_solver(args.solver, args.snapshot, weights, ranks=ranks, train_state=state)
+    solver = training.new_solver(
+        args.solver, args.snapshot, weights, ranks=ranks, train_state=state
+    )
     log.info("Solver scaffolding done.")
     if args.snapshot:
         log.info("Resuming from %s", args.snapshot)
@@ -116,11 +142,15 @@ def examine(args: argparse.Namespace) -> None:
     phase = netlib.TRAIN if args.command == "time" and args.phase == "TRAIN" else netlib.TEST
     net = Net(args.model, phase, level=args.level, stages=args.stage)
     if args.command == "time":
-        report_time(net, args.iterations, lambda *cells: log.info("\t".join(["%s"] * len(cells)), *cells))
+        report_time(
+            net, args.iterations, lambda *cells: log.info("\t".join(["%s"] * len(cells)), *cells)
+        )
         return
     report.copied(args.weights, *net.copy_from(args.weights))
     log.info("Running for %d iterations.", args.iterations)
-    loss, scores = mean_scores(net, args.iterations, lambda *values: log.info("Batch %d, %s = %.6g", *values))
+    loss, scores = mean_scores(
+        net, args.iterations, lambda *values: log.info("Batch %d, %s = %.6g", *values)
+    )
     log.info("Loss: %.6g", loss)
     for score in scores:
         log.info("%s", score)

@@ -45,18 +45,31 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
     parser.add_argument("input", metavar="INPUT", help="folder of a database, or a list of images")
-    parser.add_argument("output", metavar="OUTPUT_FILE", nargs="?", help=".binaryproto file to write, (1, C, H, W)")
-    parser.add_argument("--backend", type=str.lower, choices=["lmdb"], default="lmdb", help="of a database")
-    parser.add_argument("--root_folder", metavar="FOLDER/", default="", help="prepended to every path in the list")
-    parser.add_argument("--resize_width", type=side, metavar="W", help="resize the images of a list to this width, px")
+    parser.add_argument(
+        "output", metavar="OUTPUT_FILE", nargs="?", help=".binaryproto file to write, (1, C, H, W)"
+    )
+    parser.add_argument(
+        "--backend", type=str.lower, choices=["lmdb"], default="lmdb", help="of a database"
+    )
+    parser.add_argument(
+        "--root_folder", metavar="FOLDER/", default="", help="prepended to every path in the list"
+    )
+    parser.add_argument(
+        "--resize_width",
+        type=side,
+        metavar="W",
+        help="resize the images of a list to this width, px",
+    )
     parser.add_argument("--resize_height", type=side, metavar="H", help="and to this height")
     parser.add_argument("--gray", action="store_true", help="read the images of a list in grey")
     args = parser.parse_args(caffes_flags(argv))
     if (args.resize_width is None) != (args.resize_height is None):
         parser.error("-resize_width and -resize_height must be given together")
     if is_database(args.input) and any(getattr(args, name) for name in OF_LISTS):
-        parser.error(f"{', '.join(f'-{name}' for name in OF_LISTS)} apply only to a list of images, and {args.input} "
-                     "is a database")
+        parser.error(
+            f"{', '.join(f'-{name}' for name in OF_LISTS)} apply only to a list of images, and {args.input} "
+            "is a database"
+        )
     return guarded(run, args)
 
 
@@ -78,8 +91,10 @@ def run(args: argparse.Namespace) -> int:
             if total is None:
                 total = np.zeros(image.shape)
             if image.shape != total.shape:
-                raise DataError(f"{what}: the image (C, H, W) is {image.shape}, the first {total.shape}; expected "
-                                "equal shapes; -resize_width and -resize_height resize the images of a list")
+                raise DataError(
+                    f"{what}: the image (C, H, W) is {image.shape}, the first {total.shape}; expected "
+                    "equal shapes; -resize_width and -resize_height resize the images of a list"
+                )
             total += image
             progress(1)
     assert total is not None  # neither an empty database nor an empty list is accepted

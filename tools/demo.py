@@ -46,9 +46,13 @@ VIEWS = 3  # of a hand: the skeleton on the crop, the fitted surface, the hand i
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__, nets=True)
-    parser.add_argument("--out", metavar="DIR", type=Path, default=Path("demo"), help="default: %(default)s")
+    parser.add_argument(
+        "--out", metavar="DIR", type=Path, default=Path("demo"), help="default: %(default)s"
+    )
     parser.add_argument("--frames", type=count, default=6, metavar="N", help="default: %(default)s")
-    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="random seed (default: %(default)s)")
+    parser.add_argument(
+        "--seed", type=seed, default=0, metavar="N", help="random seed (default: %(default)s)"
+    )
     return guarded(run, parser.parse_args(argv))
 
 
@@ -65,7 +69,10 @@ def run(args: argparse.Namespace) -> int:
             found = predictor.in_frame(frame)
             drawn = prediction_outputs.views(found, predictor, zoom=2)
             images += [*drawn, *[np.full_like(drawn[0], 255)] * (VIEWS - len(drawn))]
-            titles += [f"{found.hand}, {percent(found.confidence)} sure", f"expected {found.error_mm:.0f} mm"]
+            titles += [
+                f"{found.hand}, {percent(found.confidence)} sure",
+                f"expected {found.error_mm:.0f} mm",
+            ]
             frames.append({"image": name, **frame_values(n, found, predictor.skeleton)})
             if found.has_joints:
                 off = float(mean_errors_14(found.xyz[None], truth[None])[0])
@@ -75,8 +82,13 @@ def run(args: argparse.Namespace) -> int:
                 titles.append(f"below {predictor.min_confidence:.0%}: no joints")
             hands.append(found)
             progress(1)
-    outputs.write_image(args.out / "hands.png", strokes.sheet(images, VIEWS * (1 if args.frames <= 2 else 2), titles))
-    atomic.replace_text(args.out / "hands.json", document("demo", hands, frames, predictor.skeleton) + "\n")
+    outputs.write_image(
+        args.out / "hands.png",
+        strokes.sheet(images, VIEWS * (1 if args.frames <= 2 else 2), titles),
+    )
+    atomic.replace_text(
+        args.out / "hands.json", document("demo", hands, frames, predictor.skeleton) + "\n"
+    )
     say(f"{args.frames} frames in {time.perf_counter() - begun:.1f} s: {args.out / 'hands.png'}")
     options = [str(args.out / "frame_0.png"), "--camera", "nyu", "--out", str(args.out)]
     say(f"For your own camera: {command('predict')} {shlex.join(options)}")
@@ -88,11 +100,14 @@ def scene(number: int) -> tuple[NDArray[np.uint16], Array]:
 
     Even numbers have a right hand that shows a gesture, odd ones a left hand on its way.
     """
-    from handpose.sequences.recordings import SyntheticRecording  # here, because SciPy's rotations take a while
+    # here, because SciPy's rotations take a while
+    from handpose.sequences.recordings import SyntheticRecording
 
     left = number % 2 == 1
     recording = SyntheticRecording("body", NYU, rate=1, seed=number, mirrored=left)
-    truth = next(truth for truth in recording.truths() if truth.number >= (4 if left else 11) and truth.hands)
+    truth = next(
+        truth for truth in recording.truths() if truth.number >= (4 if left else 11) and truth.hands
+    )
     return recording.frame(truth.number).depth.astype(np.uint16), truth.hands[0].xyz
 
 

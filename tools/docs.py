@@ -30,16 +30,23 @@ from tools.common.console import DONE, guarded, say
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
-    parser.add_argument("page", metavar="PAGE", nargs="?",
-                        help="such as camera; of another word the lines that contain it (default: the list of pages)")
+    parser.add_argument(
+        "page",
+        metavar="PAGE",
+        nargs="?",
+        help="such as camera; of another word the lines that contain it (default: the list of pages)",
+    )
     return guarded(run, parser.parse_args(argv))
 
 
 def run(args: argparse.Namespace) -> int:
     """Print what the arguments select. Raises NetlibError."""
     folder = own("docs")
-    pages = {path.stem if path.suffix == ".md" else path.name: path.read_text(encoding="utf-8")
-             for ending in ("*.md", "*.schema.json") for path in sorted(folder.glob(ending))}
+    pages = {
+        path.stem if path.suffix == ".md" else path.name: path.read_text(encoding="utf-8")
+        for ending in ("*.md", "*.schema.json")
+        for path in sorted(folder.glob(ending))
+    }
     if not args.page:
         width = max(map(len, pages))
         for name, text in pages.items():
@@ -50,12 +57,22 @@ def run(args: argparse.Namespace) -> int:
     if word in pages:
         print(pages[word], end="")
         return DONE
-    found = [f"{name}: {line.strip()}" for name, text in pages.items()
-             for line in text.splitlines() if word.lower() in line.lower()]
+    found = [
+        f"{name}: {line.strip()}"
+        for name, text in pages.items()
+        for line in text.splitlines()
+        if word.lower() in line.lower()
+    ]
     if not found:
-        raise NetlibError(f"{word}: no such page{did_you_mean(word, pages)}, and no page contains it; "
-                          f"'{command('docs')}' lists the pages")
-    say(f"no page is called {word!r}{did_you_mean(word, pages)}; these lines contain it:", *found, sep="\n")
+        raise NetlibError(
+            f"{word}: no such page{did_you_mean(word, pages)}, and no page contains it; "
+            f"'{command('docs')}' lists the pages"
+        )
+    say(
+        f"no page is called {word!r}{did_you_mean(word, pages)}; these lines contain it:",
+        *found,
+        sep="\n",
+    )
     return DONE
 
 

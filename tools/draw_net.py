@@ -37,16 +37,32 @@ PHASES = {"TRAIN": TRAIN, "TEST": TEST, "ALL": None}
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__, nets=True)
-    parser.add_argument("input_net_proto_file", help="the net's prototxt, in any of Caffe's formats")
+    parser.add_argument(
+        "input_net_proto_file", help="the net's prototxt, in any of Caffe's formats"
+    )
     image = parser.add_mutually_exclusive_group(required=True)
-    image.add_argument("output_image_file", nargs="?", help="image to write; its suffix selects the format: png, svg, "
-                       "pdf; dot or raw is Graphviz's own language and does not need Graphviz")
+    image.add_argument(
+        "output_image_file",
+        nargs="?",
+        help="image to write; its suffix selects the format: png, svg, "
+        "pdf; dot or raw is Graphviz's own language and does not need Graphviz",
+    )
     image.add_argument("--out", metavar="FILE", help="the same")
-    parser.add_argument("--rankdir", choices=["LR", "RL", "TB", "BT"], default="LR",
-                        help="direction: left to right, top to bottom ... (default: %(default)s)")
-    parser.add_argument("--phase", choices=list(PHASES), default="ALL",
-                        help="draw the layers of this phase (default: %(default)s)")
-    parser.add_argument("--display_lrm", action="store_true", help="show the lr_mult of layers with weights")
+    parser.add_argument(
+        "--rankdir",
+        choices=["LR", "RL", "TB", "BT"],
+        default="LR",
+        help="direction: left to right, top to bottom ... (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--phase",
+        choices=list(PHASES),
+        default="ALL",
+        help="draw the layers of this phase (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--display_lrm", action="store_true", help="show the lr_mult of layers with weights"
+    )
     return guarded(run, parser.parse_args(argv))
 
 
@@ -62,8 +78,10 @@ def run(args: argparse.Namespace) -> int:
     draw.draw_net_to_file(net, out, args.rankdir, PHASES[args.phase], args.display_lrm, shapes)
     say(f"wrote {out}")
     if shapes and is_training_net(args.input_net_proto_file):
-        say(f"this is a training net; {advice(args.input_net_proto_file)} writes it without data and losses",
-            file=sys.stderr)
+        say(
+            f"this is a training net; {advice(args.input_net_proto_file)} writes it without data and losses",
+            file=sys.stderr,
+        )
     return DONE
 
 
@@ -72,7 +90,11 @@ def _shapes(model: str) -> dict[str, tuple[int, ...]]:
     try:
         return {name: blob.shape for name, blob in Net(model, TEST).blobs.items()}
     except NetlibError as error:
-        about = f"; the deploy net has some: {advice(model)} writes it" if is_training_net(model) else ""
+        about = (
+            f"; the deploy net has some: {advice(model)} writes it"
+            if is_training_net(model)
+            else ""
+        )
         say(f"without shapes: {error}{about}", file=sys.stderr)
         return {}
 

@@ -38,7 +38,14 @@ tools.begin(__name__)
 from handpose.body import nyu
 from handpose.scoring import published_predictions as published
 from handpose.scoring.metrics import joint_errors
-from handpose.scoring.published_predictions import BENCHMARKS, FORMATS, THRESHOLDS_MM, Benchmark, FittedAngles, Score
+from handpose.scoring.published_predictions import (
+    BENCHMARKS,
+    FORMATS,
+    THRESHOLDS_MM,
+    Benchmark,
+    FittedAngles,
+    Score,
+)
 from layers.hand import skeleton as skeletons
 from netlib.errors import DataError
 from tools.common import outputs
@@ -47,7 +54,8 @@ from tools.common.console import DONE, aligned, guarded, say
 from tools.common.progress import ProgressBar
 
 PICTURES = (".png", ".svg", ".pdf")
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")  # Okabe-Ito, without yellow
+# Okabe-Ito, without yellow
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 WITHIN_MM = (20, 40, 60, 80)  # columns of the table; the curves have a value per mm
 IMPLAUSIBLE_MM = 50.0  # a mean error caused by wrong axes (y down: 62 mm on ICVL) or frames
 
@@ -55,15 +63,30 @@ IMPLAUSIBLE_MM = 50.0  # a mean error caused by wrong axes (y down: 62 mm on ICV
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
-    parser.add_argument("dataset", metavar="DATASET", choices=BENCHMARKS, help=" or ".join(BENCHMARKS))
+    parser.add_argument(
+        "dataset", metavar="DATASET", choices=BENCHMARKS, help=" or ".join(BENCHMARKS)
+    )
     parser.add_argument("--groundtruth", metavar="FILE", required=True, help="annotated joints")
-    parser.add_argument("--predictions", metavar="NAME=FILE", required=True, nargs="+", action="extend",
-                        type=_named_file, help="predicted joints of each method")
+    parser.add_argument(
+        "--predictions",
+        metavar="NAME=FILE",
+        required=True,
+        nargs="+",
+        action="extend",
+        type=_named_file,
+        help="predicted joints of each method",
+    )
     parser.add_argument("--format", choices=FORMATS, help=f"of predictions (default: {_formats()})")
     parser.add_argument("--groundtruth-format", choices=FORMATS, help="likewise")
-    parser.add_argument("--plot", metavar="FILE", type=name_in(*PICTURES),
-                        help=f"draw curves and bars to this file ({', '.join(PICTURES)})")
-    parser.add_argument("--angles", action="store_true", help="also compare joint angles of the fitted hand (NYU)")
+    parser.add_argument(
+        "--plot",
+        metavar="FILE",
+        type=name_in(*PICTURES),
+        help=f"draw curves and bars to this file ({', '.join(PICTURES)})",
+    )
+    parser.add_argument(
+        "--angles", action="store_true", help="also compare joint angles of the fitted hand (NYU)"
+    )
     args = parser.parse_args(argv)
     names = [name for name, _ in args.predictions]
     for name in names:
@@ -77,7 +100,9 @@ def main(argv: list[str] | None = None) -> int:
 def run(args: argparse.Namespace) -> int:
     """Score the predictions."""
     if args.plot:
-        outputs.refuse_inputs(args.plot, [args.groundtruth, *(path for _, path in args.predictions)])
+        outputs.refuse_inputs(
+            args.plot, [args.groundtruth, *(path for _, path in args.predictions)]
+        )
     benchmark = BENCHMARKS[args.dataset]
     count, camera, is_y_down = len(benchmark.joints), benchmark.camera, benchmark.is_y_down
     fmt, true_fmt = args.format or benchmark.format, args.groundtruth_format or benchmark.format
@@ -87,13 +112,17 @@ def run(args: argparse.Namespace) -> int:
         names, predicted = published.read_frames(path, count, fmt, camera, is_y_down)
         predicted = published.in_order(names, predicted, true_names, path)
         if len(predicted) != len(truth):
-            raise DataError(f"{path}: {len(predicted)} frames, the ground truth {args.groundtruth} has {len(truth)}")
+            raise DataError(
+                f"{path}: {len(predicted)} frames, the ground truth {args.groundtruth} has {len(truth)}"
+            )
         predictions[name] = predicted
         scores[name] = published.score_on(benchmark, joint_errors(predicted, truth))
         if scores[name].mean_mm > IMPLAUSIBLE_MM:
-            say(f"warning: {path}: the mean error is {scores[name].mean_mm:.0f} mm; check that the format is "
+            say(
+                f"warning: {path}: the mean error is {scores[name].mean_mm:.0f} mm; check that the format is "
                 f"{fmt}, y {'down' if is_y_down else 'up'} if xyz, and that the frames are those of {benchmark.name}",
-                file=sys.stderr)
+                file=sys.stderr,
+            )
     if args.plot:
         plot(scores, benchmark, len(truth), args.plot)
         say(f"wrote {args.plot}", file=sys.stderr)
@@ -127,7 +156,10 @@ def _tables(scores: dict[str, Score], benchmark: Benchmark, frames: int) -> str:
     for name, s in scores.items():
         means = [f"{error:.2f}" for error in (s.mean_mm, *s.parts_mm.values(), s.median_max_mm)]
         methods.append([name, *means, *(f"{s.success_max[t]:.1%}" for t in WITHIN_MM)])
-    errors = ([joint, *(f"{s.joints_mm[joint]:.2f}" for s in scores.values())] for joint in benchmark.joints)
+    errors = (
+        [joint, *(f"{s.joints_mm[joint]:.2f}" for s in scores.values())]
+        for joint in benchmark.joints
+    )
     joints = [["joint", *scores], *errors, ["mean", *(f"{s.mean_mm:.2f}" for s in scores.values())]]
     return (
         f"{benchmark.name}, {frames} frames{some}, {len(benchmark.joints)} joints: errors in mm between absolute "
@@ -137,10 +169,26 @@ def _tables(scores: dict[str, Score], benchmark: Benchmark, frames: int) -> str:
 
 
 def _angle_table(fitted: dict[str, FittedAngles]) -> str:
-    rows = [["method", "angle error", "residual within limits", "without limits", "frames out of limits"]]
+    rows = [
+        [
+            "method",
+            "angle error",
+            "residual within limits",
+            "without limits",
+            "frames out of limits",
+        ]
+    ]
     for name, f in fitted.items():
         broken = "not of this model" if f.out_of_limits is None else f"{f.out_of_limits:.2%}"
-        rows.append([name, f"{f.error_deg:.2f} deg", f"{f.residual_mm:.3f} mm", f"{f.free_residual_mm:.4f} mm", broken])
+        rows.append(
+            [
+                name,
+                f"{f.error_deg:.2f} deg",
+                f"{f.residual_mm:.3f} mm",
+                f"{f.free_residual_mm:.4f} mm",
+                broken,
+            ]
+        )
     return aligned(rows)
 
 
@@ -155,9 +203,15 @@ def plot(scores: Mapping[str, Score], benchmark: Benchmark, frames: int, out: st
         axis.set_axisbelow(True)
         axis.spines[["top", "right"]].set_visible(False)
     labels = [f"{s.mean_mm:.2f} mm  {outputs.label(name)}" for name, s in scores.items()]
-    figure.legend(axes["max"].lines, labels, loc="outside upper center", ncols=min(len(labels), 4), frameon=False,
-                  title=f"{benchmark.name}: mean error over {frames} frames and {len(benchmark.joints)} joints",
-                  title_fontsize="large")
+    figure.legend(
+        axes["max"].lines,
+        labels,
+        loc="outside upper center",
+        ncols=min(len(labels), 4),
+        frameon=False,
+        title=f"{benchmark.name}: mean error over {frames} frames and {len(benchmark.joints)} joints",
+        title_fontsize="large",
+    )
     outputs.write_figure(out, figure, dpi=130)
 
 
@@ -174,9 +228,18 @@ def _draw_bars(axis: Any, scores: list[Score], joints: Sequence[str]) -> None:
     places = [*range(len(joints)), len(joints) + 0.5]  # a gap before the mean
     for i, (s, colour) in enumerate(zip(scores, itertools.cycle(COLOURS))):
         left = [place - 0.4 + i * width for place in places]
-        axis.bar(left, [*s.joints_mm.values(), s.mean_mm], width, align="edge", color=colour, edgecolor="white",
-                 linewidth=0.4)
-    axis.set_xticks(places, [*(joint.replace("_", "\n", 1).replace("_", " ") for joint in joints), "mean"])
+        axis.bar(
+            left,
+            [*s.joints_mm.values(), s.mean_mm],
+            width,
+            align="edge",
+            color=colour,
+            edgecolor="white",
+            linewidth=0.4,
+        )
+    axis.set_xticks(
+        places, [*(joint.replace("_", "\n", 1).replace("_", " ") for joint in joints), "mean"]
+    )
     axis.tick_params(axis="x", length=0)
     axis.set(ylabel="mean error, mm", xlim=(-0.6, places[-1] + 0.6))
     axis.grid(True, axis="y", alpha=0.3)

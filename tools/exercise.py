@@ -35,16 +35,34 @@ from tools.common.console import DONE, FAILED, guarded
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__, nets=True)
-    parser.add_argument("name", metavar="NAME", nargs="?", help="the exercise; without it, list all")
+    parser.add_argument(
+        "name", metavar="NAME", nargs="?", help="the exercise; without it, list all"
+    )
     does = parser.add_mutually_exclusive_group()
-    does.add_argument("--start", action="store_true", help="write the stub NAME.py into the working folder")
-    does.add_argument("--bug", type=count, metavar="N",
-                      help="write NAME_bugN.py, the project's file with the Nth mistake to find")
+    does.add_argument(
+        "--start", action="store_true", help="write the stub NAME.py into the working folder"
+    )
+    does.add_argument(
+        "--bug",
+        type=count,
+        metavar="N",
+        help="write NAME_bugN.py, the project's file with the Nth mistake to find",
+    )
     does.add_argument("--file", metavar="FILE", help="file to check (default: NAME.py here)")
-    parser.add_argument("--iterations", type=whole(0, MAX_COUNT), default=20, metavar="N",
-                        help="iterations of the network in the last step (default: %(default)s)")
-    parser.add_argument("--limit", type=seconds, default=600.0, metavar="S",
-                        help="time limit of a check (default: %(default)g)")
+    parser.add_argument(
+        "--iterations",
+        type=whole(0, MAX_COUNT),
+        default=20,
+        metavar="N",
+        help="iterations of the network in the last step (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--limit",
+        type=seconds,
+        default=600.0,
+        metavar="S",
+        help="time limit of a check (default: %(default)g)",
+    )
     args = parser.parse_args(argv)
     if args.name is not None and args.name not in EXERCISES:
         known, meant = ", ".join(EXERCISES), did_you_mean(args.name.lower(), EXERCISES)

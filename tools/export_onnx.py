@@ -51,14 +51,30 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("net", metavar="NET", help="deploy prototxt of the net")
     parser.add_argument("weights", metavar="WEIGHTS", help="*.caffemodel or *.caffemodel.h5")
     parser.add_argument("out", metavar="OUT", type=Path, help="the file to write, *.onnx")
-    parser.add_argument("--blob", metavar="NAME", action="append", default=[],
-                        help="also output this blob, for example DoF; can be repeated")
-    parser.add_argument("--cube", type=cube, metavar="MM",
-                        help="edge of the cube around a body in its crops, for the metadata "
-                             f"(default for hands: {CUBE_MM:g})")
-    parser.add_argument("--size", type=pixels, metavar="WxH", help="size of images; the net is reshaped to it")
-    parser.add_argument("--opset", type=whole(min(IR_VERSIONS), max(IR_VERSIONS)), metavar="N", default=OPSET,
-                        help="version of ONNX's operators, from 13, for some nets from 11 (default: %(default)s)")
+    parser.add_argument(
+        "--blob",
+        metavar="NAME",
+        action="append",
+        default=[],
+        help="also output this blob, for example DoF; can be repeated",
+    )
+    parser.add_argument(
+        "--cube",
+        type=cube,
+        metavar="MM",
+        help="edge of the cube around a body in its crops, for the metadata "
+        f"(default for hands: {CUBE_MM:g})",
+    )
+    parser.add_argument(
+        "--size", type=pixels, metavar="WxH", help="size of images; the net is reshaped to it"
+    )
+    parser.add_argument(
+        "--opset",
+        type=whole(min(IR_VERSIONS), max(IR_VERSIONS)),
+        metavar="N",
+        default=OPSET,
+        help="version of ONNX's operators, from 13, for some nets from 11 (default: %(default)s)",
+    )
     parser.add_argument("--check", action="store_true", help="compare with onnxruntime")
     return guarded(run, parser.parse_args(argv))
 
@@ -80,12 +96,17 @@ def run(args: argparse.Namespace) -> int:
         return DONE
     of_outputs, of_layers = differences(args.out.read_bytes(), net, BATCHES)
     for name, difference in of_outputs.items():
-        say(f"{name}: largest difference {difference.found:.1e} of its largest value (float32 rounding: "
-            f"{difference.rounding:.1e}), batch sizes {' and '.join(map(str, BATCHES))}")
+        say(
+            f"{name}: largest difference {difference.found:.1e} of its largest value (float32 rounding: "
+            f"{difference.rounding:.1e}), batch sizes {' and '.join(map(str, BATCHES))}"
+        )
     for name, difference in [*of_layers.items(), *of_outputs.items()]:
         if difference.found > difference.limit:
-            say(f"{args.out}: blob {name!r}: onnxruntime's values differ by {difference.found:.1e} of the largest "
-                f"value; expected at most {difference.limit:.1e}, which float32 rounding explains", file=sys.stderr)
+            say(
+                f"{args.out}: blob {name!r}: onnxruntime's values differ by {difference.found:.1e} of the largest "
+                f"value; expected at most {difference.limit:.1e}, which float32 rounding explains",
+                file=sys.stderr,
+            )
             return FAILED
     return DONE
 

@@ -86,30 +86,69 @@ layer {{ name: "rgb" type: "Concat" bottom: "{0}_r" bottom: "{0}_g" bottom: "{0}
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__, nets=True)
-    parser.add_argument("net", metavar="NET", help="deploy prototxt of the net, with its input and Softmax")
+    parser.add_argument(
+        "net", metavar="NET", help="deploy prototxt of the net, with its input and Softmax"
+    )
     parser.add_argument("weights", metavar="WEIGHTS", help="*.caffemodel or *.caffemodel.h5")
-    parser.add_argument("pictures", metavar="PICTURES", type=Path, help="folder with a folder for each class")
-    parser.add_argument("--out", metavar="FOLDER", type=Path, default=Path("finetuned"), help="default: %(default)s")
-    add_value_options(parser.add_argument_group("preprocessing with which the net was trained"), None)
-    parser.add_argument("--freeze", metavar="all|none|LAYER", default="all",
-                        help="layers that keep their weights: all but the new one, none, or those up to a layer "
-                             "(default: %(default)s)")
-    parser.add_argument("--held-out", type=real(0, 0.9, above=True), default=0.2, metavar="SHARE",
-                        help="share of each class to test on, at least one picture (default: %(default)s)")
-    parser.add_argument("--iterations", type=count, metavar="N",
-                        help=f"steps of training (default: {EPOCHS} passes over the pictures, at least "
-                             f"{MIN_ITERATIONS})")
-    parser.add_argument("--batch", type=count, default=32, metavar="N", help="pictures per step (default: %(default)s)")
-    parser.add_argument("--rate", type=positive_number, default=5e-4, metavar="R",
-                        help="learning rate, for the new layer ten times as high (default: %(default)s)")
+    parser.add_argument(
+        "pictures", metavar="PICTURES", type=Path, help="folder with a folder for each class"
+    )
+    parser.add_argument(
+        "--out", metavar="FOLDER", type=Path, default=Path("finetuned"), help="default: %(default)s"
+    )
+    add_value_options(
+        parser.add_argument_group("preprocessing with which the net was trained"), None
+    )
+    parser.add_argument(
+        "--freeze",
+        metavar="all|none|LAYER",
+        default="all",
+        help="layers that keep their weights: all but the new one, none, or those up to a layer "
+        "(default: %(default)s)",
+    )
+    parser.add_argument(
+        "--held-out",
+        type=real(0, 0.9, above=True),
+        default=0.2,
+        metavar="SHARE",
+        help="share of each class to test on, at least one picture (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--iterations",
+        type=count,
+        metavar="N",
+        help=f"steps of training (default: {EPOCHS} passes over the pictures, at least "
+        f"{MIN_ITERATIONS})",
+    )
+    parser.add_argument(
+        "--batch",
+        type=count,
+        default=32,
+        metavar="N",
+        help="pictures per step (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--rate",
+        type=positive_number,
+        default=5e-4,
+        metavar="R",
+        help="learning rate, for the new layer ten times as high (default: %(default)s)",
+    )
     parser.add_argument("--mirror", action="store_true", help="train on mirror images, too")
-    parser.add_argument("--seed", type=natural, default=1, metavar="N",
-                        help="of the held-out part, the new weights and the order (default: %(default)s)")
+    parser.add_argument(
+        "--seed",
+        type=natural,
+        default=1,
+        metavar="N",
+        help="of the held-out part, the new weights and the order (default: %(default)s)",
+    )
     add_engine(parser)
     args = parser.parse_args(argv)
     if not (args.mean or args.mean_file) or args.scale is None:
-        parser.error("give --mean or --mean-file, and --scale, with which the net was trained: --mean 104,117,123 "
-                     "--scale 1 is usual, MobileNet has --scale 0.017 (docs/caffe_nets.md); --mean 0 if there is none")
+        parser.error(
+            "give --mean or --mean-file, and --scale, with which the net was trained: --mean 104,117,123 "
+            "--scale 1 is usual, MobileNet has --scale 0.017 (docs/caffe_nets.md); --mean 0 if there is none"
+        )
     return guarded(run, args)
 
 
@@ -123,20 +162,30 @@ def run(args: argparse.Namespace) -> int:
     preprocessing = Preprocessing((width, height), resize, False, args.rgb, mean, args.scale)
     classes = pictures_of(args.pictures, color=channels == 3)
     nets = NewClasses(old, len(classes))
-    frozen = [] if args.freeze == "none" else nets.frozen(None if args.freeze == "all" else args.freeze)
+    frozen = (
+        [] if args.freeze == "none" else nets.frozen(None if args.freeze == "all" else args.freeze)
+    )
     train, test = split(classes, args.held_out, args.seed)
     if (args.out / "solver.prototxt").exists():
-        raise NetlibError(f"{args.out}: has the files of an earlier run; delete it, or give another --out")
+        raise NetlibError(
+            f"{args.out}: has the files of an earlier run; delete it, or give another --out"
+        )
     args.out.mkdir(parents=True, exist_ok=True)
     training_net = nets.training(_data(args, name, preprocessing, len(train), len(test)), frozen)
     for file, text in {
-        "labels.txt": "\n".join(classes), "train.txt": _listed(train), "test.txt": _listed(test),
-        "train.prototxt": str(schema.to_tree(training_net)), "deploy.prototxt": str(schema.to_tree(nets.deploy())),
+        "labels.txt": "\n".join(classes),
+        "train.txt": _listed(train),
+        "test.txt": _listed(test),
+        "train.prototxt": str(schema.to_tree(training_net)),
+        "deploy.prototxt": str(schema.to_tree(nets.deploy())),
         "solver.prototxt": _solver(args, len(train), len(test)),
     }.items():
         atomic.replace_text(args.out / file, text.rstrip("\n") + "\n")
-    say(f"{len(classes)} classes, {len(train)} pictures to train on, {len(test)} held out; layer {nets.head!r} becomes "
-        f"{nets.name!r}; layers that keep their weights: {len(frozen)}", file=sys.stderr)
+    say(
+        f"{len(classes)} classes, {len(train)} pictures to train on, {len(test)} held out; layer {nets.head!r} becomes "
+        f"{nets.name!r}; layers that keep their weights: {len(frozen)}",
+        file=sys.stderr,
+    )
     status = _train(args, old, preprocessing)
     if status != DONE:
         return status
@@ -150,21 +199,27 @@ def _train(args: argparse.Namespace, old: Net, how: Preprocessing) -> int:
         console.setLevel(logging.WARNING)
         log.info("Use CPU, %s", training.set_up_engine(args.engine, ALONE))
         path = args.out / "solver.prototxt"
-        solver = training.new_solver(path, weights=[args.weights], engine=args.engine, kind=HeadSolver)
+        solver = training.new_solver(
+            path, weights=[args.weights], engine=args.engine, kind=HeadSolver
+        )
         assert isinstance(solver, HeadSolver)
         if file := console.file:
             solver.on_step.append(lambda: file.begin([]))
         try:
             seconds = use_features(solver, old, how)
-            say(f"the layers before {solver.first_layer!r} are computed once for each picture: {duration(seconds)}",
-                file=sys.stderr)
+            say(
+                f"the layers before {solver.first_layer!r} are computed once for each picture: {duration(seconds)}",
+                file=sys.stderr,
+            )
         except NotFrozenError as why:
             say(f"all layers are computed in each step: {why}", file=sys.stderr)
         with StatusLine() as line:
             _report(solver, line)
             status = training.solve(solver, console, shows_bar=False)
     if status != DONE:
-        training.say_how_to_continue(solver, {"--engine": args.engine, "--log": args.out / "train.log"})
+        training.say_how_to_continue(
+            solver, {"--engine": args.engine, "--log": args.out / "train.log"}
+        )
     return status
 
 
@@ -192,14 +247,20 @@ def pictures_of(folder: Path, color: bool) -> dict[str, list[str]]:
         if (folder / name).is_dir() and not name.startswith("."):
             classes[name] = sorted(pictures_in(folder / name))
     if len(classes) < 2:
-        raise DataError(f"{folder}: {'one class, ' + repr(next(iter(classes))) if classes else 'no folder in it'}; "
-                        "expected a folder of pictures for each of two or more classes")
+        raise DataError(
+            f"{folder}: {'one class, ' + repr(next(iter(classes))) if classes else 'no folder in it'}; "
+            "expected a folder of pictures for each of two or more classes"
+        )
     for name, paths in classes.items():
         if len(paths) < 2:
-            raise DataError(f"{folder / name}: {len(paths)} pictures ({', '.join(PICTURES)}); expected at least two, "
-                            "one of them to test on")
+            raise DataError(
+                f"{folder / name}: {len(paths)} pictures ({', '.join(PICTURES)}); expected at least two, "
+                "one of them to test on"
+            )
         if name != name.strip() or not name.isprintable():
-            raise DataError(f"{folder / name}: expected a name without line breaks and outer spaces")
+            raise DataError(
+                f"{folder / name}: expected a name without line breaks and outer spaces"
+            )
     for path in (path for paths in classes.values() for path in paths):
         read_image(Path(path), color)
     return classes
@@ -229,17 +290,37 @@ def _data(args: argparse.Namespace, name: str, how: Preprocessing, train: int, t
     transform = " ".join(f"mean_value: {value!r}" for value in mean.ravel().tolist())
     if how.mean.shape[1:] != (1, 1):
         if how.size[0] != how.size[1]:
-            raise NetlibError(f"{args.net}: the input has {how.size[0]} x {how.size[1]} px; with --mean-file expected "
-                              "a square, which is cut from the picture; --mean takes any")
+            raise NetlibError(
+                f"{args.net}: the input has {how.size[0]} x {how.size[1]} px; with --mean-file expected "
+                "a square, which is cut from the picture; --mean takes any"
+            )
         write_blob(mean[None].astype(np.float32), args.out / MEAN_FILE)
         transform = f'mean_file: "{args.out / MEAN_FILE}" crop_size: {how.size[0]}'
-    same = {"data": f"{name}_bgr" if args.rgb else name, "height": how.resize[1], "width": how.resize[0],
-            "color": str(len(mean) == 3).lower(), "transform": transform, "scale": args.scale}
+    same = {
+        "data": f"{name}_bgr" if args.rgb else name,
+        "height": how.resize[1],
+        "width": how.resize[0],
+        "color": str(len(mean) == 3).lower(),
+        "transform": transform,
+        "scale": args.scale,
+    }
     return (
-        DATA.format(phase="TRAIN", source=args.out / "train.txt", batch=min(args.batch, train), shuffle="true",
-                    mirror=str(args.mirror).lower(), **same)
-        + DATA.format(phase="TEST", source=args.out / "test.txt", batch=_divisor(test, args.batch), shuffle="false",
-                      mirror="false", **same)
+        DATA.format(
+            phase="TRAIN",
+            source=args.out / "train.txt",
+            batch=min(args.batch, train),
+            shuffle="true",
+            mirror=str(args.mirror).lower(),
+            **same,
+        )
+        + DATA.format(
+            phase="TEST",
+            source=args.out / "test.txt",
+            batch=_divisor(test, args.batch),
+            shuffle="false",
+            mirror="false",
+            **same,
+        )
         + (TO_RGB.format(name) if args.rgb else "")
     )
 
@@ -252,13 +333,25 @@ def _divisor(number: int, most: int) -> int:
 def _solver(args: argparse.Namespace, train: int, test: int) -> str:
     epoch = math.ceil(train / min(args.batch, train))
     max_iter = args.iterations or max(EPOCHS * epoch, MIN_ITERATIONS)
-    return SOLVER.format(net=args.out / "train.prototxt", test_iter=test // _divisor(test, args.batch), rate=args.rate,
-                         test_interval=max(1, max_iter // 10), step=max(1, 2 * max_iter // 3), max_iter=max_iter,
-                         display=max(1, max_iter // 20), seed=args.seed, prefix=args.out / "net")
+    return SOLVER.format(
+        net=args.out / "train.prototxt",
+        test_iter=test // _divisor(test, args.batch),
+        rate=args.rate,
+        test_interval=max(1, max_iter // 10),
+        step=max(1, 2 * max_iter // 3),
+        max_iter=max_iter,
+        display=max(1, max_iter // 20),
+        seed=args.seed,
+        prefix=args.out / "net",
+    )
 
 
 def _test(
-    args: argparse.Namespace, weights: Path, labels: list[str], test: Sequence[tuple[str, int]], how: Preprocessing
+    args: argparse.Namespace,
+    weights: Path,
+    labels: list[str],
+    test: Sequence[tuple[str, int]],
+    how: Preprocessing,
 ) -> int:
     """Print the confusions of the held-out pictures, and the command that repeats it."""
     net = Net(args.out / "deploy.prototxt", weights, netlib.TEST, engine=args.engine)
@@ -269,9 +362,23 @@ def _test(
         for path, values in zip(paths, arrays[output]):
             confusion.add(path, truth[path], values)
     say(*confusion.lines(), sep="\n")
-    mean = ["--mean-file", args.mean_file] if args.mean_file else ["--mean", ",".join(f"{m:g}" for m in args.mean)]
-    words = [args.out / "deploy.prototxt", weights, args.out / "test.txt", *mean, "--scale", f"{args.scale:g}",
-             *["--rgb"] * args.rgb, "--labels", args.out / "labels.txt", "--confusion"]
+    mean = (
+        ["--mean-file", args.mean_file]
+        if args.mean_file
+        else ["--mean", ",".join(f"{m:g}" for m in args.mean)]
+    )
+    words = [
+        args.out / "deploy.prototxt",
+        weights,
+        args.out / "test.txt",
+        *mean,
+        "--scale",
+        f"{args.scale:g}",
+        *["--rgb"] * args.rgb,
+        "--labels",
+        args.out / "labels.txt",
+        "--confusion",
+    ]
     say(f"the same again: {command('run_net')} {shlex.join(map(str, words))}")
     return DONE
 

@@ -50,17 +50,38 @@ from tools.common.progress import ProgressBar
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
-    parser.add_argument("joints", metavar="FILE", help="a text file of joints, or a list of HDF5 files")
-    parser.add_argument("--out", metavar="PATH", help="file to write for a text file of joints, folder for a list")
-    parser.add_argument("--format", choices=FORMATS, default="uvd", help="of a text file (default: %(default)s)")
-    parser.add_argument("--skeleton", metavar="FILE", help="skeleton file of the hand (default: NYU's)")
-    parser.add_argument("--no-limits", action="store_true", help="allow angles outside their limits")
-    parser.add_argument("--ridge", type=real(0), default=0.0, metavar="W",
-                        help="weight of squared angles, which favours the initial pose (default: %(default)g)")
+    parser.add_argument(
+        "joints", metavar="FILE", help="a text file of joints, or a list of HDF5 files"
+    )
+    parser.add_argument(
+        "--out", metavar="PATH", help="file to write for a text file of joints, folder for a list"
+    )
+    parser.add_argument(
+        "--format", choices=FORMATS, default="uvd", help="of a text file (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--skeleton", metavar="FILE", help="skeleton file of the hand (default: NYU's)"
+    )
+    parser.add_argument(
+        "--no-limits", action="store_true", help="allow angles outside their limits"
+    )
+    parser.add_argument(
+        "--ridge",
+        type=real(0),
+        default=0.0,
+        metavar="W",
+        help="weight of squared angles, which favours the initial pose (default: %(default)g)",
+    )
     parser.add_argument("--swarm", action="store_true", help="particle swarm, as in the paper")
-    parser.add_argument("--particles", type=count, default=128, metavar="N", help="default: %(default)s")
-    parser.add_argument("--generations", type=count, default=200, metavar="N", help="default: %(default)s")
-    parser.add_argument("--frames", type=count, metavar="N", help="fit only N evenly spaced frames (text files)")
+    parser.add_argument(
+        "--particles", type=count, default=128, metavar="N", help="default: %(default)s"
+    )
+    parser.add_argument(
+        "--generations", type=count, default=200, metavar="N", help="default: %(default)s"
+    )
+    parser.add_argument(
+        "--frames", type=count, metavar="N", help="fit only N evenly spaced frames (text files)"
+    )
     args = parser.parse_args(argv)
     if args.swarm and (args.no_limits or args.ridge):
         parser.error("--swarm does not support --no-limits and --ridge")
@@ -75,7 +96,9 @@ def run(args: argparse.Namespace) -> int:
     begun = time.perf_counter()
     inputs, residuals = (_fit_list if is_list(args.joints) else _fit_text)(args, skeleton)
     frame = np.nanmean(residuals, axis=1)
-    broken = metrics.fraction_out_of_limits(inputs, skeleton.lower, skeleton.upper, skeleton.fixed, tolerance=1e-6)
+    broken = metrics.fraction_out_of_limits(
+        inputs, skeleton.lower, skeleton.upper, skeleton.fixed, tolerance=1e-6
+    )
     say(
         f"{len(frame)} frames in {duration(time.perf_counter() - begun)}: residual {np.nanmean(residuals):.4f} mm "
         f"(mean over joints), {np.median(frame):.4f} median frame, {frame.max():.4f} worst frame; "
@@ -88,7 +111,9 @@ def _fit_text(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
     """Inputs (N, D) and residuals (N, K) in mm for the frames of a text file; written if --out is given."""
     chosen = nyu.EVALUATION_JOINTS
     if max(chosen) >= len(skeleton.parents):
-        raise DataError(f"skeleton {skeleton.name!r} has {len(skeleton.parents)} joints, expected the 31 of NYU's hand")
+        raise DataError(
+            f"skeleton {skeleton.name!r} has {len(skeleton.parents)} joints, expected the 31 of NYU's hand"
+        )
     if args.out:
         outputs.refuse_inputs(args.out, [args.joints, args.skeleton])
     xyz = read_joints(args.joints, len(chosen), args.format, NYU)
@@ -96,11 +121,16 @@ def _fit_text(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
     half_cube = nyu.half_cubes(len(xyz))[rows]
     with ProgressBar(len(rows)) as progress:
         if args.swarm:
-            how: dict[str, Any] = {"fit": fit_joints_by_swarm, "particles": args.particles,
-                                   "generations": args.generations}
+            how: dict[str, Any] = {
+                "fit": fit_joints_by_swarm,
+                "particles": args.particles,
+                "generations": args.generations,
+            }
         else:
             how = {"fit": fit_joints, "limits": not args.no_limits, "ridge": args.ridge}
-        found, center = fit_absolute(skeleton, xyz[rows], half_cube, chosen, progress=progress, **how)
+        found, center = fit_absolute(
+            skeleton, xyz[rows], half_cube, chosen, progress=progress, **how
+        )
     if args.out:
         try:
             write_fit(Path(args.out), found, center, half_cube, rows)
@@ -114,16 +144,27 @@ def _fit_text(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
 def _fit_list(args: argparse.Namespace, skeleton: Skeleton) -> tuple[Any, Any]:
     """Inputs (N, D) and residuals (N, K) in mm for the frames of a list, written to files with links to the data."""
     if args.swarm or args.frames or args.format != "uvd":
-        raise NetlibError(f"{args.joints}: a list of HDF5 files; --swarm, --frames and --format need a text file "
-                          "of joints")
+        raise NetlibError(
+            f"{args.joints}: a list of HDF5 files; --swarm, --frames and --format need a text file "
+            "of joints"
+        )
     if not args.out:
-        raise NetlibError(f"{args.joints}: a list of HDF5 files needs --out FOLDER for their angles")
+        raise NetlibError(
+            f"{args.joints}: a list of HDF5 files needs --out FOLDER for their angles"
+        )
     name = Path(args.joints).name
     outputs.refuse_inputs(Path(args.out) / name, [args.joints])
     files = read_list(args.joints, None)
     with ProgressBar(sum(File(file, ("joint",)).rows for file in files)) as progress:
-        return fit_list(files, Path(args.out), name, skeleton, progress=progress,
-                        limits=not args.no_limits, ridge=args.ridge)
+        return fit_list(
+            files,
+            Path(args.out),
+            name,
+            skeleton,
+            progress=progress,
+            limits=not args.no_limits,
+            ridge=args.ridge,
+        )
 
 
 if __name__ == "__main__":

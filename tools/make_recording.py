@@ -49,15 +49,35 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
     parser.add_argument("script", metavar="SCRIPT", choices=SCRIPTS, help=", ".join(SCRIPTS))
-    parser.add_argument("--out", required=True, metavar="FOLDER|FILE.npz", type=Path, help="output, new")
-    parser.add_argument("--camera", type=camera, default=NYU, metavar="NAME|FX,FY,U0,V0",
-                        help=f"{', '.join(CAMERAS)}, or four numbers in px (default: {NYU.name})")
-    parser.add_argument("--rate", type=rate, default=30.0, metavar="HZ",
-                        help="frames per second (default: %(default)g)")
-    parser.add_argument("--seconds", type=seconds, metavar="S", help="duration (default: that of the script)")
-    parser.add_argument("--hand", choices=SIDES, help="side of the first hand; a second one is the other")
-    parser.add_argument("--clean", action="store_true", help="without noise and other artefacts of a camera")
-    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="random seed (default: %(default)s)")
+    parser.add_argument(
+        "--out", required=True, metavar="FOLDER|FILE.npz", type=Path, help="output, new"
+    )
+    parser.add_argument(
+        "--camera",
+        type=camera,
+        default=NYU,
+        metavar="NAME|FX,FY,U0,V0",
+        help=f"{', '.join(CAMERAS)}, or four numbers in px (default: {NYU.name})",
+    )
+    parser.add_argument(
+        "--rate",
+        type=rate,
+        default=30.0,
+        metavar="HZ",
+        help="frames per second (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--seconds", type=seconds, metavar="S", help="duration (default: that of the script)"
+    )
+    parser.add_argument(
+        "--hand", choices=SIDES, help="side of the first hand; a second one is the other"
+    )
+    parser.add_argument(
+        "--clean", action="store_true", help="without noise and other artefacts of a camera"
+    )
+    parser.add_argument(
+        "--seed", type=seed, default=0, metavar="N", help="random seed (default: %(default)s)"
+    )
     return guarded(run, parser.parse_args(argv))
 
 
@@ -65,12 +85,19 @@ def run(args: argparse.Namespace) -> int:
     """Generate the recording."""
     if not args.out.name:
         raise NetlibError(f"{args.out}: expected the name of a new folder or FILE.npz")
-    truth = args.out.with_name(f"{args.out.stem if args.out.suffix == '.npz' else args.out.name}.truth.json")
+    truth = args.out.with_name(
+        f"{args.out.stem if args.out.suffix == '.npz' else args.out.name}.truth.json"
+    )
     if truth.exists():
         raise NetlibError(f"{truth}: is there already; choose another --out or remove it")
     recording = SyntheticRecording(
-        args.script, args.camera, rate=args.rate, seconds=args.seconds, seed=args.seed,
-        clean=args.clean, mirrored=args.hand not in (None, next(iter(SCRIPTS[args.script].acts))),
+        args.script,
+        args.camera,
+        rate=args.rate,
+        seconds=args.seconds,
+        seed=args.seed,
+        clean=args.clean,
+        mirrored=args.hand not in (None, next(iter(SCRIPTS[args.script].acts))),
     )
     writer = RecordingWriter(args.out, recording.camera, recording.unit_mm, recording.rate)
     make_folder(truth.parent)
@@ -93,8 +120,10 @@ def run(args: argparse.Namespace) -> int:
         if exists(truth) and not exists(args.out):
             truth.unlink()  # of a recording that does not exist
         raise
-    say(f"wrote {args.out}: {writer.count} frames of {writer.count / recording.rate:.1f} s, "
-        f"unit {recording.unit_mm:g} mm; ground truth in {truth}")
+    say(
+        f"wrote {args.out}: {writer.count} frames of {writer.count / recording.rate:.1f} s, "
+        f"unit {recording.unit_mm:g} mm; ground truth in {truth}"
+    )
     return DONE
 
 

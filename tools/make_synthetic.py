@@ -51,17 +51,40 @@ RECIPE = "nyu"
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
-    parser.add_argument("--body", metavar="PRIOR", type=Path, help="draw the body of this prior file instead of hands")
-    parser.add_argument("--out", type=Path, help=f"output folder (default: {HANDS}; with --body {HANDS.parent}/ "
-                        "and the skeleton's name)")
-    parser.add_argument("--train", type=count, default=20000, metavar="N", help="frames (default: %(default)s)")
-    parser.add_argument("--test", type=count, default=2000, metavar="N", help="frames (default: %(default)s)")
-    parser.add_argument("--seed", type=seed, default=0, metavar="N",
-                        help="random seed (default: %(default)s)")
-    parser.add_argument("--recipe", choices=recipes.NAMES, help=f"hands and cameras (default: {RECIPE})")
-    parser.add_argument("--workers", type=workers, default=engine.available_cpus(), metavar="N",
-                        help="processes (default: one per processor, %(default)s)")
-    parser.add_argument("--force", action="store_true", help="replace existing data, even real data")
+    parser.add_argument(
+        "--body",
+        metavar="PRIOR",
+        type=Path,
+        help="draw the body of this prior file instead of hands",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        help=f"output folder (default: {HANDS}; with --body {HANDS.parent}/ "
+        "and the skeleton's name)",
+    )
+    parser.add_argument(
+        "--train", type=count, default=20000, metavar="N", help="frames (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--test", type=count, default=2000, metavar="N", help="frames (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--seed", type=seed, default=0, metavar="N", help="random seed (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--recipe", choices=recipes.NAMES, help=f"hands and cameras (default: {RECIPE})"
+    )
+    parser.add_argument(
+        "--workers",
+        type=workers,
+        default=engine.available_cpus(),
+        metavar="N",
+        help="processes (default: one per processor, %(default)s)",
+    )
+    parser.add_argument(
+        "--force", action="store_true", help="replace existing data, even real data"
+    )
     args = parser.parse_args(argv)
     if args.body and args.recipe:
         parser.error("--recipe applies only to hands; other bodies are described by the prior file")
@@ -76,14 +99,20 @@ def run(args: argparse.Namespace) -> int:
     out: Path = args.out or (HANDS.with_name(_name(args, recipe)) if args.body else HANDS)
     counts: dict[Split, int] = {"train": args.train, "test": args.test}
     summary = f"{out}: {args.train} train and {args.test} test frames (synthetic, seed {args.seed})"
-    data = DataSet(out, [(Generator(args.seed, split, recipe), n) for split, n in counts.items()], args.force)
+    data = DataSet(
+        out, [(Generator(args.seed, split, recipe), n) for split, n in counts.items()], args.force
+    )
     if data.is_whole:
         say(f"{summary} exist already")
         return DONE
     begun = time.perf_counter()
-    status = fill_folder(out, data.missing_frames, lambda advance: data.write(args.workers, advance))
+    status = fill_folder(
+        out, data.missing_frames, lambda advance: data.write(args.workers, advance)
+    )
     if status == DONE:
-        say(f"{summary}; made {data.missing_frames} of them in {duration(time.perf_counter() - begun)}")
+        say(
+            f"{summary}; made {data.missing_frames} of them in {duration(time.perf_counter() - begun)}"
+        )
     return status
 
 
@@ -92,7 +121,9 @@ def _name(args: argparse.Namespace, recipe: Recipe) -> str:
     name = recipe.prior.body().name
     if re.fullmatch(r"\w[\w.-]*", name):
         return name
-    raise NetlibError(f"{args.body}: its skeleton is named {name!r}, which cannot be a folder; expected --out")
+    raise NetlibError(
+        f"{args.body}: its skeleton is named {name!r}, which cannot be a folder; expected --out"
+    )
 
 
 if __name__ == "__main__":

@@ -42,9 +42,15 @@ Curve = list[tuple[int, float]]  # iteration, value
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
-    parser.add_argument("logs", metavar="LOG", nargs="+", help="log of tools/train.py --log, or stderr of Caffe")
-    parser.add_argument("--out", metavar="FILE", default="log.png",
-                        help="figure; its suffix selects the format (default: %(default)s)")
+    parser.add_argument(
+        "logs", metavar="LOG", nargs="+", help="log of tools/train.py --log, or stderr of Caffe"
+    )
+    parser.add_argument(
+        "--out",
+        metavar="FILE",
+        default="log.png",
+        help="figure; its suffix selects the format (default: %(default)s)",
+    )
     return guarded(run, parser.parse_args(argv))
 
 
@@ -69,7 +75,9 @@ def read_log(path: str | Path) -> dict[str, Curve]:
         if found := _OUTPUT.search(line):
             curves.setdefault(f"test {found[1]}", []).append((iteration, float(found[2])))
     if not curves:
-        raise DataError(f"{path}: it has no line like 'Iteration 20 (...), loss = 0.5'; expected a training log")
+        raise DataError(
+            f"{path}: it has no line like 'Iteration 20 (...), loss = 0.5'; expected a training log"
+        )
     return curves
 
 
@@ -87,9 +95,12 @@ def plot(logs: dict[str, dict[str, Curve]], out: str | Path) -> None:
         label = outputs.label(f"{folder}/{stem}" if stems.count(stem) > 1 and folder else stem)
         for name, curve in log.items():
             if name in panels:
-                marker = "" if name == LOSS and len(curve) > MAX_MARKED else "o"  # a single point has no line
+                # a single point has no line
+                marker = "" if name == LOSS and len(curve) > MAX_MARKED else "o"
                 panels[name].plot(*zip(*curve), label=label, marker=marker, markersize=3)
-    iterations = [iteration for log in logs.values() for curve in log.values() for iteration, _ in curve]
+    iterations = [
+        iteration for log in logs.values() for curve in log.values() for iteration, _ in curve
+    ]
     first, last = min(iterations), max(*iterations, min(iterations) + 1)
     for name, axis in panels.items():
         axis.set_xlim(first - MARGIN * (last - first), last + MARGIN * (last - first))

@@ -63,29 +63,70 @@ EITHER, UNFITTED = "either", "right"  # sides with a fit and without one, by def
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = arguments.parser_of(__doc__, nets=True)
-    parser.add_argument("images", metavar="IMAGE", nargs="+", help="crops, or with --camera full depth frames")
-    parser.add_argument("--weights", metavar="FILE", help="*.caffemodel.h5 (default: those of models/synthetic_hand)")
-    parser.add_argument("--model", metavar="NET",
-                        help="net with input depth and output pred (default: that of the packaged weights; with "
-                             f"--weights, {MODEL.name})")
-    parser.add_argument("--fit", choices=("no", *PLANS), help=f"refine the predicted hand to match the depth (default: "
-                        f"{FIT}; fast for other bodies, no for those without a surface)")
-    parser.add_argument("--hand", choices=SOUGHT_SIDES, help=f"default: {EITHER}, with --fit no {UNFITTED}")
-    parser.add_argument("--out", metavar="DIR", default=".", help="output folder (default: the working folder)")
-    parser.add_argument("--html", metavar="FILE", help="write a page on which the hands can be rotated")
-    parser.add_argument("--cube", type=sources.cube, metavar="MM",
-                        help=f"edge of the cube (default for hands: {CUBE_MM:g})")
+    parser.add_argument(
+        "images", metavar="IMAGE", nargs="+", help="crops, or with --camera full depth frames"
+    )
+    parser.add_argument(
+        "--weights",
+        metavar="FILE",
+        help="*.caffemodel.h5 (default: those of models/synthetic_hand)",
+    )
+    parser.add_argument(
+        "--model",
+        metavar="NET",
+        help="net with input depth and output pred (default: that of the packaged weights; with "
+        f"--weights, {MODEL.name})",
+    )
+    parser.add_argument(
+        "--fit",
+        choices=("no", *PLANS),
+        help=f"refine the predicted hand to match the depth (default: "
+        f"{FIT}; fast for other bodies, no for those without a surface)",
+    )
+    parser.add_argument(
+        "--hand", choices=SOUGHT_SIDES, help=f"default: {EITHER}, with --fit no {UNFITTED}"
+    )
+    parser.add_argument(
+        "--out", metavar="DIR", default=".", help="output folder (default: the working folder)"
+    )
+    parser.add_argument(
+        "--html", metavar="FILE", help="write a page on which the hands can be rotated"
+    )
+    parser.add_argument(
+        "--cube",
+        type=sources.cube,
+        metavar="MM",
+        help=f"edge of the cube (default for hands: {CUBE_MM:g})",
+    )
     sources.add_camera_options(parser, "the images are full depth frames of this camera")
-    parser.add_argument("--center", type=sources.center, metavar="U,V[,D]", action="append",
-                        help="px, px, mm: centre of the hand, once for all frames or once per frame")
-    parser.add_argument("--refine", type=arguments.whole(0, MAX_REFINE), default=3, metavar="N",
-                        help="move the crop to the predicted palm N times (default: %(default)s)")
+    parser.add_argument(
+        "--center",
+        type=sources.center,
+        metavar="U,V[,D]",
+        action="append",
+        help="px, px, mm: centre of the hand, once for all frames or once per frame",
+    )
+    parser.add_argument(
+        "--refine",
+        type=arguments.whole(0, MAX_REFINE),
+        default=3,
+        metavar="N",
+        help="move the crop to the predicted palm N times (default: %(default)s)",
+    )
     sources.add_min_confidence(parser)
     arguments.add_engine(parser)
-    sources.add_joints_option(parser, "in the table and in --csv instead of NYU's, in --json in addition")
-    parser.add_argument("--csv", metavar="FILE.csv", type=arguments.name_in(".csv"), help="write one row per image")
-    parser.add_argument("--json", metavar="FILE.json|-", type=arguments.name_in(".json", "-"),
-                        help="write JSON; with - print it instead of a table")
+    sources.add_joints_option(
+        parser, "in the table and in --csv instead of NYU's, in --json in addition"
+    )
+    parser.add_argument(
+        "--csv", metavar="FILE.csv", type=arguments.name_in(".csv"), help="write one row per image"
+    )
+    parser.add_argument(
+        "--json",
+        metavar="FILE.json|-",
+        type=arguments.name_in(".json", "-"),
+        help="write JSON; with - print it instead of a table",
+    )
     args = parser.parse_args(argv)
     if args.model and not args.weights:
         parser.error("--model needs --weights")
@@ -93,11 +134,16 @@ def main(argv: list[str] | None = None) -> int:
         parser.error("--hand either needs a fit; use --hand right or left")
     if args.camera is None:
         arguments.reject_given(
-            parser, args, ["center", *sources.ABOUT_FRAMES, "refine"], "applies only to full frames, with --camera"
+            parser,
+            args,
+            ["center", *sources.ABOUT_FRAMES, "refine"],
+            "applies only to full frames, with --camera",
         )
     if args.center and len(args.center) not in (1, len(args.images)):
-        parser.error(f"--center is given {len(args.center)} times for {len(args.images)} images; "
-                     "expected once, or once per image")
+        parser.error(
+            f"--center is given {len(args.center)} times for {len(args.images)} images; "
+            "expected once, or once per image"
+        )
     return guarded(run, args)
 
 
@@ -117,7 +163,9 @@ def run(args: argparse.Namespace) -> int:
     places = outputs.places(args.images, out, "_hand.png" if predictor.is_hand else "_body.png")
     hands = list[tuple[str, Hand]]()
     for image, depth, middle, place in zip(args.images, depths, centers, places):
-        found = _in_frame(predictor, depth, middle, image, given) if whole else predictor.in_crop(depth)
+        found = (
+            _in_frame(predictor, depth, middle, image, given) if whole else predictor.in_crop(depth)
+        )
         if found.in_frame and predictor.is_hand:
             confidence = 0.0 if found.fit is None else found.confidence
             sources.print_warnings(image, depth, found.camera, given.unit_mm, confidence)
@@ -138,8 +186,12 @@ def run(args: argparse.Namespace) -> int:
 
 def _predictor(args: argparse.Namespace, camera: Camera) -> Predictor:
     """Create the predictor that the arguments select."""
-    options = {"cube_mm": args.cube, "refine": args.refine, "engine": args.engine,
-               "min_confidence": args.min_confidence}
+    options = {
+        "cube_mm": args.cube,
+        "refine": args.refine,
+        "engine": args.engine,
+        "min_confidence": args.min_confidence,
+    }
     if not args.weights:
         options["hand"] = args.hand or (UNFITTED if args.fit == "no" else EITHER)
         return load_predictor(camera, fit=args.fit or FIT, **options)
@@ -147,7 +199,9 @@ def _predictor(args: argparse.Namespace, camera: Camera) -> Predictor:
     return predictor_of(model, args.weights, camera, fit=args.fit, hand=args.hand, **options)
 
 
-def _in_frame(predictor: Predictor, depth: NDArray[Any], middle: Any, image: str, given: CameraInfo) -> Hand:
+def _in_frame(
+    predictor: Predictor, depth: NDArray[Any], middle: Any, image: str, given: CameraInfo
+) -> Hand:
     """Predict the hand in a frame. Raises DataError with the image's name and advice."""
     try:
         return predictor.in_frame(depth, middle)
@@ -155,7 +209,11 @@ def _in_frame(predictor: Predictor, depth: NDArray[Any], middle: Any, image: str
         known = isinstance(error, UnitError) or (middle and len(middle) == 3)
         doubt = "" if middle else checked([depth], predictor.camera, given.unit_mm).doubt
         body = "hand" if predictor.is_hand else "body"
-        advice = "" if known else f"{doubt and f'; {doubt}'}; give the position of the {body} with --center U,V,D"
+        advice = (
+            ""
+            if known
+            else f"{doubt and f'; {doubt}'}; give the position of the {body} with --center U,V,D"
+        )
         raise DataError(f"{image}: {error}{advice}") from None
 
 

@@ -41,7 +41,9 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
     add_source_options(parser)
-    parser.add_argument("--out", required=True, metavar="FOLDER|FILE.npz", type=Path, help="output, new")
+    parser.add_argument(
+        "--out", required=True, metavar="FOLDER|FILE.npz", type=Path, help="output, new"
+    )
     parser.add_argument("--seconds", type=seconds, metavar="S", help="maximum duration")
     return guarded(run, parser.parse_args(argv))
 
@@ -71,7 +73,9 @@ def run(args: argparse.Namespace) -> int:
     return DONE
 
 
-def _write(seen: Inspection, writer: RecordingWriter, stopper: Stopper, seconds: float | None) -> float:
+def _write(
+    seen: Inspection, writer: RecordingWriter, stopper: Stopper, seconds: float | None
+) -> float:
     """Write frames up to the limit; returns the time in s from the first to the last. Raises StoppedError."""
     first = last = None
     with writer, ProgressBar(seen.recording.count or 0, what="recording") as progress:

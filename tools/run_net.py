@@ -69,28 +69,72 @@ def main(argv: list[str] | None = None) -> int:
     parser = parser_of(__doc__, nets=True)
     parser.add_argument("net", metavar="NET", help="deploy prototxt of the net")
     parser.add_argument("weights", metavar="WEIGHTS", help="*.caffemodel or *.caffemodel.h5")
-    parser.add_argument("images", metavar="IMAGE", nargs="+", help="image files, folders of them, or lists (.txt)")
-    parser.add_argument("--root-folder", metavar="FOLDER/", default="", help="prepended to every path in a list")
+    parser.add_argument(
+        "images", metavar="IMAGE", nargs="+", help="image files, folders of them, or lists (.txt)"
+    )
+    parser.add_argument(
+        "--root-folder", metavar="FOLDER/", default="", help="prepended to every path in a list"
+    )
     given = parser.add_argument_group("preprocessing (the net's author knows the values)")
     add_value_options(given, 1.0)
-    given.add_argument("--size", type=pixels, metavar="WxH", help="size of the input (default: that of the prototxt)")
-    given.add_argument("--resize", type=pixels, metavar="WxH", help="resize images to this size, and cut the input "
-                       "from the centre (default: size of the mean file, else of the input)")
-    given.add_argument("--crop", action="store_true",
-                       help="keep the aspect ratio: cut off what does not fit (default: stretch)")
-    parser.add_argument("--labels", metavar="FILE", help="names of the classes, one per line, or a LabelMap of SSD")
-    parser.add_argument("--top", type=count, metavar="N",
-                        help=f"classes or detections to show (default: {TOP}, with --threshold all)")
-    parser.add_argument("--threshold", type=real(0, 1), metavar="P", help="least confidence to show, from 0 to 1")
-    parser.add_argument("--draw", metavar="FILE|FOLDER", type=Path,
-                        help="draw the detections: a .jpg or .png of one image, or a folder for those of all")
-    parser.add_argument("--confusion", action="store_true",
-                        help="print how often images of each class in the lists are taken for another, not each image")
-    parser.add_argument("--blob", metavar="NAME", action="append", default=[],
-                        help="blob to print or write instead of the outputs; can be repeated")
-    parser.add_argument("--out", metavar="FILE", type=name_in(".npz", ".npy"), help="write the blobs of all images: "
-                        ".npz, or .npy for a single one; the first axis is the image")
-    parser.add_argument("--batch", type=count, metavar="N", help="images per pass (default: that of the prototxt)")
+    given.add_argument(
+        "--size",
+        type=pixels,
+        metavar="WxH",
+        help="size of the input (default: that of the prototxt)",
+    )
+    given.add_argument(
+        "--resize",
+        type=pixels,
+        metavar="WxH",
+        help="resize images to this size, and cut the input "
+        "from the centre (default: size of the mean file, else of the input)",
+    )
+    given.add_argument(
+        "--crop",
+        action="store_true",
+        help="keep the aspect ratio: cut off what does not fit (default: stretch)",
+    )
+    parser.add_argument(
+        "--labels", metavar="FILE", help="names of the classes, one per line, or a LabelMap of SSD"
+    )
+    parser.add_argument(
+        "--top",
+        type=count,
+        metavar="N",
+        help=f"classes or detections to show (default: {TOP}, with --threshold all)",
+    )
+    parser.add_argument(
+        "--threshold", type=real(0, 1), metavar="P", help="least confidence to show, from 0 to 1"
+    )
+    parser.add_argument(
+        "--draw",
+        metavar="FILE|FOLDER",
+        type=Path,
+        help="draw the detections: a .jpg or .png of one image, or a folder for those of all",
+    )
+    parser.add_argument(
+        "--confusion",
+        action="store_true",
+        help="print how often images of each class in the lists are taken for another, not each image",
+    )
+    parser.add_argument(
+        "--blob",
+        metavar="NAME",
+        action="append",
+        default=[],
+        help="blob to print or write instead of the outputs; can be repeated",
+    )
+    parser.add_argument(
+        "--out",
+        metavar="FILE",
+        type=name_in(".npz", ".npy"),
+        help="write the blobs of all images: "
+        ".npz, or .npy for a single one; the first axis is the image",
+    )
+    parser.add_argument(
+        "--batch", type=count, metavar="N", help="images per pass (default: that of the prototxt)"
+    )
     add_engine(parser)
     return guarded(run, parser.parse_args(argv))
 
@@ -99,7 +143,9 @@ def run(args: argparse.Namespace) -> int:
     """Run the net on all images. Raises NetlibError."""
     paths, truth = _paths(args.images, args.root_folder)
     if args.out:
-        outputs.check_place(Path(args.out), [args.net, args.weights, args.mean_file, args.labels, *paths])
+        outputs.check_place(
+            Path(args.out), [args.net, args.weights, args.mean_file, args.labels, *paths]
+        )
     labels = read_labels(args.labels) if args.labels else None
     refuse_training_net(args.net)
     net = Net(args.net, args.weights, netlib.TEST, engine=args.engine)
@@ -110,14 +156,22 @@ def run(args: argparse.Namespace) -> int:
     preprocessing = Preprocessing(size, resize, args.crop, args.rgb, mean, args.scale)
     blobs = args.blob or net.outputs
     if not blobs:
-        raise NetlibError(f"{args.net}: no layer leaves a blob unread, so the net has no output; name one with --blob")
+        raise NetlibError(
+            f"{args.net}: no layer leaves a blob unread, so the net has no output; name one with --blob"
+        )
     if wrong := [blob for blob in blobs if blob not in net.blobs]:
-        raise NetlibError(f"{args.net}: the net has no blob {wrong[0]!r}{did_you_mean(wrong[0], net.blobs)}")
+        raise NetlibError(
+            f"{args.net}: the net has no blob {wrong[0]!r}{did_you_mean(wrong[0], net.blobs)}"
+        )
     if args.out and args.out.endswith(".npy") and len(blobs) > 1:
-        raise NetlibError(f"{args.out}: a .npy file holds one array, found {', '.join(blobs)}; expected .npz or --blob")
+        raise NetlibError(
+            f"{args.out}: a .npy file holds one array, found {', '.join(blobs)}; expected .npz or --blob"
+        )
     results = [Results(net, blob, labels, args.labels) for blob in blobs]
     places = _pictures(args.draw, paths, results) if args.draw else []
-    shown = Shown(args.top, args.threshold) if args.threshold is not None else Shown(args.top or TOP)
+    shown = (
+        Shown(args.top, args.threshold) if args.threshold is not None else Shown(args.top or TOP)
+    )
     printed = not args.confusion and (labels or not args.out)
     confusion = _confusion(net, blobs, labels, truth) if args.confusion else None
     with ProgressBar(0 if printed else len(paths), "images") as progress:
@@ -130,7 +184,10 @@ def run(args: argparse.Namespace) -> int:
                     first, *others = result.lines(items[number], shown, preprocessing, image.shape)
                     say(f"{path}: {first}", *others, sep="\n")
                 if places:
-                    outputs.write_image(places[done], results[0].drawn(found[0][number], shown, preprocessing, image))
+                    outputs.write_image(
+                        places[done],
+                        results[0].drawn(found[0][number], shown, preprocessing, image),
+                    )
                 if confusion:
                     confusion.add(path, truth[done], found[0][number])
                 done += 1
@@ -165,8 +222,10 @@ def _paths(images: Sequence[str], root: str) -> tuple[list[str], list[int]]:
 def _pictures(draw: Path, paths: Sequence[str], results: Sequence[Results]) -> list[Path]:
     """The paths of the pictures of detections. Raises NetlibError."""
     if len(results) > 1 or not results[0].classes:
-        raise NetlibError(f"{draw}: blob {results[0].blob!r} holds no detections; --draw needs a net that ends in a "
-                          "DetectionOutput layer")
+        raise NetlibError(
+            f"{draw}: blob {results[0].blob!r} holds no detections; --draw needs a net that ends in a "
+            "DetectionOutput layer"
+        )
     if draw.suffix.lower() in (".jpg", ".png"):
         if len(paths) > 1:
             raise NetlibError(f"{draw}: one file for {len(paths)} images; expected a folder")
@@ -176,14 +235,18 @@ def _pictures(draw: Path, paths: Sequence[str], results: Sequence[Results]) -> l
     return outputs.places(paths, draw, ".jpg")
 
 
-def _confusion(net: Net, blobs: Sequence[str], labels: Sequence[str] | None, truth: Sequence[int]) -> Confusion:
+def _confusion(
+    net: Net, blobs: Sequence[str], labels: Sequence[str] | None, truth: Sequence[int]
+) -> Confusion:
     """An empty table of confusions. Raises NetlibError."""
     if not truth:
         raise NetlibError("--confusion needs lists of images with their labels (.txt)")
     if len(blobs) > 1 or not labels:
         raise NetlibError("--confusion needs one blob of classes, and --labels with their names")
     if (size := net.blobs[blobs[0]].count // net.blobs[blobs[0]].shape[0]) != len(labels):
-        raise NetlibError(f"{len(labels)} labels, but blob {blobs[0]!r} has {size} values for an image")
+        raise NetlibError(
+            f"{len(labels)} labels, but blob {blobs[0]!r} has {size} values for an image"
+        )
     return Confusion(labels)
 
 

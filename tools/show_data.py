@@ -40,11 +40,26 @@ COLUMNS = 8
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__)
-    parser.add_argument("sets", metavar="DATA", nargs="+", help="a list, an HDF5 file, or a folder of crops")
-    parser.add_argument("--out", metavar="FILE", type=name_in(".png", ".jpg"), required=True,
-                        help="figure, .png or .jpg")
-    parser.add_argument("--frames", type=count, default=16, metavar="N", help="frames per set (default: %(default)s)")
-    parser.add_argument("--skeleton", metavar="FILE", help="skeleton file of the bodies (default: NYU's hand)")
+    parser.add_argument(
+        "sets", metavar="DATA", nargs="+", help="a list, an HDF5 file, or a folder of crops"
+    )
+    parser.add_argument(
+        "--out",
+        metavar="FILE",
+        type=name_in(".png", ".jpg"),
+        required=True,
+        help="figure, .png or .jpg",
+    )
+    parser.add_argument(
+        "--frames",
+        type=count,
+        default=16,
+        metavar="N",
+        help="frames per set (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--skeleton", metavar="FILE", help="skeleton file of the bodies (default: NYU's hand)"
+    )
     parser.add_argument("--plain", action="store_true", help="do not draw annotations")
     return guarded(run, parser.parse_args(argv))
 
@@ -62,7 +77,9 @@ def run(args: argparse.Namespace) -> int:
         for number, (crop, joints, where) in enumerate(examples):
             found = 0 if joints is None else joints.size // 3
             if args.skeleton and found not in (0, len(skeleton.parents)):
-                raise DataError(f"{name}: frames have {found} joints, {args.skeleton} has {len(skeleton.parents)}")
+                raise DataError(
+                    f"{name}: frames have {found} joints, {args.skeleton} has {len(skeleton.parents)}"
+                )
             if args.plain or joints is None or found != len(skeleton.parents):
                 images.append(hands.picture(crop, 1))
             elif not np.isfinite(joints).all():

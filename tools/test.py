@@ -67,14 +67,28 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__, nets=True)
     parser.add_argument("snapshots", metavar="SNAPSHOT", nargs="+", help="weights, *.caffemodel.h5")
-    parser.add_argument("--model", metavar="NET", default=str(MODEL),
-                        help=f"the net's prototxt (default: {MODEL.name})")
+    parser.add_argument(
+        "--model",
+        metavar="NET",
+        default=str(MODEL),
+        help=f"the net's prototxt (default: {MODEL.name})",
+    )
     parser.add_argument("--fit", choices=PLANS, help="also fit the predicted hands to the depth")
-    parser.add_argument("--deploy", metavar="NET", default=str(DEPLOY),
-                        help=f"with --fit: deploy prototxt of the net (default: {DEPLOY.name})")
-    parser.add_argument("--picture", metavar="FILE.png", type=name_in(".png"),
-                        help=f"draw {DRAWN} frames with predictions of the last snapshot")
-    parser.add_argument("--joints", action="store_true", help="print the error per joint of the last snapshot")
+    parser.add_argument(
+        "--deploy",
+        metavar="NET",
+        default=str(DEPLOY),
+        help=f"with --fit: deploy prototxt of the net (default: {DEPLOY.name})",
+    )
+    parser.add_argument(
+        "--picture",
+        metavar="FILE.png",
+        type=name_in(".png"),
+        help=f"draw {DRAWN} frames with predictions of the last snapshot",
+    )
+    parser.add_argument(
+        "--joints", action="store_true", help="print the error per joint of the last snapshot"
+    )
     add_engine(parser)
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     args = parser.parse_args(argv)
@@ -94,29 +108,52 @@ def run(args: argparse.Namespace) -> int:
         try:
             net.copy_from(snapshot, strict=True)
         except WeightsError as error:
-            raise WeightsError(f"{error}; the net is {args.model}: give that of these weights with --model") from error
+            raise WeightsError(
+                f"{error}; the net is {args.model}: give that of these weights with --model"
+            ) from error
         with ProgressBar(data_layer(net).rows, what=Path(snapshot).name) as progress:
             predictions = held_out.predict_all(net, progress=progress.reach)
         if len(predictions.joints) > 1 and np.ptp(predictions.joints, axis=0).max() < SAME:
-            say(f"warning: {snapshot}: all {len(predictions.joints)} predictions are equal, whatever the frame shows: "
-                "are units of a layer dead? A lower base_lr may help", file=sys.stderr)
-        rows.append({"snapshot": snapshot, **predictions.outputs, **figures_of(predictions, skeleton)})
+            say(
+                f"warning: {snapshot}: all {len(predictions.joints)} predictions are equal, whatever the frame shows: "
+                "are units of a layer dead? A lower base_lr may help",
+                file=sys.stderr,
+            )
+        rows.append(
+            {"snapshot": snapshot, **predictions.outputs, **figures_of(predictions, skeleton)}
+        )
         if args.fit:
             deploy = held_out.deploy_of(net, args.deploy, snapshot, args.engine)
-            with ProgressBar(data_layer(net).rows, what=f"{Path(snapshot).name} {args.fit}") as progress:
+            with ProgressBar(
+                data_layer(net).rows, what=f"{Path(snapshot).name} {args.fit}"
+            ) as progress:
                 joints = held_out.fit_all(net, deploy, snapshot, PLANS[args.fit], progress.reach)
             predictions = replace(predictions, joints=joints, skeleton=joints, dof=None)
-            rows[-1] |= {f"fit_{name}": value for name, value in figures_of(predictions, skeleton).items()}
+            rows[-1] |= {
+                f"fit_{name}": value for name, value in figures_of(predictions, skeleton).items()
+            }
     if args.picture:
         _draw(Path(args.picture), net, predictions)
     if args.json:
-        facts = {"model": args.model, "frames": len(predictions.joints), "data": predictions.made_from}
+        facts = {
+            "model": args.model,
+            "frames": len(predictions.joints),
+            "data": predictions.made_from,
+        }
         each = {"joints_mm": errors_by_joint(predictions, skeleton)} if args.joints else {}
-        print(json.dumps({**facts, "centre": "of the crop", "snapshots": rows, **each}, indent=2, allow_nan=False))
+        print(
+            json.dumps(
+                {**facts, "centre": "of the crop", "snapshots": rows, **each},
+                indent=2,
+                allow_nan=False,
+            )
+        )
     else:
         cubes = sorted(set((2 * predictions.half_cube).round(1).tolist()))
-        say(f"{len(predictions.joints)} frames ({predictions.made_from}), errors about the crop's centre, "
-            f"cube {', '.join(f'{c:g}' for c in cubes[:3])} mm")
+        say(
+            f"{len(predictions.joints)} frames ({predictions.made_from}), errors about the crop's centre, "
+            f"cube {', '.join(f'{c:g}' for c in cubes[:3])} mm"
+        )
         print(_table(rows))
         for name, mm in errors_by_joint(predictions, skeleton).items() if args.joints else ():
             print(f"  {name:<16}{mm:7.1f} mm")
@@ -128,10 +165,16 @@ def _draw(path: Path, net: Net, found: held_out.Predictions) -> None:
     hand = hand_layer(net)
     chosen = spread(len(found.joints), DRAWN)
     sheet = hands.two_views(
-        held_out.crops_of(net, chosen), (found.joints if found.skeleton is None else found.skeleton)[chosen],
-        found.truth[chosen], hand.skeleton if hand else skeletons.load(),
-        [(f"frame {i}", f"{error:.0f} mm") for i, error in zip(chosen, found.errors_mm[chosen].mean(axis=1))],
-        *held_out.centers_of(net, chosen), (2 * found.half_cube[chosen]).tolist(),
+        held_out.crops_of(net, chosen),
+        (found.joints if found.skeleton is None else found.skeleton)[chosen],
+        found.truth[chosen],
+        hand.skeleton if hand else skeletons.load(),
+        [
+            (f"frame {i}", f"{error:.0f} mm")
+            for i, error in zip(chosen, found.errors_mm[chosen].mean(axis=1))
+        ],
+        *held_out.centers_of(net, chosen),
+        (2 * found.half_cube[chosen]).tolist(),
     )
     path.parent.mkdir(parents=True, exist_ok=True)
     outputs.write_image(path, sheet)

@@ -30,10 +30,19 @@ from tools.common.costs import mean_scores, warn_of_another_net
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__, nets=True)
-    parser.add_argument("net", metavar="NET", help="prototxt with a data layer for phase TEST, as used for training")
-    parser.add_argument("weights", metavar="WEIGHTS", nargs="+", help="*.caffemodel or *.caffemodel.h5")
-    parser.add_argument("--iterations", type=count, default=50, metavar="N",
-                        help="number of batches; test_iter in a solver (default: %(default)s)")
+    parser.add_argument(
+        "net", metavar="NET", help="prototxt with a data layer for phase TEST, as used for training"
+    )
+    parser.add_argument(
+        "weights", metavar="WEIGHTS", nargs="+", help="*.caffemodel or *.caffemodel.h5"
+    )
+    parser.add_argument(
+        "--iterations",
+        type=count,
+        default=50,
+        metavar="N",
+        help="number of batches; test_iter in a solver (default: %(default)s)",
+    )
     add_engine(parser)
     return guarded(run, parser.parse_args(argv))
 
@@ -42,13 +51,18 @@ def run(args: argparse.Namespace) -> int:
     """Test the weights one after the other. Raises NetlibError."""
     net = Net(args.net, netlib.TEST, engine=args.engine)
     if net.inputs:
-        raise NetlibError(f"{args.net}: the caller provides the input {net.inputs[0]!r}; expected a net that reads its "
-                          "test data in a data layer")
+        raise NetlibError(
+            f"{args.net}: the caller provides the input {net.inputs[0]!r}; expected a net that reads its "
+            "test data in a data layer"
+        )
     for weights in args.weights:
         _, missing = net.copy_from(weights)
         warn_of_another_net(weights, net)
         if missing:
-            say(f"{weights} has no weights for {', '.join(missing)}; they keep their values", file=sys.stderr)
+            say(
+                f"{weights} has no weights for {', '.join(missing)}; they keep their values",
+                file=sys.stderr,
+            )
         loss, scores = mean_scores(net, args.iterations)
         say(f"{weights}: {args.iterations} batches, loss {loss:.6g}")
         for score in scores:

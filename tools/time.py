@@ -41,8 +41,12 @@ def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns the exit status."""
     parser = parser_of(__doc__, nets=True)
     parser.add_argument("model", metavar="MODEL", help="prototxt of the net")
-    parser.add_argument("--iterations", type=count, default=20, metavar="N", help="default: %(default)s")
-    parser.add_argument("--phase", choices=tuple(PHASES), help=f"default: {PHASE}, of deploy nets {DEPLOY_PHASE}")
+    parser.add_argument(
+        "--iterations", type=count, default=20, metavar="N", help="default: %(default)s"
+    )
+    parser.add_argument(
+        "--phase", choices=tuple(PHASES), help=f"default: {PHASE}, of deploy nets {DEPLOY_PHASE}"
+    )
     add_engine(parser, threads=True)
     parser.add_argument("--memory", action="store_true", help="report memory use instead")
     return guarded(run, parser.parse_args(argv))
@@ -57,11 +61,14 @@ def run(args: argparse.Namespace) -> int:
     except NetlibError as error:
         if not is_training_net(args.model):
             raise
-        raise NetlibError(f"{error}; without its data, time the deploy net: {advice(args.model)} writes it") from None
+        raise NetlibError(
+            f"{error}; without its data, time the deploy net: {advice(args.model)} writes it"
+        ) from None
     if args.phase is None and net.inputs and not net.losses:
         net = Net(args.model, PHASES[DEPLOY_PHASE], engine=args.engine)
     for blob in (net.blobs[name] for name in net.inputs):
-        if len(blob.shape) == 4 and blob.shape[3] > 1:  # images; other inputs, such as regions, count items
+        # images; other inputs, such as regions, count items
+        if len(blob.shape) == 4 and blob.shape[3] > 1:
             blob.data[...] = np.random.default_rng(0).uniform(-1, 1, blob.shape)
     if args.memory:
         net.run_forward()
@@ -71,14 +78,18 @@ def run(args: argparse.Namespace) -> int:
         with contextlib.suppress(ImportError):  # not available on Windows
             import resource
 
-            say(f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10:10.2f} MiB  peak of the process")
+            say(
+                f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10:10.2f} MiB  peak of the process"
+            )
         return DONE
     batch = next(blob.shape[0] for blob in net.blobs.values() if blob.shape)
     say(f"Engine {net.engine.name}; {netlib.BLAS_NOTE}, {net.engine.threads()} threads")
     say(f"Phase {net.state.phase}, batch {batch}")
     forward, backward = report_time(net, args.iterations, lambda *cells: say(*cells, sep="\t"))
-    say(f"Per item of the batch of {batch}: {forward * 1e3 / batch:.4g} ms forward, {backward * 1e3 / batch:.4g} ms "
-        "backward")
+    say(
+        f"Per item of the batch of {batch}: {forward * 1e3 / batch:.4g} ms forward, {backward * 1e3 / batch:.4g} ms "
+        "backward"
+    )
     return DONE
 
 

@@ -55,7 +55,13 @@ from tools.common import prediction_outputs, sources
 from tools.common.arguments import add_engine, count, parser_of, real, seed, whole
 from tools.common.console import DONE, aligned, guarded, say
 from tools.common.progress import ProgressBar, StoppedError, Stopper
-from tools.common.track_outputs import Outputs, add_output_options, is_drawn, refuse_inputs, settle_outputs
+from tools.common.track_outputs import (
+    Outputs,
+    add_output_options,
+    is_drawn,
+    refuse_inputs,
+    settle_outputs,
+)
 
 NO_POSE = (
     "At a desk, with body, table and objects in view, hands are found without a pose (docs/camera.md#limits); "
@@ -68,17 +74,39 @@ def main(argv: list[str] | None = None) -> int:
     parser = parser_of(__doc__, nets=True)
     sources.add_source_options(parser)
     add_output_options(parser)
-    parser.add_argument("--fit", choices=("fast", "accurate"), default="fast", help="default: %(default)s")
-    parser.add_argument("--hand", choices=SOUGHT_SIDES, default="either",
-                        help="hands in the recording, if known (default: %(default)s, decided from the depth)")
-    parser.add_argument("--hands", type=whole(1, MAX_HANDS), default=2, metavar="N",
-                        help="maximum number (default: %(default)s)")
-    parser.add_argument("--size", type=real(MIN_SIZE, MAX_SIZE), metavar="S",
-                        help="relative to the skeleton (default: estimated)")
+    parser.add_argument(
+        "--fit", choices=("fast", "accurate"), default="fast", help="default: %(default)s"
+    )
+    parser.add_argument(
+        "--hand",
+        choices=SOUGHT_SIDES,
+        default="either",
+        help="hands in the recording, if known (default: %(default)s, decided from the depth)",
+    )
+    parser.add_argument(
+        "--hands",
+        type=whole(1, MAX_HANDS),
+        default=2,
+        metavar="N",
+        help="maximum number (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--size",
+        type=real(MIN_SIZE, MAX_SIZE),
+        metavar="S",
+        help="relative to the skeleton (default: estimated)",
+    )
     sources.add_min_confidence(parser)
-    parser.add_argument("--min-presence", type=real(0, 1), default=MIN_PRESENCE, metavar="P",
-                        help="ignore what is a hand with a lower probability, from 0 to 1 (default: %(default)s)")
-    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="of random starts (default: %(default)s)")
+    parser.add_argument(
+        "--min-presence",
+        type=real(0, 1),
+        default=MIN_PRESENCE,
+        metavar="P",
+        help="ignore what is a hand with a lower probability, from 0 to 1 (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--seed", type=seed, default=0, metavar="N", help="of random starts (default: %(default)s)"
+    )
     parser.add_argument("--raw", action="store_true", help="do not smooth")
     parser.add_argument("--frames", type=count, metavar="N", help="maximum number of frames")
     add_engine(parser)
@@ -98,12 +126,25 @@ def run(args: argparse.Namespace) -> int:
         refuse_inputs(args, recording)
         seen = inspect(recording)
         sources.print_inspection(seen, talk)
-        predictor = load_predictor(recording.camera, fit=args.fit, hand=args.hand, engine=args.engine,
-                                   min_confidence=args.min_confidence, seed=args.seed)
+        predictor = load_predictor(
+            recording.camera,
+            fit=args.fit,
+            hand=args.hand,
+            engine=args.engine,
+            min_confidence=args.min_confidence,
+            seed=args.seed,
+        )
         if args.look is not None:
             return prediction_outputs.draw_first(seen, predictor, args.look)
-        tracker = Tracker(predictor, hands=args.hands, smooth=not args.raw, size=args.size, surface=is_drawn(args),
-                          min_confidence=0, min_presence=args.min_presence)
+        tracker = Tracker(
+            predictor,
+            hands=args.hands,
+            smooth=not args.raw,
+            size=args.size,
+            surface=is_drawn(args),
+            min_confidence=0,
+            min_presence=args.min_presence,
+        )
         summary, begun = Summary(predictor.skeleton), time.perf_counter()
         outputs, status = Outputs(args, tracker.header(recording.name), recording.rate), DONE
         at_once = recording.live or args.serve is not None
@@ -112,7 +153,10 @@ def run(args: argparse.Namespace) -> int:
             with Stopper() as stopper:
                 _track(seen, tracker, later, outputs, summary, stopper, args.frames)
         except StoppedError:
-            say(f"stopped after {summary.frames} frames" if summary.frames else "stopped", file=sys.stderr)
+            say(
+                f"stopped after {summary.frames} frames" if summary.frames else "stopped",
+                file=sys.stderr,
+            )
             status = 128 + stopper.signum
         sources.print_new_remarks(seen)
         if summary.frames:
@@ -128,8 +172,13 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _track(
-    seen: Inspection, tracker: Tracker, later: LaterFrames[Floats], outputs: Outputs, summary: Summary,
-    stopper: Stopper, frames: int | None,
+    seen: Inspection,
+    tracker: Tracker,
+    later: LaterFrames[Floats],
+    outputs: Outputs,
+    summary: Summary,
+    stopper: Stopper,
+    frames: int | None,
 ) -> None:
     """Track and write up to the end of the recording, or ``frames``. Raises StoppedError, NetlibError."""
 
@@ -147,16 +196,23 @@ def _track(
                 try:
                     found = tracker.step(frame)
                 except DataError as error:
-                    raise DataError(f"{seen.recording.name}: frame {frame.number}: {error}") from error
+                    raise DataError(
+                        f"{seen.recording.name}: frame {frame.number}: {error}"
+                    ) from error
                 write(later.add(frame.depth, found))
                 progress(1)
         finally:
             write(later.finish())
 
 
-def _say_summary(summary: Summary, seconds: float, note: str, outputs: Outputs, talk: TextIO, doubt: str) -> None:
+def _say_summary(
+    summary: Summary, seconds: float, note: str, outputs: Outputs, talk: TextIO, doubt: str
+) -> None:
     """Print a summary, one line per hand, and the names of the outputs; ``doubt`` may explain why no hand was found."""
-    say(f"{summary.frames} frames of {summary.seconds:.1f} s, {summary.frames / seconds:.0f} frames/s", file=talk)
+    say(
+        f"{summary.frames} frames of {summary.seconds:.1f} s, {summary.frames / seconds:.0f} frames/s",
+        file=talk,
+    )
     if not summary.hands:
         say(f"{summary.nothing_found}{doubt and f'; {doubt}'}", file=talk)
         if summary.present:

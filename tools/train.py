@@ -35,17 +35,36 @@ def main(argv: list[str] | None = None) -> int:
     parser = parser_of(__doc__, nets=True)
     parser.add_argument("solver", metavar="SOLVER", help="prototxt of the solver")
     start = parser.add_mutually_exclusive_group()
-    start.add_argument("--snapshot", metavar="STATE", help="resume from this solver state and its weights "
-                       "(*.solverstate.h5)")
-    start.add_argument("--weights", metavar="FILE", action="append", default=[],
-                       help="initial weights (*.caffemodel.h5)")
-    parser.add_argument("--max-iter", type=count, metavar="N", help="override the solver's max_iter")
-    parser.add_argument("--seed", type=natural, metavar="N",
-                        help="override the solver's random_seed; snapshots of netlib keep their random numbers")
+    start.add_argument(
+        "--snapshot",
+        metavar="STATE",
+        help="resume from this solver state and its weights (*.solverstate.h5)",
+    )
+    start.add_argument(
+        "--weights",
+        metavar="FILE",
+        action="append",
+        default=[],
+        help="initial weights (*.caffemodel.h5)",
+    )
+    parser.add_argument(
+        "--max-iter", type=count, metavar="N", help="override the solver's max_iter"
+    )
+    parser.add_argument(
+        "--seed",
+        type=natural,
+        metavar="N",
+        help="override the solver's random_seed; snapshots of netlib keep their random numbers",
+    )
     add_engine(parser, threads=True)
-    parser.add_argument("--log", metavar="FILE", help="log file, in addition to stderr; a resumed training appends")
-    parser.add_argument("--ranks-divide-batch", action="store_true",
-                        help="split the net's batch among the processes instead of running it on each")
+    parser.add_argument(
+        "--log", metavar="FILE", help="log file, in addition to stderr; a resumed training appends"
+    )
+    parser.add_argument(
+        "--ranks-divide-batch",
+        action="store_true",
+        help="split the net's batch among the processes instead of running it on each",
+    )
     with only_first_prints():
         args = parser.parse_args(argv)
     return guarded(run, args)
@@ -55,8 +74,17 @@ def run(args: argparse.Namespace) -> int:
     """Train the net."""
     with only_first_prints():
         ranks = world(args.ranks_divide_batch)
-    return training.train(args.solver, snapshot=args.snapshot, weights=args.weights, max_iter=args.max_iter,
-                          seed=args.seed, threads=args.threads, engine=args.engine, log_file=args.log, ranks=ranks)
+    return training.train(
+        args.solver,
+        snapshot=args.snapshot,
+        weights=args.weights,
+        max_iter=args.max_iter,
+        seed=args.seed,
+        threads=args.threads,
+        engine=args.engine,
+        log_file=args.log,
+        ranks=ranks,
+    )
 
 
 if __name__ == "__main__":

@@ -84,7 +84,8 @@ def current_net(tree: Message) -> Message:
     if not net.input:
         return new
     fields = [field for field in new.fields if field.name not in INPUTS]
-    if net.input_shape or net.input_dim:  # weights files name inputs without shapes; Caffe drops those
+    # weights files name inputs without shapes; Caffe drops those
+    if net.input_shape or net.input_dim:
         first = next((i for i, field in enumerate(fields) if field.name == "layer"), len(fields))
         layer = schema.to_tree(input_layer(net))
         fields.insert(first, Field("layer", layer, layer.position))
@@ -100,7 +101,9 @@ def current_solver(tree: Message) -> Message:
     if tree.values("type"):
         raise PrototxtError(place, "found both solver_type and type; expected one of them")
     new = Field("type", Scalar("string", OLD_TYPES[solver.solver_type], place), place)
-    return Message([new if field.name == "solver_type" else field for field in tree.fields], tree.position)
+    return Message(
+        [new if field.name == "solver_type" else field for field in tree.fields], tree.position
+    )
 
 
 if __name__ == "__main__":

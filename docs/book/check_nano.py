@@ -37,13 +37,20 @@ def solver() -> netlib.Solver:
     net = re.sub(r'^layer {\n  name: "data".*?^}\n', "", net, flags=re.MULTILINE | re.DOTALL)
     net = net.replace("dropout_ratio: 0.3", "dropout_ratio: 0")
     text = f'base_lr: 0.003 momentum: 0.9 lr_policy: "fixed" net_param {{ {DATA} {net} }}'
-    return Float64Solver(schema.read(prototxt.parse(text, "check_nano"), SolverParameter, "check_nano"), engine="plain")
+    return Float64Solver(
+        schema.read(prototxt.parse(text, "check_nano"), SolverParameter, "check_nano"),
+        engine="plain",
+    )
 
 
 def largest_difference(frames: Mapping[str, Any], hand: nano.Skeleton, updates: int = 20) -> float:
     """The largest relative difference between the losses of nano.py and netlib's: same weights, batches and updates."""
     network, theirs = nano.new_network(np.random.default_rng(1), p=0), solver()
-    learned = [parameters for layer, *parameters in network if layer in (nano.convolution, nano.inner_product)]
+    learned = [
+        parameters
+        for layer, *parameters in network
+        if layer in (nano.convolution, nano.inner_product)
+    ]
     for parameters, blobs in zip(learned, theirs.net.params.values(), strict=True):
         for values, blob in zip(parameters, blobs, strict=True):
             blob.data[...] = values
@@ -61,4 +68,6 @@ def largest_difference(frames: Mapping[str, Any], hand: nano.Skeleton, updates: 
 
 def report(frames: Mapping[str, Any], hand: nano.Skeleton) -> None:
     """Print the difference."""
-    print(f"largest relative difference from netlib's losses, 20 updates: {largest_difference(frames, hand):.1e}")
+    print(
+        f"largest relative difference from netlib's losses, 20 updates: {largest_difference(frames, hand):.1e}"
+    )

@@ -15,7 +15,8 @@ import netlib
 from netlib import Blob
 from tests.caffe import recorded as recordings
 
-relative = recordings.relative  # (ours, Caffe's): the largest difference, relative to the largest number
+# (ours, Caffe's): the largest difference, relative to the largest number
+relative = recordings.relative
 
 
 class Followed(NamedTuple):

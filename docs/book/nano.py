@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 HAND = Path(__file__).resolve().parents[2] / "prototxt" / "hand" / "nyu.prototxt"
-FRAMES = Path(__file__).with_name("frames.npz")  # 64 rendered crops of 128 x 128 pixels, and their joints
+# 64 rendered crops of 128 x 128 pixels, and their joints
+FRAMES = Path(__file__).with_name("frames.npz")
 
 # ------------------------------------------------------------------------------------ the layers: chapters 1 to 4 and 7
 
@@ -182,7 +183,8 @@ def loss_and_gradients(network, hand, depth, joints):
     X, hand_backward = hand_model(x, hand)
     beyond = np.where(hand.free, np.maximum(x - hand.upper, 0) - np.maximum(hand.lower - x, 0), 0)
     loss = ((X - joints) ** 2).sum() / (2 * N) + abs(beyond).sum() / N
-    dx = hand_backward((X - joints) / N) + np.sign(beyond) / N  # x is read twice, so two gradients add
+    # x is read twice, so two gradients add
+    dx = hand_backward((X - joints) / N) + np.sign(beyond) / N
     for backward in reversed(backwards):
         dx, of_parameters = backward(dx)
         gradients.insert(0, of_parameters)

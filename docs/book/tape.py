@@ -26,11 +26,17 @@ class Value:
         return self.note(self.data - other.data, (self, lambda dy: dy), (other, lambda dy: -dy))
 
     def __mul__(self, other):
-        return self.note(self.data * other.data, (self, lambda dy: dy * other.data), (other, lambda dy: dy * self.data))
+        return self.note(
+            self.data * other.data,
+            (self, lambda dy: dy * other.data),
+            (other, lambda dy: dy * self.data),
+        )
 
     def __matmul__(self, other):
         return self.note(
-            self.data @ other.data, (self, lambda dy: dy @ other.data.T), (other, lambda dy: self.data.T @ dy)
+            self.data @ other.data,
+            (self, lambda dy: dy @ other.data.T),
+            (other, lambda dy: self.data.T @ dy),
         )
 
     def relu(self):

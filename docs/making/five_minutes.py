@@ -38,8 +38,10 @@ def rendered(split: Split, count: int) -> tuple[Array, Array, Array]:
     """Crops (N, 1, 128, 128), joints (N, 31, 3) in half-cubes, centres (N, 3) of the first frames of a split."""
     generator = Generator(seed=0, split=split)
     blocks = [generator.block(number) for number in range(-(-count // 64))]  # of 64 frames
-    depth, joints, center = (np.concatenate([getattr(block, name) for block in blocks])[:count]
-                             for name in ("depth", "joint", "center_uvd"))
+    depth, joints, center = (
+        np.concatenate([getattr(block, name) for block in blocks])[:count]
+        for name in ("depth", "joint", "center_uvd")
+    )
     return depth, joints.reshape(-1, 31, 3), center
 
 
@@ -70,7 +72,9 @@ def train(count: int, iterations: int) -> list[Point]:
     """Render and train; prints the errors at the beginning, after a hundredth of the iterations and each tenth."""
     print(f"rendering {count} + {HELD_OUT} frames")
     (depth, joints, _), (held_out, truth, _) = rendered("train", count), rendered("test", HELD_OUT)
-    tree = prototxt.parse(f"{SOLVER} max_iter: {iterations} net_param {{ {paper_net(BATCH)} }}", "five_minutes")
+    tree = prototxt.parse(
+        f"{SOLVER} max_iter: {iterations} net_param {{ {paper_net(BATCH)} }}", "five_minutes"
+    )
     solver = netlib.Solver(schema.read(tree, SolverParameter, "five_minutes"))
     rng, points = np.random.default_rng(1), []
     order: Array = np.zeros(0, dtype=int)
@@ -78,8 +82,14 @@ def train(count: int, iterations: int) -> list[Point]:
         if iteration == iterations // 100 or iteration % (iterations // 10) == 0:
             predicted = predict(solver, held_out)
             training_mm = error_mm(predict(solver, depth[:HELD_OUT]), joints[:HELD_OUT])
-            points.append(Point(iteration, training_mm, error_mm(predicted, truth), predicted[DRAWN]))
-            print("iteration {:4}   training frames {:5.1f} mm, held-out frames {:5.1f} mm".format(*points[-1]))
+            points.append(
+                Point(iteration, training_mm, error_mm(predicted, truth), predicted[DRAWN])
+            )
+            print(
+                "iteration {:4}   training frames {:5.1f} mm, held-out frames {:5.1f} mm".format(
+                    *points[-1]
+                )
+            )
         while len(order) < BATCH:  # every frame once, in a new order
             order = np.concatenate([order, rng.permutation(count)])
         rows, order = order[:BATCH], order[BATCH:]
@@ -111,10 +121,19 @@ def run(args: argparse.Namespace) -> int:
 def main(argv: list[str] | None = None) -> int:
     """Parse and run; returns the exit status."""
     parser = parser_of(__doc__)
-    parser.add_argument("--frames", type=int, default=FRAMES, help=f"training frames (default: {FRAMES})")
+    parser.add_argument(
+        "--frames", type=int, default=FRAMES, help=f"training frames (default: {FRAMES})"
+    )
     parser.add_argument("--iterations", type=int, default=ITERATIONS, help=f"default: {ITERATIONS}")
-    parser.add_argument("--out", type=Path, default=Path("five_minutes.svg"), help="the picture (default: %(default)s)")
-    parser.add_argument("--book", action="store_true", help="both runs of the book; draws its two figures")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("five_minutes.svg"),
+        help="the picture (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--book", action="store_true", help="both runs of the book; draws its two figures"
+    )
     args = parser.parse_args(argv)
     if args.frames < 1 or args.iterations < 10:
         parser.error("--frames must be at least 1 and --iterations at least 10")

@@ -28,7 +28,12 @@ def code(name: str, *names: str) -> None:
     path = ROOT / name
     text = path.read_text(encoding="utf-8")
     pieces = [_source(text, one, name) for one in names] or [text.rstrip("\n")]
-    print("```python" if path.suffix == ".py" else f"```{path.suffix[1:]}", "\n\n".join(pieces), "```", sep="\n")
+    print(
+        "```python" if path.suffix == ".py" else f"```{path.suffix[1:]}",
+        "\n\n".join(pieces),
+        "```",
+        sep="\n",
+    )
 
 
 def _source(text: str, wanted: str, name: str) -> str:
@@ -42,7 +47,9 @@ def _source(text: str, wanted: str, name: str) -> str:
             raise ValueError(f"{name} does not define {wanted}")
         statements = found.body if isinstance(found, ast.ClassDef) else []
     assert found is not None
-    first = min([found.lineno, *(decorator.lineno for decorator in getattr(found, "decorator_list", ()))])
+    first = min(
+        [found.lineno, *(decorator.lineno for decorator in getattr(found, "decorator_list", ()))]
+    )
     return textwrap.dedent("\n".join(text.splitlines()[first - 1 : found.end_lineno]))
 
 
@@ -50,7 +57,11 @@ def _defined(statement: ast.stmt) -> list[str]:
     """The names that a statement defines."""
     if isinstance(statement, ast.FunctionDef | ast.ClassDef):
         return [statement.name]
-    targets = statement.targets if isinstance(statement, ast.Assign) else [getattr(statement, "target", None)]
+    targets = (
+        statement.targets
+        if isinstance(statement, ast.Assign)
+        else [getattr(statement, "target", None)]
+    )
     return [target.id for target in targets if isinstance(target, ast.Name)]
 
 
@@ -61,7 +72,9 @@ def exercises() -> None:
         names = ", ".join(f"`{name.rpartition('.')[2]}`" for name in exercise.to_do)
         (chapter,) = (ROOT / "docs" / "book").glob(f"{exercise.chapter}_*.md")
         title = chapter.read_text(encoding="utf-8").partition("\n")[0].removeprefix("# ")
-        print(f"| {number} | {exercise.name} | {exercise.title} ({names}) | [{title}](../book/{chapter.name}) |")
+        print(
+            f"| {number} | {exercise.name} | {exercise.title} ({names}) | [{title}](../book/{chapter.name}) |"
+        )
 
 
 def failed_exercise() -> None:
@@ -76,10 +89,19 @@ def joint_formats() -> None:
     rows = [["computed as", *FORMAT_TITLES.values(), "against the anatomical point"]]
     rows.append(["---"] * len(rows[0]))
     for part, point in POINTS.items():
-        joints = [", ".join(f"`{number} {name}`" for number, (name, at) in enumerate(FORMATS[key].joints.items())
-                            if at is point) for key in FORMAT_TITLES]
+        joints = [
+            ", ".join(
+                f"`{number} {name}`"
+                for number, (name, at) in enumerate(FORMATS[key].joints.items())
+                if at is point
+            )
+            for key in FORMAT_TITLES
+        ]
         if any(joints) and not part.startswith(FINGERS[1:]):
-            terms = [f"`{j}`" if weight == 1 else f"{weight:.3g} `{j}`" for j, weight in point.weights.items()]
+            terms = [
+                f"`{j}`" if weight == 1 else f"{weight:.3g} `{j}`"
+                for j, weight in point.weights.items()
+            ]
             rows.append([" + ".join(terms).replace("+ -", "− "), *joints, point.bias])
     for row in rows:
         print(f"| {' | '.join(row)} |")

@@ -35,7 +35,11 @@ def notebook(chapter: Path) -> str:
     text = SESSION.sub(_cells, re.sub(r"\]\((\d+_\w+)\.md", r"](\1.ipynb", text))
     title, heading, rest = text.partition("\n## ")
     found = jupytext.reads(f"{title}\n{FIRST}{heading}{rest}", fmt="md")
-    found.metadata["kernelspec"] = {"name": "python3", "display_name": "Python 3", "language": "python"}
+    found.metadata["kernelspec"] = {
+        "name": "python3",
+        "display_name": "Python 3",
+        "language": "python",
+    }
     return str(jupytext.writes(found, fmt="ipynb"))
 
 
@@ -45,7 +49,10 @@ def _cells(session: re.Match[str]) -> str:
     for example in doctest.DocTestParser().get_examples(session[1]):
         if example.exc_msg is not None:
             cells += f"```python\n{source}```\n\n" * bool(source)
-            cells, source = f'{cells}```python tags=["raises-exception"]\n{example.source}```\n\n', ""
+            cells, source = (
+                f'{cells}```python tags=["raises-exception"]\n{example.source}```\n\n',
+                "",
+            )
             continue
         source += example.source
         if example.want:

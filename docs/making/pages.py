@@ -25,7 +25,8 @@ from netlib.files.paths import ROOT
 from netlib.proto import prototxt, schema
 
 BROWSER = ROOT / "docs" / "book" / "pages"  # the sources of the book's pages
-COLOURS = ("DATA", "DIFF", "PALE_DATA", "PALE_DIFF", "REST", "PALE_REST", "POSITIVE", "NEGATIVE")  # of drawing.py
+# of drawing.py
+COLOURS = ("DATA", "DIFF", "PALE_DATA", "PALE_DIFF", "REST", "PALE_REST", "POSITIVE", "NEGATIVE")
 
 
 def pages() -> dict[str, str]:
@@ -36,7 +37,9 @@ def pages() -> dict[str, str]:
 def book_page(name: str) -> str:
     """A page of the book, from its sources and its data."""
     title, data = BOOK[name]
-    colours = "".join(f"--{key.lower().replace('_', '-')}: {getattr(drawing, key)}; " for key in COLOURS)
+    colours = "".join(
+        f"--{key.lower().replace('_', '-')}: {getattr(drawing, key)}; " for key in COLOURS
+    )
     style = f":root {{ {colours}}}\n" + source("common.css", BROWSER)
     main = "<h1>$title</h1>\n" + source(f"{name}.html", BROWSER)
     return assembled(title, data(), main, style, script_of(name, BROWSER))
@@ -56,20 +59,27 @@ def hand() -> str:
     packaged, nyu = BodySampler(prior_file.load(prior_file.PEOPLE_PRIOR)), BodySampler()
     arm = Skeleton(schema.read(prototxt.parse(ARM, "arm.prototxt"), SkeletonParameter))
     person = skeletons.load(ROOT / "prototxt" / "body" / "person.prototxt")
-    return page("The hand", [
-        body("hand", packaged.skeleton, poses(packaged)), body("nyu", nyu.skeleton, poses(nyu)), body("arm", arm),
-        body("person", person, unit_mm=1200.0),
-    ])
+    return page(
+        "The hand",
+        [
+            body("hand", packaged.skeleton, poses(packaged)),
+            body("nyu", nyu.skeleton, poses(nyu)),
+            body("arm", arm),
+            body("person", person, unit_mm=1200.0),
+        ],
+    )
 
 
-PICTURE = np.array([
-    [0, 0, 1, 0, 0, 0],
-    [0, 2, 6, 3, 0, 1],
-    [1, 6, 9, 8, 2, 0],
-    [0, 7, 9, 9, 5, 0],
-    [2, 5, 8, 7, 6, 1],
-    [0, 1, 4, 5, 2, 0],
-])
+PICTURE = np.array(
+    [
+        [0, 0, 1, 0, 0, 0],
+        [0, 2, 6, 3, 0, 1],
+        [1, 6, 9, 8, 2, 0],
+        [0, 7, 9, 9, 5, 0],
+        [2, 5, 8, 7, 6, 1],
+        [0, 1, 4, 5, 2, 0],
+    ]
+)
 KERNEL = np.array([[1, 0, -1], [2, 0, -2], [1, 0, -1]])  # finds vertical edges
 LAYERS: dict[str, tuple[str, str]] = {  # title: type and options
     "convolution 3 × 3": ("Convolution", "kernel_size: 3"),
@@ -77,7 +87,10 @@ LAYERS: dict[str, tuple[str, str]] = {  # title: type and options
     "convolution 3 × 3, pad 1, stride 2": ("Convolution", "kernel_size: 3 pad: 1 stride: 2"),
     "convolution 3 × 3, dilation 2": ("Convolution", "kernel_size: 3 dilation: 2"),
     "max pooling 2 × 2, stride 2": ("Pooling", "pool: MAX kernel_size: 2 stride: 2"),
-    "max pooling 3 × 3, stride 2 (windows overlap)": ("Pooling", "pool: MAX kernel_size: 3 stride: 2"),
+    "max pooling 3 × 3, stride 2 (windows overlap)": (
+        "Pooling",
+        "pool: MAX kernel_size: 3 stride: 2",
+    ),
     "mean pooling 2 × 2, stride 2": ("Pooling", "pool: AVE kernel_size: 2 stride: 2"),
 }
 
@@ -97,14 +110,26 @@ def _entry(title: str, kind: str, options: str) -> dict[str, Any]:
     pad = int(options.partition("pad: ")[2][:1] or 0)
     padded, layer = np.pad(PICTURE, pad), SmallLayer(kind, options, PICTURE)
     if kind == "Convolution":
-        unpadded = SmallLayer(kind, options.replace(f" pad: {pad}", ""), padded, np.arange(1, 10).reshape(3, 3))
-        windows = [[(j, int(n) - 1, 0.0) for j, n in enumerate(row) if n] for row in unpadded.shares()]
+        unpadded = SmallLayer(
+            kind, options.replace(f" pad: {pad}", ""), padded, np.arange(1, 10).reshape(3, 3)
+        )
+        windows = [
+            [(j, int(n) - 1, 0.0) for j, n in enumerate(row) if n] for row in unpadded.shares()
+        ]
     else:
         means = SmallLayer(kind, options.replace("MAX", "AVE"), PICTURE).shares()
-        windows = [[(j, -1, 0.0 if "MAX" in options else float(n)) for j, n in enumerate(row) if n] for row in means]
+        windows = [
+            [(j, -1, 0.0 if "MAX" in options else float(n)) for j, n in enumerate(row) if n]
+            for row in means
+        ]
     return {
-        "title": title, "maximum": "MAX" in options, "pad": pad, "windows": windows, "x": padded.ravel().tolist(),
-        "w": KERNEL.ravel().tolist() if kind == "Convolution" else None, "b": [0] if kind == "Convolution" else None,
+        "title": title,
+        "maximum": "MAX" in options,
+        "pad": pad,
+        "windows": windows,
+        "x": padded.ravel().tolist(),
+        "w": KERNEL.ravel().tolist() if kind == "Convolution" else None,
+        "b": [0] if kind == "Convolution" else None,
         "dy": np.random.default_rng(10).integers(-2, 3, layer.y.size).tolist(),
         "columns": {"x": padded.shape[1], "w": 3, "b": 1, "y": layer.y.shape[1]},
     }
@@ -113,14 +138,21 @@ def _entry(title: str, kind: str, options: str) -> dict[str, Any]:
 class SmallLayer:
     """A net of one layer, with one picture in and one out."""
 
-    def __init__(self, kind: str, options: str, picture: Array, kernel: Array = KERNEL, bias: float = 0) -> None:
+    def __init__(
+        self, kind: str, options: str, picture: Array, kernel: Array = KERNEL, bias: float = 0
+    ) -> None:
         outputs = " num_output: 1" if kind == "Convolution" else ""
-        self.net = netlib.Net(prototxt.parse(f"""
+        self.net = netlib.Net(
+            prototxt.parse(f"""
             force_backward: true
             layer {{ name: "data" type: "Input" top: "x"
                      input_param {{ shape {{ dim: 1 dim: 1 dim: {picture.shape[0]} dim: {picture.shape[1]} }} }} }}
             layer {{ name: "y" type: "{kind}" bottom: "x" top: "y" {kind.lower()}_param {{ {options}{outputs} }} }}
-            """), netlib.TRAIN, dtype=np.float64, engine="plain")
+            """),
+            netlib.TRAIN,
+            dtype=np.float64,
+            engine="plain",
+        )
         if kind == "Convolution":
             w, b = self.net.params["y"]
             w.data[0, 0], b.data[0] = kernel, bias
@@ -137,16 +169,24 @@ class SmallLayer:
 
     def shares(self) -> list[Array]:
         """For each output, in rows, the derivatives by all inputs, in rows."""
-        return [self.backward(one).ravel() for one in np.eye(self.y.size).reshape(-1, *self.y.shape)]
+        return [
+            self.backward(one).ravel() for one in np.eye(self.y.size).reshape(-1, *self.y.shape)
+        ]
 
 
 INPUTS = {"x": [2.0], "t": [1.0]}
-PARAMS: dict[str, list[Any]] = {"first": [[[1.5]]], "second": [[[1], [-1]], [0, 1]], "out": [[[0.5, 1]]]}
+PARAMS: dict[str, list[Any]] = {
+    "first": [[[1.5]]],
+    "second": [[[1], [-1]], [0, 1]],
+    "out": [[[0.5, 1]]],
+}
 
 
 def new_small_net() -> netlib.Net:
     """The net of docs/book/small.prototxt, with the numbers of chapter 5."""
-    net = netlib.Net(ROOT / "docs" / "book" / "small.prototxt", netlib.TRAIN, dtype=np.float64, engine="plain")
+    net = netlib.Net(
+        ROOT / "docs" / "book" / "small.prototxt", netlib.TRAIN, dtype=np.float64, engine="plain"
+    )
     for name, values in INPUTS.items():
         net.blobs[name].data[...] = values
     for name, params in PARAMS.items():
@@ -164,9 +204,12 @@ def small_net() -> dict[str, Any]:
         "losses": {name: weight for _, weight, name in net.losses},
         "layers": [
             {
-                "name": at.layer.name, "type": at.layer.type,
-                "bottom": [name_of[id(blob)] for blob in at.bottom], "top": [name_of[id(blob)] for blob in at.top],
-                "backward": at.needs_backward, "down": list(at.propagate_down),
+                "name": at.layer.name,
+                "type": at.layer.type,
+                "bottom": [name_of[id(blob)] for blob in at.bottom],
+                "top": [name_of[id(blob)] for blob in at.top],
+                "backward": at.needs_backward,
+                "down": list(at.propagate_down),
                 "params": [np.asarray(blob.data).tolist() for blob in at.layer.blobs],
                 "operation": at.layer.param.operation if at.layer.type == "Reduction" else "",
             }
@@ -175,7 +218,8 @@ def small_net() -> dict[str, Any]:
     }
 
 
-BOOK: dict[str, tuple[str, Callable[[], dict[str, Any]]]] = {  # name of the file: (title, a function of its data)
+# name of the file: (title, a function of its data)
+BOOK: dict[str, tuple[str, Callable[[], dict[str, Any]]]] = {
     "windows": ("Convolution and pooling", windows),
     "small_net": ("A small net, step by step", small_net),
 }

@@ -59,12 +59,16 @@ def live_page(browser: Browser, frames: int = 90) -> bytes:
     messages = Messages(header, gestures=True)
     recording = zip(SyntheticRecording("two_hands", NYU), range(frames))
     tracked = [(frame.depth, tracker.step(frame)) for frame, _ in recording]
-    with (LiveServer("127.0.0.1", 0, messages.header, page(header)) as server,
-          browser.new_page(viewport=SIZE, color_scheme="light") as tab):
+    with (
+        LiveServer("127.0.0.1", 0, messages.header, page(header)) as server,
+        browser.new_page(viewport=SIZE, color_scheme="light") as tab,
+    ):
         tab.goto(server.page_url)
         for depth, found in tracked:
             server.put(VIEWS, messages.view(messages.record(found), depth, found))
-            tab.locator("#state").filter(has_text=re.compile(rf"^frame {found.number}, ")).wait_for()
+            tab.locator("#state").filter(
+                has_text=re.compile(rf"^frame {found.number}, ")
+            ).wait_for()
         tab.evaluate("live.view.camera.rotate(-40, 15), live.view.draw(2)")
         return tab.screenshot()
 
@@ -74,7 +78,10 @@ def write_frames() -> None:
     from handpose.synthetic.generator import Generator
 
     block = Generator(seed=0, split="train").block(0)
-    depth, joints = np.rint(block.depth * 127).astype(np.int8), block.joint.reshape(-1, 31, 3).astype(np.float32)
+    depth, joints = (
+        np.rint(block.depth * 127).astype(np.int8),
+        block.joint.reshape(-1, 31, 3).astype(np.float32),
+    )
     np.savez_compressed(ROOT / "docs" / "book" / "frames.npz", depth=depth, joints=joints)
 
 
@@ -86,6 +93,8 @@ if __name__ == "__main__":
             write_frames()
             continue
         with sync_playwright() as driver:
-            opened = driver.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+            opened = driver.chromium.launch(
+                executable_path=shutil.which("chromium"), args=["--no-sandbox"]
+            )
             picture = {"hand_page": hand_page, "live_page": live_page}[name](opened)
         atomic.replace_bytes(ROOT / "docs" / "images" / f"{name}.png", picture)

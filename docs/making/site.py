@@ -21,7 +21,11 @@ from mkdocs.structure.files import File, Files, InclusionLevel  # noqa: E402
 
 from docs.making import pages  # noqa: E402
 
-TOP = {"README.md": "index.md", "CONTRIBUTING.md": "CONTRIBUTING.md", "CHANGELOG.md": "CHANGELOG.md"}
+TOP = {
+    "README.md": "index.md",
+    "CONTRIBUTING.md": "CONTRIBUTING.md",
+    "CHANGELOG.md": "CHANGELOG.md",
+}
 # A page that GitHub cannot show is a comment there: <!-- embed: ../hand.html#body=arm 640 The book's arm -->
 EMBEDDED = re.compile(r"^<!-- embed: (\S+) (\d+) (.+) -->$", re.MULTILINE)
 FIGURE = re.compile(r"^!\[[^\]\n]*\]\(([^)\s]+\.(?:svg|png|jpg))\)$", re.MULTILINE)
@@ -30,18 +34,29 @@ FIGURE = re.compile(r"^!\[[^\]\n]*\]\(([^)\s]+\.(?:svg|png|jpg))\)$", re.MULTILI
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the files that are not in docs/."""
     for name, address in TOP.items():
-        text = re.sub(r"\]\((?!https?:|#)(docs/)?", lambda link: "](" if link[1] else "](../",
-                      (ROOT / name).read_text(encoding="utf-8"))
+        text = re.sub(
+            r"\]\((?!https?:|#)(docs/)?",
+            lambda link: "](" if link[1] else "](../",
+            (ROOT / name).read_text(encoding="utf-8"),
+        )
         files.append(File.generated(config, address, content=text))
     for name, page in pages.pages().items():
         if old := files.get_file_from_path(f"{name}.html"):
             files.remove(old)
-        files.append(File.generated(config, f"{name}.html", content=page, inclusion=InclusionLevel.NOT_IN_NAV))
+        files.append(
+            File.generated(
+                config, f"{name}.html", content=page, inclusion=InclusionLevel.NOT_IN_NAV
+            )
+        )
     return files
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """Embed pages for the browser, and link each figure to its file, which a phone can enlarge."""
     markdown = FIGURE.sub(r"[\g<0>](\g<1>)", markdown)
-    return EMBEDDED.sub(lambda found: '<iframe src="{}" height="{}" title="{}" loading="lazy"></iframe>'.format(
-        *map(html.escape, found.groups())), markdown)
+    return EMBEDDED.sub(
+        lambda found: '<iframe src="{}" height="{}" title="{}" loading="lazy"></iframe>'.format(
+            *map(html.escape, found.groups())
+        ),
+        markdown,
+    )

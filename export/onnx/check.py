@@ -27,7 +27,8 @@ from netlib.engine import Connection
 from netlib.net import Net
 
 TOLERANCE = 1e-5
-FACTOR = 10  # of correct nets that amplify rounding, onnxruntime's error is up to 4.4 times the measured effect
+# of correct nets that amplify rounding, onnxruntime's error is up to 4.4 times the measured effect
+FACTOR = 10
 HALF_UNIT = 2.0**-24
 # Layers that select values: rounding errors of their bottoms would change the selection.
 SELECTING = ("ArgMax", "BatchReindex", "DetectionOutput", "Embed", "Threshold", "Upsample")
@@ -59,7 +60,8 @@ def compared(y: Array, rounded: Array, exact: Array) -> Difference:
     with np.errstate(over="ignore"):
         exact = exact.astype(np.float32)
     found, rounding = difference(y, exact), difference(rounded, exact)
-    if np.isinf(rounding):  # float32 overflows on the way to this blob, which onnxruntime may do, too
+    # float32 overflows on the way to this blob, which onnxruntime may do, too
+    if np.isinf(rounding):
         found, rounding = min(found, difference(y, rounded)), 0.0
     return Difference(found, rounding)
 
@@ -87,12 +89,19 @@ def differences(
     values. Of a detector, the first are its locations and confidences, and the rows that its layer selects from
     onnxruntime's: of confidences that are equal up to rounding, either may come first. Raises NetlibError.
     """
-    selected = {at.layer.spec.top[0]: at.layer.spec.bottom for at in net.connections
-                if at.layer.type == "DetectionOutput"}
-    file = _session(_with_outputs(image, [name for bottoms in selected.values() for name in bottoms]))
+    selected = {
+        at.layer.spec.top[0]: at.layer.spec.bottom
+        for at in net.connections
+        if at.layer.type == "DetectionOutput"
+    }
+    file = _session(
+        _with_outputs(image, [name for bottoms in selected.values() for name in bottoms])
+    )
     in_parts = _session(_with_outputs(image, net.blobs))
     exact, rng = _in_float64(net), np.random.default_rng(0)
-    outputs: dict[str, Difference] = dict.fromkeys((output.name for output in file.get_outputs()), Difference())
+    outputs: dict[str, Difference] = dict.fromkeys(
+        (output.name for output in file.get_outputs()), Difference()
+    )
     layers: dict[str, Difference] = {}
     for batch in batches:
         inputs: dict[str, Any] = {name: _random(net, name, batch, rng) for name in net.inputs}
@@ -109,7 +118,8 @@ def _of_layers(
     exact: Net, inputs: Mapping[str, Array], found: Mapping[str, Array], rng: np.random.Generator
 ) -> Iterator[tuple[str, Difference]]:
     """Compare each blob in ``found`` with what its layer computes from the blobs in ``found`` that it reads."""
-    writers = {name: at for at in exact.connections for name in at.layer.spec.top}  # the last ones: layers in place
+    # the last ones: layers in place
+    writers = {name: at for at in exact.connections for name in at.layer.spec.top}
     for number, at in enumerate(exact.connections):
         tops = dict(zip(at.layer.spec.top, at.top))
         if at.layer.is_input:
@@ -147,7 +157,9 @@ def _in_float64(net: Net) -> Net:
     logger = logging.getLogger("netlib")
     logger.disabled, before = True, logger.disabled  # the net has given its warnings
     try:
-        exact = Net(net.param, state=net.state, dtype=np.float64, engine="plain", layer_hook=Unfilled())
+        exact = Net(
+            net.param, state=net.state, dtype=np.float64, engine="plain", layer_hook=Unfilled()
+        )
     finally:
         logger.disabled = before
     exact.copy_from(net)

@@ -30,7 +30,11 @@ def relu6(graph: Graph, at: Place) -> list[str]:
 
 def prelu(graph: Graph, at: Place) -> list[str]:
     slope = at.layer.blobs[0].data
-    wide = slope.reshape(slope.shape + (1,) * (len(at.bottom[0]) - 2)) if slope.shape else slope.reshape(1)
+    wide = (
+        slope.reshape(slope.shape + (1,) * (len(at.bottom[0]) - 2))
+        if slope.shape
+        else slope.reshape(1)
+    )
     return [graph.op("PRelu", at.values[0], graph.constant(wide, "slope"))]
 
 
@@ -41,7 +45,9 @@ def elu(graph: Graph, at: Place) -> list[str]:
 def power(graph: Graph, at: Place) -> list[str]:
     p = at.layer.param
     base = graph.affine(at.values[0], p.scale, p.shift)
-    return [base if p.power == 1 else graph.op("Pow", base, graph.constant(float(p.power), "power"))]
+    return [
+        base if p.power == 1 else graph.op("Pow", base, graph.constant(float(p.power), "power"))
+    ]
 
 
 def exp(graph: Graph, at: Place) -> list[str]:
@@ -53,7 +59,9 @@ def exp(graph: Graph, at: Place) -> list[str]:
 def log(graph: Graph, at: Place) -> list[str]:
     p = at.layer.param
     ln_base = 1.0 if p.base == -1 else math.log(p.base)
-    return [graph.affine(graph.op("Log", graph.affine(at.values[0], p.scale, p.shift)), 1 / ln_base, 0)]
+    return [
+        graph.affine(graph.op("Log", graph.affine(at.values[0], p.scale, p.shift)), 1 / ln_base, 0)
+    ]
 
 
 def swish(graph: Graph, at: Place) -> list[str]:
@@ -68,7 +76,9 @@ def clip(graph: Graph, at: Place) -> list[str]:
 
 
 def threshold(graph: Graph, at: Place) -> list[str]:
-    above = graph.op("Greater", at.values[0], graph.constant(float(at.layer.param.threshold), "threshold"))
+    above = graph.op(
+        "Greater", at.values[0], graph.constant(float(at.layer.param.threshold), "threshold")
+    )
     return [graph.floats(above)]
 
 
@@ -95,24 +105,34 @@ def _factor_or_term(graph: Graph, at: Place, op: str, what: str) -> str:
 
 def _wide(graph: Graph, at: Place, value: str, axes: int) -> str:
     """Align a gain or bias with the axes of x from the layer's ``axis`` on."""
-    return graph.widened(value, axes, at.layer.param.axis % len(at.bottom[0]) if axes else 0, len(at.bottom[0]))
+    return graph.widened(
+        value, axes, at.layer.param.axis % len(at.bottom[0]) if axes else 0, len(at.bottom[0])
+    )
 
 
 def batch_norm(graph: Graph, at: Place) -> list[str]:
     if not at.layer.uses_sums:
-        raise at.layer.fail("use_global_stats: false makes items depend on their batch; expected true or no value",
-                         "use_global_stats")
+        raise at.layer.fail(
+            "use_global_stats: false makes items depend on their batch; expected true or no value",
+            "use_global_stats",
+        )
     mean, variance, weight = (blob.data for blob in at.layer.blobs)
     factor = 1 / weight[0] if weight[0] else 0.0
-    parts = {"gain": np.ones_like(mean), "bias": np.zeros_like(mean), "mean": factor * mean,
-             "variance": factor * variance}
+    parts = {
+        "gain": np.ones_like(mean),
+        "bias": np.zeros_like(mean),
+        "mean": factor * mean,
+        "variance": factor * variance,
+    }
     return _normalized(graph, at, parts, at.layer.param.eps)
 
 
 def bn(graph: Graph, at: Place) -> list[str]:
     layer = at.layer
     if layer.of_batch or len(at.top) > 1:
-        raise layer.fail("the statistics of a batch cannot be exported; expected bn_mode: INFERENCE", "bn_mode")
+        raise layer.fail(
+            "the statistics of a batch cannot be exported; expected bn_mode: INFERENCE", "bn_mode"
+        )
     scale, bias, *averages = (blob.data.reshape(-1) for blob in layer.blobs)
     mean, variance = averages or (np.zeros_like(scale), np.ones_like(scale))
     parts = {"scale": scale, "bias": bias, "mean": mean, "variance": variance}
@@ -129,8 +149,13 @@ def lrn(graph: Graph, at: Place) -> list[str]:
     p, x = at.layer.param, at.values[0]
     if p.norm_region == "ACROSS_CHANNELS":
         return [graph.op("LRN", x, size=p.local_size, alpha=p.alpha, beta=p.beta, bias=p.k)]
-    mean = graph.op("AveragePool", graph.op("Mul", x, x), kernel_shape=[p.local_size] * 2,
-                    pads=[p.local_size // 2] * 4, count_include_pad=1)
+    mean = graph.op(
+        "AveragePool",
+        graph.op("Mul", x, x),
+        kernel_shape=[p.local_size] * 2,
+        pads=[p.local_size // 2] * 4,
+        count_include_pad=1,
+    )
     s = graph.affine(mean, p.alpha, 1)
     return [graph.op("Mul", x, graph.op("Pow", s, graph.constant(-float(p.beta), "power")))]
 
@@ -158,13 +183,17 @@ def inner_product(graph: Graph, at: Place) -> list[str]:
     p, rank = at.layer.param, len(at.bottom[0])
     axis = p.axis % rank
     rows = at.values[0] if (rank, axis) == (2, 1) else graph.op("Flatten", at.values[0], axis=axis)
-    parameters = [graph.constant(blob.data, name) for blob, name in zip(at.layer.blobs, ("weight", "bias"))]
+    parameters = [
+        graph.constant(blob.data, name) for blob, name in zip(at.layer.blobs, ("weight", "bias"))
+    ]
     y = graph.op("Gemm", rows, *parameters, transB=int(not p.transpose))
     return [y if axis == 1 else graph.reshaped(y, at.top[0])]
 
 
 def embed(graph: Graph, at: Place) -> list[str]:
-    y = graph.op("Gather", graph.constant(at.layer.blobs[0].data, "weight"), graph.whole(at.values[0]))
+    y = graph.op(
+        "Gather", graph.constant(at.layer.blobs[0].data, "weight"), graph.whole(at.values[0])
+    )
     if at.layer.param.bias_term:
         y = graph.op("Add", y, graph.constant(at.layer.blobs[1].data, "bias"))
     return [y]
@@ -176,7 +205,10 @@ def parameter(graph: Graph, at: Place) -> list[str]:
 
 def dropout(graph: Graph, at: Place) -> list[str]:
     if at.layer.active:
-        raise at.layer.fail("sample_weights_test draws random numbers, which cannot be exported", "sample_weights_test")
+        raise at.layer.fail(
+            "sample_weights_test draws random numbers, which cannot be exported",
+            "sample_weights_test",
+        )
     return [graph.affine(at.values[0], float(at.layer.in_test), 0)]
 
 
@@ -207,7 +239,9 @@ def slice(graph: Graph, at: Place) -> list[str]:
     parts = at.sizes(tuple(shape[at.layer.axis] for shape in at.top))
     if len(parts) == 1:
         return at.values
-    return graph.ops("Split", len(parts), at.values[0], graph.constant(parts, "parts"), axis=at.layer.axis)
+    return graph.ops(
+        "Split", len(parts), at.values[0], graph.constant(parts, "parts"), axis=at.layer.axis
+    )
 
 
 def shuffle_channel(graph: Graph, at: Place) -> list[str]:
@@ -256,7 +290,9 @@ def arg_max(graph: Graph, at: Place) -> list[str]:
         x, shape = graph.op("Flatten", x, axis=1), ("N", math.prod(at.sizes(shape[1:])))
     axis = 1 if p.axis is None else p.axis % len(shape)
     last = at.sizes(shape[axis : axis + 1])[0] - 1
-    backwards = graph.op("Gather", x, graph.constant(list(range(last, -1, -1)), "backwards"), axis=axis)
+    backwards = graph.op(
+        "Gather", x, graph.constant(list(range(last, -1, -1)), "backwards"), axis=axis
+    )
     values, found = graph.ops("TopK", 2, backwards, graph.constant([p.top_k], "k"), axis=axis)
     if p.axis is not None and p.out_max_val:
         return [values]

@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike
 from netlib.errors import NetlibError, reason_of
 
 OPSET = 17
-IR_VERSIONS = {11: 6, 12: 7, 13: 7, 14: 7, 15: 8, 16: 8, 17: 8}  # of the ONNX release with this opset
+# of the ONNX release with this opset
+IR_VERSIONS = {11: 6, 12: 7, 13: 7, 14: 7, 15: 8, 16: 8, 17: 8}
 RANGE_OF_SHAPE = 15  # the opset from which Shape has a range of axes
 # Operators that have in older opsets another form than here, and the opset from which they have this one
 FIRST_OPSETS = {"GatherND": 12, "ReduceSum": 13, "Softmax": 13, "Split": 13, "Unsqueeze": 13}
@@ -46,8 +47,10 @@ class Place:
         """Return a shape as constants. Raises LayerError if it depends on the batch size."""
         known = [n for n in shape if isinstance(n, int)]
         if len(known) < len(shape):
-            raise self.layer.fail(f"{self.layer.type} along the batch axis cannot be exported to ONNX; "
-                                  f"shape ({', '.join(map(str, shape))})")
+            raise self.layer.fail(
+                f"{self.layer.type} along the batch axis cannot be exported to ONNX; "
+                f"shape ({', '.join(map(str, shape))})"
+            )
         return known
 
 
@@ -59,7 +62,8 @@ class Graph:
 
     def __init__(self, taken: Iterable[str], opset: int = OPSET) -> None:
         self.opset = opset
-        self.nodes: list[tuple[str, Sequence[str], Sequence[str], Mapping[str, Any]]] = []  # arguments of make_node
+        # arguments of make_node
+        self.nodes: list[tuple[str, Sequence[str], Sequence[str], Mapping[str, Any]]] = []
         self.constants: dict[str, np.ndarray[Any, Any]] = {}
         self.values: dict[str, str] = {}
         self.layer = ""  # the layer being translated, the prefix of operator names
@@ -90,7 +94,11 @@ class Graph:
 
     def reshaped(self, value: str, shape: Shape) -> str:
         """Reshape a value; at most one axis may have a symbolic size, which is inferred."""
-        return self.op("Reshape", value, self.constant([-1 if isinstance(n, str) else n for n in shape], "shape"))
+        return self.op(
+            "Reshape",
+            value,
+            self.constant([-1 if isinstance(n, str) else n for n in shape], "shape"),
+        )
 
     def affine(self, value: str, scale: float, shift: float) -> str:
         """Compute scale x + shift, without operators that have no effect."""
@@ -105,10 +113,16 @@ class Graph:
             return value
         return self.op("Unsqueeze", value, self.constant(list(range(axes, axes + behind)), "axes"))
 
-    def sliced(self, value: str, starts: Sequence[int], ends: Sequence[int], axes: Sequence[int]) -> str:
+    def sliced(
+        self, value: str, starts: Sequence[int], ends: Sequence[int], axes: Sequence[int]
+    ) -> str:
         """Cut a value along some axes."""
         bounds = {"starts": starts, "ends": ends, "axes": axes}
-        return self.op("Slice", value, *(self.constant(list(numbers), what) for what, numbers in bounds.items()))
+        return self.op(
+            "Slice",
+            value,
+            *(self.constant(list(numbers), what) for what, numbers in bounds.items()),
+        )
 
     def sizes(self, value: str, start: int, end: int) -> str:
         """The sizes of the axes from ``start`` up to but not including ``end``, as a value."""
@@ -133,7 +147,11 @@ class Graph:
         return name
 
     def finish(
-        self, name: str, inputs: Mapping[str, Shape], outputs: Mapping[str, Shape], metadata: Mapping[str, str]
+        self,
+        name: str,
+        inputs: Mapping[str, Shape],
+        outputs: Mapping[str, Shape],
+        metadata: Mapping[str, str],
     ) -> bytes:
         """Serialize the model. Values are named after their blobs, outputs first. Raises NetlibError, also without
         onnx.
@@ -155,12 +173,21 @@ class Graph:
             )
         make, typed = onnx.helper, onnx.TensorProto.FLOAT
         graph = make.make_graph(
-            [make.make_node(op, *([names.get(value, value) for value in side] for side in sides), **attributes)
-             for op, *sides, attributes in self.nodes],
+            [
+                make.make_node(
+                    op,
+                    *([names.get(value, value) for value in side] for side in sides),
+                    **attributes,
+                )
+                for op, *sides, attributes in self.nodes
+            ],
             name or "net",
             [make.make_tensor_value_info(blob, typed, shape) for blob, shape in inputs.items()],
             [make.make_tensor_value_info(blob, typed, shape) for blob, shape in outputs.items()],
-            [onnx.numpy_helper.from_array(array, constant) for constant, array in self.constants.items()],
+            [
+                onnx.numpy_helper.from_array(array, constant)
+                for constant, array in self.constants.items()
+            ],
         )
         model = make.make_model(
             graph,
@@ -172,11 +199,14 @@ class Graph:
         try:
             onnx.checker.check_model(model, full_check=True)
         except (onnx.checker.ValidationError, onnx.shape_inference.InferenceError) as error:
-            raise NetlibError(f"net {name!r}: its export is not valid ONNX: {reason_of(error)}") from error
+            raise NetlibError(
+                f"net {name!r}: its export is not valid ONNX: {reason_of(error)}"
+            ) from error
         return bytes(model.SerializeToString())
 
 
-Translation = Callable[[Graph, Place], list[str]]  # adds a layer's operators; returns the names of its tops' values
+# adds a layer's operators; returns the names of its tops' values
+Translation = Callable[[Graph, Place], list[str]]
 
 
 def package(name: str) -> Any:

@@ -53,28 +53,45 @@ def hand_model(graph: Graph, at: Place) -> list[str]:
     of_fixed_size = len(at.values) == 1
     body = sk if of_fixed_size else sk.with_free_slides()  # as the layer does
     steps, last, offsets = steps_of(body, sk.bones if of_fixed_size else 0 * sk.bones)
-    x = at.values[0] if len(at.bottom[0]) == 2 else graph.reshaped(at.values[0], ("N", len(sk.dof_names)))
+    x = (
+        at.values[0]
+        if len(at.bottom[0]) == 2
+        else graph.reshaped(at.values[0], ("N", len(sk.dof_names)))
+    )
     dofs = [step.dof for step in steps]
     moved = graph.op("Gather", x, graph.constant(dofs, "dofs"), axis=1)
-    one, cosine, sine, angle = (graph.constant(np.stack([s.parts[i] for s in steps]), PARTS[i]) for i in range(4))
+    one, cosine, sine, angle = (
+        graph.constant(np.stack([s.parts[i] for s in steps]), PARTS[i]) for i in range(4)
+    )
     ends_at = graph.constant(offsets[:, None], "offsets")
     if of_fixed_size:
         initial = graph.constant(sk.initial[dofs], "initial")
     else:
-        moved = graph.op("Mul", moved, graph.constant(np.where(sk.fixed, 0.0, 1.0)[dofs], "is_free"))
+        moved = graph.op(
+            "Mul", moved, graph.constant(np.where(sk.fixed, 0.0, 1.0)[dofs], "is_free")
+        )
         initial, bones = _size(graph, at, sk, dofs)
         # One bone of length 1, the others 0.
         units = [steps_of(body, unit) for unit in np.diag((sk.bone_axes >= 0).astype(float))]
-        by_step = np.array([[long.parts[0] - short.parts[0] for long, short in zip(own, steps)] for own, _, _ in units])
+        by_step = np.array(
+            [
+                [long.parts[0] - short.parts[0] for long, short in zip(own, steps)]
+                for own, _, _ in units
+            ]
+        )
         by_joint = np.array([own - offsets for _, _, own in units])
         one = graph.op("Add", one, _times(graph, bones, by_step, ("N", len(steps), 4, 4)))
         ends_at = graph.op("Add", ends_at, _times(graph, bones, by_joint, ("N", len(last), 1, 4)))
     theta = graph.reshaped(graph.op("Add", moved, initial), ("N", len(steps), 1, 1))
-    cosines, sines = (graph.op("Mul", graph.op(op, theta), part) for op, part in (("Cos", cosine), ("Sin", sine)))
+    cosines, sines = (
+        graph.op("Mul", graph.op(op, theta), part) for op, part in (("Cos", cosine), ("Sin", sine))
+    )
     turned = graph.op("Add", cosines, sines)
     slid = graph.op("Add", one, graph.op("Mul", theta, angle))
     transforms = graph.op("Add", turned, slid)  # (N, steps, 4, 4)
-    frames = graph.op("Gather", _worlds(graph, steps, transforms), graph.constant(last, "steps"), axis=1)
+    frames = graph.op(
+        "Gather", _worlds(graph, steps, transforms), graph.constant(last, "steps"), axis=1
+    )
     terms = graph.op("Mul", frames, ends_at)  # not MatMul, which is wrong in OpenCV 5.0
     ends = graph.op("ReduceSum", terms, graph.constant([3], "axes"), keepdims=0)  # (N, K, 4)
     return [graph.reshaped(graph.sliced(ends, [0], [3], [2]), at.top[0])]
@@ -86,8 +103,12 @@ def _size(graph: Graph, at: Place, sk: Skeleton, dofs: list[int]) -> tuple[str, 
     b = at.values[1] if len(at.bottom[1]) == 2 else graph.reshaped(at.values[1], ("N", sizes))
     if sizes > 1:
         return graph.constant(sk.initial[dofs], "initial"), b
-    still, slid = (graph.constant((sk.initial * which)[dofs], "initial") for which in (~sk.slides, sk.slides))
-    return graph.op("Add", still, graph.op("Mul", b, slid)), graph.op("Mul", b, graph.constant(sk.bones, "bones"))
+    still, slid = (
+        graph.constant((sk.initial * which)[dofs], "initial") for which in (~sk.slides, sk.slides)
+    )
+    return graph.op("Add", still, graph.op("Mul", b, slid)), graph.op(
+        "Mul", b, graph.constant(sk.bones, "bones")
+    )
 
 
 def _times(graph: Graph, bones: str, by_bone: Array, shape: Shape) -> str:
@@ -98,16 +119,26 @@ def _times(graph: Graph, bones: str, by_bone: Array, shape: Shape) -> str:
 
 def _worlds(graph: Graph, steps: list[Step], transforms: str) -> str:
     """Compute world_from_step of all steps, (N, steps, 4, 4)."""
-    levels = [[i for i, step in enumerate(steps) if step.depth == d] for d in range(steps[-1].depth + 1)]
+    levels = [
+        [i for i, step in enumerate(steps) if step.depth == d] for d in range(steps[-1].depth + 1)
+    ]
     if len(levels) == 1:
         return transforms
-    own = graph.ops("Split", len(levels), transforms, graph.constant([len(level) for level in levels], "split"), axis=1)
+    own = graph.ops(
+        "Split",
+        len(levels),
+        transforms,
+        graph.constant([len(level) for level in levels], "split"),
+        axis=1,
+    )
     worlds = own[:1]
     for above, level, step in zip(levels, levels[1:], own[1:]):
         parents = [above.index(steps[i].parent) for i in level]
         parent_worlds = worlds[-1]
         if parents != list(range(len(above))):
-            parent_worlds = graph.op("Gather", parent_worlds, graph.constant(parents, "parents"), axis=1)
+            parent_worlds = graph.op(
+                "Gather", parent_worlds, graph.constant(parents, "parents"), axis=1
+            )
         worlds.append(graph.op("MatMul", parent_worlds, step))
     return graph.op("Concat", *worlds, axis=1)
 
@@ -119,14 +150,20 @@ def steps_of(sk: Skeleton, bones: Array) -> tuple[list[Step], list[int], Array]:
     The first step is the identity; roots and everything fixed to them are its children.
     """
     steps = [Step(-1, 0, 0, np.stack([np.eye(4), *np.zeros((3, 4, 4))]))]
-    ends: dict[int, tuple[int, Array]] = {-1: (0, np.eye(4))}  # joint -> its last step, step_from_joint
+    # joint -> its last step, step_from_joint
+    ends: dict[int, tuple[int, Array]] = {-1: (0, np.eye(4))}
     for j in sk.order:
         step, fixed = ends[int(sk.parents[j])]
         for motion in sk.motions[j]:
             parts = _parts(motion)
             if motion.row < 0:
                 theta = sk.initial[motion.dof]
-                fixed = fixed @ (parts[0] + np.cos(theta) * parts[1] + np.sin(theta) * parts[2] + theta * parts[3])
+                fixed = fixed @ (
+                    parts[0]
+                    + np.cos(theta) * parts[1]
+                    + np.sin(theta) * parts[2]
+                    + theta * parts[3]
+                )
             else:
                 steps.append(Step(step, steps[step].depth + 1, motion.dof, fixed @ parts))
                 step, fixed = len(steps) - 1, np.eye(4)
@@ -135,9 +172,15 @@ def steps_of(sk: Skeleton, bones: Array) -> tuple[list[Step], list[int], Array]:
         ends[j] = step, fixed @ bone
     order = sorted(range(len(steps)), key=lambda i: steps[i].depth)
     place = {-1: -1, **{i: new for new, i in enumerate(order)}}
-    sorted_steps = [Step(place[steps[i].parent], steps[i].depth, steps[i].dof, steps[i].parts) for i in order]
+    sorted_steps = [
+        Step(place[steps[i].parent], steps[i].depth, steps[i].dof, steps[i].parts) for i in order
+    ]
     joints = range(len(sk.joint_names))
-    return sorted_steps, [place[ends[j][0]] for j in joints], np.stack([ends[j][1][:, 3] for j in joints])
+    return (
+        sorted_steps,
+        [place[ends[j][0]] for j in joints],
+        np.stack([ends[j][1][:, 3] for j in joints]),
+    )
 
 
 def _parts(motion: Motion) -> Array:

@@ -100,7 +100,9 @@ def _translation(spec: LayerParameter) -> Translation:
     return LAYERS[spec.type]
 
 
-def onnx_image(net: Net, also: Sequence[str] = (), cube_mm: float | None = None, opset: int = OPSET) -> bytes:
+def onnx_image(
+    net: Net, also: Sequence[str] = (), cube_mm: float | None = None, opset: int = OPSET
+) -> bytes:
     """Export a net in phase TEST as ONNX and return the bytes; the first axis of every input is the batch, N.
 
     ``also`` names additional output blobs. ``cube_mm`` is the edge length of the crop cube in mm; None: NYU's, for a
@@ -119,9 +121,13 @@ def onnx_image(net: Net, also: Sequence[str] = (), cube_mm: float | None = None,
             pose = values[0]
         if not at.layer.is_input:
             place = Place(at.layer, values, bottom, list(top))
-            for name in uneven.intersection(at.layer.spec.bottom if at.layer.type != "Silence" else ()):
-                raise at.layer.fail(f"reads {name!r}, whose number of rows depends on values, which cannot be exported "
-                                    "to ONNX; expected no layer behind it")
+            for name in uneven.intersection(
+                at.layer.spec.bottom if at.layer.type != "Silence" else ()
+            ):
+                raise at.layer.fail(
+                    f"reads {name!r}, whose number of rows depends on values, which cannot be exported "
+                    "to ONNX; expected no layer behind it"
+                )
             graph.values.update(zip(at.layer.spec.top, _translation(at.layer.spec)(graph, place)))
             uneven.update(name for name, a, b in zip(at.layer.spec.top, top, place.top) if a != b)
             top = place.top
@@ -131,13 +137,19 @@ def onnx_image(net: Net, also: Sequence[str] = (), cube_mm: float | None = None,
     if of_hand:
         skeleton = of_hand.skeleton
         metadata |= {
-            "joint_names": json.dumps(skeleton.joint_names), "unit": "half-cubes",
-            "cube_mm": f"{cube_of(skeleton, cube_mm):g}", "axes": "x right, y up, z away", "input_range": "[-1, 1]",
+            "joint_names": json.dumps(skeleton.joint_names),
+            "unit": "half-cubes",
+            "cube_mm": f"{cube_of(skeleton, cube_mm):g}",
+            "axes": "x right, y up, z away",
+            "input_range": "[-1, 1]",
         }
         if pose in [graph.values[name] for name in outputs]:
             metadata["dof_names"] = json.dumps(skeleton.dof_names)
     return graph.finish(
-        net.name, {name: at_end[name] for name in net.inputs}, {name: at_end[name] for name in outputs}, metadata
+        net.name,
+        {name: at_end[name] for name in net.inputs},
+        {name: at_end[name] for name in outputs},
+        metadata,
     )
 
 
@@ -147,13 +159,19 @@ def _outputs(net: Net, also: Sequence[str]) -> list[str]:
         raise NetlibError(f"{net.source}: no Input layer; expected a deploy net")
     outputs = list(dict.fromkeys([*net.outputs, *also]))
     if not outputs:
-        raise NetlibError(f"{net.source}: no layer leaves a blob unread, so the net has no output; name one (--blob)")
+        raise NetlibError(
+            f"{net.source}: no layer leaves a blob unread, so the net has no output; name one (--blob)"
+        )
     for name in outputs:
         if name not in net.blobs:
-            raise NetlibError(f"net {net.name!r} has no blob {name!r}{did_you_mean(name, net.blobs)}")
+            raise NetlibError(
+                f"net {net.name!r} has no blob {name!r}{did_you_mean(name, net.blobs)}"
+            )
         if name in net.inputs:
-            raise NetlibError(f"{net.source}: blob {name!r} is both input and output, which ONNX does not "
-                              "support; expected a layer that reads it, with another top")
+            raise NetlibError(
+                f"{net.source}: blob {name!r} is both input and output, which ONNX does not "
+                "support; expected a layer that reads it, with another top"
+            )
     return outputs
 
 
@@ -165,11 +183,15 @@ def shapes_of(net: Net) -> Shapes:
     declared = {name: net.blobs[name].shape for name in net.inputs}
     for name, shape in declared.items():
         if not shape:
-            raise LayerError(f"{net.source}: input {name!r} has no shape; expected input_param {{ shape {{ ... }} }}")
+            raise LayerError(
+                f"{net.source}: input {name!r} has no shape; expected input_param {{ shape {{ ... }} }}"
+            )
     if len({shape[0] for shape in declared.values()}) > 1:
-        raise LayerError(f"{net.source}: inputs with different batch sizes, "
-                         f"{', '.join(f'{name} {shape}' for name, shape in declared.items())}; "
-                         "expected first axes of the same size")
+        raise LayerError(
+            f"{net.source}: inputs with different batch sizes, "
+            f"{', '.join(f'{name} {shape}' for name, shape in declared.items())}; "
+            "expected first axes of the same size"
+        )
     found = []
     for batch in (2, 3):
         for name, shape in declared.items():
@@ -177,8 +199,12 @@ def shapes_of(net: Net) -> Shapes:
         try:
             net.reshape()
         except LayerError as error:
-            raise LayerError(f"{error} (with {batch} items); expected a net that accepts any number") from error
-        found.append([([b.shape for b in at.bottom], [t.shape for t in at.top]) for at in net.connections])
+            raise LayerError(
+                f"{error} (with {batch} items); expected a net that accepts any number"
+            ) from error
+        found.append(
+            [([b.shape for b in at.bottom], [t.shape for t in at.top]) for at in net.connections]
+        )
     for name, shape in declared.items():
         net.blobs[name].reshape(shape)
     net.reshape()
@@ -187,7 +213,9 @@ def shapes_of(net: Net) -> Shapes:
         both = [[symbolic(a, b) for a, b in zip(*sides)] for sides in zip(two, three)]
         known = [[shape for shape in side if shape is not None] for side in both]
         if known != both:
-            raise at.layer.fail(f"shape {two[1]} for 2 items, {three[1]} for 3 cannot be exported to ONNX; expected "
-                                "one axis that depends on the number of items")
+            raise at.layer.fail(
+                f"shape {two[1]} for 2 items, {three[1]} for 3 cannot be exported to ONNX; expected "
+                "one axis that depends on the number of items"
+            )
         shapes.append((known[0], known[1]))
     return shapes

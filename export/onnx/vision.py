@@ -18,7 +18,11 @@ def sliding(graph: Graph, at: Place, op: str) -> list[str]:
     kernel = list(layer.kernel) or [1]  # ONNX needs at least one spatial axis
     options: dict[str, Any] = {"kernel_shape": kernel, "group": layer.param.group}
     if layer.kernel:
-        options |= {"strides": list(layer.stride), "dilations": list(layer.dilation), "pads": [*layer.pad, *layer.pad]}
+        options |= {
+            "strides": list(layer.stride),
+            "dilations": list(layer.dilation),
+            "pads": [*layer.pad, *layer.pad],
+        }
     parameters = [graph.constant(w.reshape(*w.shape[:2], *kernel), "weight")]
     if layer.param.bias_term:
         parameters.append(graph.constant(layer.blobs[1].data, "bias"))
@@ -27,7 +31,9 @@ def sliding(graph: Graph, at: Place, op: str) -> list[str]:
         plain = len(x) == len(kernel) + 2
         if not plain:  # axes other than (N, C, ...)
             axis = len(x) - len(layer.kernel) - 1
-            value = graph.reshaped(value, ("N", *at.sizes(x[axis:]), *([] if layer.kernel else [1])))
+            value = graph.reshaped(
+                value, ("N", *at.sizes(x[axis:]), *([] if layer.kernel else [1]))
+            )
         out = graph.op(op, value, *parameters, **options)
         tops.append(out if plain else graph.reshaped(out, y))
     return tops
@@ -49,14 +55,19 @@ def pooling(graph: Graph, at: Place) -> list[str]:
     outputs = at.sizes(at.top[0][2:])
     inside = [min(o, -(-(n + p) // s)) for o, (n, _, s, p) in zip(outputs, axes)]
     after = [max((o - 1) * s + k - n - p, 0) for o, (n, k, s, p) in zip(inside, axes)]
-    options: dict[str, Any] = {"kernel_shape": list(layer.kernel), "strides": list(layer.stride),
-                               "pads": [*layer.pad, *after]}
+    options: dict[str, Any] = {
+        "kernel_shape": list(layer.kernel),
+        "strides": list(layer.stride),
+        "pads": [*layer.pad, *after],
+    }
     beyond = [o - i for o, i in zip(outputs, inside)]
 
     def completed(y: str, nothing: float) -> str:
         if not any(beyond):
             return y
-        return graph.op("Pad", y, graph.constant([0] * 6 + beyond, "beyond"), graph.constant(nothing, "nothing"))
+        return graph.op(
+            "Pad", y, graph.constant([0] * 6 + beyond, "beyond"), graph.constant(nothing, "nothing")
+        )
 
     if is_max:
         y = graph.ops("MaxPool", len(at.top), x, **options)
@@ -68,8 +79,13 @@ def pooling(graph: Graph, at: Place) -> list[str]:
     starts = [np.arange(o) * s - p for o, (_, _, s, p) in zip(outputs, axes)]
     counted = [np.minimum(start + k, n + p) - start for start, (n, k, _, p) in zip(starts, axes)]
     with np.errstate(divide="ignore"):
-        correction = math.prod(layer.kernel) / np.outer(*counted)  # 0 x infinity is NaN, like Caffe's 0 / 0
-    return [mean if (correction == 1).all() else graph.op("Mul", mean, graph.constant(correction, "correction"))]
+        # 0 x infinity is NaN, like Caffe's 0 / 0
+        correction = math.prod(layer.kernel) / np.outer(*counted)
+    return [
+        mean
+        if (correction == 1).all()
+        else graph.op("Mul", mean, graph.constant(correction, "correction"))
+    ]
 
 
 def spp(graph: Graph, at: Place) -> list[str]:
@@ -78,8 +94,11 @@ def spp(graph: Graph, at: Place) -> list[str]:
         kernel = [-(-n // 2**level) for n in sizes]
         missing = [k * 2**level - n for k, n in zip(kernel, sizes)]
         before = [(m + 1) // 2 for m in missing]
-        options: dict[str, Any] = {"kernel_shape": kernel, "strides": kernel,
-                                   "pads": [*before, *(m - b for m, b in zip(missing, before))]}
+        options: dict[str, Any] = {
+            "kernel_shape": kernel,
+            "strides": kernel,
+            "pads": [*before, *(m - b for m, b in zip(missing, before))],
+        }
         if at.layer.param.pool == "MAX":
             levels.append(graph.op("MaxPool", at.values[0], **options))
         else:
@@ -90,7 +109,11 @@ def spp(graph: Graph, at: Place) -> list[str]:
 
 
 def crop(graph: Graph, at: Place) -> list[str]:
-    axes = [i for i, part in enumerate(at.layer.part) if part != slice(None) and at.bottom[0][i] != at.top[0][i]]
+    axes = [
+        i
+        for i, part in enumerate(at.layer.part)
+        if part != slice(None) and at.bottom[0][i] != at.top[0][i]
+    ]
     sizes = at.sizes(tuple(at.top[0][i] for i in axes))
     starts = [at.layer.part[i].start for i in axes]
     ends = [start + size for start, size in zip(starts, sizes)]
@@ -103,7 +126,9 @@ def interp(graph: Graph, at: Place) -> list[str]:
     x, y = at.bottom[0], at.top[0]
     value, cut = at.values[0], at.layer.inside[1:]
     if (at.layer.param.pad_beg, at.layer.param.pad_end) != (0, 0):
-        value = graph.sliced(value, [part.start for part in cut], [part.stop for part in cut], [2, 3])
+        value = graph.sliced(
+            value, [part.start for part in cut], [part.stop for part in cut], [2, 3]
+        )
     if [part.stop - part.start for part in cut] == at.sizes(y[2:]):
         return [value]
     size = graph.constant([*at.sizes(x[1:2]), *at.sizes(y[2:])], "size")
@@ -117,8 +142,14 @@ def upsample(graph: Graph, at: Place) -> list[str]:
     batch.
     """
     if len(at.values) == 1:
-        scales = graph.constant([1.0] * (len(at.bottom[0]) - 2) + [float(at.layer.scale)] * 2, "scales")
-        options = {"mode": "nearest", "coordinate_transformation_mode": "asymmetric", "nearest_mode": "floor"}
+        scales = graph.constant(
+            [1.0] * (len(at.bottom[0]) - 2) + [float(at.layer.scale)] * 2, "scales"
+        )
+        options = {
+            "mode": "nearest",
+            "coordinate_transformation_mode": "asymmetric",
+            "nearest_mode": "floor",
+        }
         return [graph.op("Resize", at.values[0], "", scales, **options)]
     (C, H, W), (Ho, Wo) = at.sizes(at.bottom[0][1:]), at.sizes(at.top[0][2:])
     x, mask = (graph.reshaped(value, ("N", C, H * W)) for value in at.values)
@@ -148,12 +179,18 @@ def detection_output(graph: Graph, at: Place) -> list[str]:
     labels = [label for label in range(C) if label != p.background_label_id]
     k = min(P, p.nms_param.top_k) if p.nms_param.top_k >= 0 else P
     if p.nms_param.eta < 1:
-        raise layer.fail("eta below 1 cannot be exported to ONNX; expected eta: 1 or no value", "nms_param")
+        raise layer.fail(
+            "eta below 1 cannot be exported to ONNX; expected eta: 1 or no value", "nms_param"
+        )
     if not labels or not k or p.keep_top_k == 0:
-        raise layer.fail("has no detections: no class except the background, or top_k or keep_top_k of 0")
+        raise layer.fail(
+            "has no detections: no class except the background, or top_k or keep_top_k of 0"
+        )
     K = len(labels)
     by_class = graph.op("Transpose", graph.reshaped(at.values[1], ("N", P, C)), perm=[0, 2, 1])
-    scores, best = graph.ops("TopK", 2, _of_labels(graph, by_class, labels, C), graph.constant([k], "k"), axis=2)
+    scores, best = graph.ops(
+        "TopK", 2, _of_labels(graph, by_class, labels, C), graph.constant([k], "k"), axis=2
+    )
     scores = graph.reshaped(scores, ("N", K * k))
     boxes = graph.reshaped(_boxes(graph, at, labels, best, k), ("N", K * k, 4))
     flags = _not_suppressed(graph, at, boxes, scores, K, k)
@@ -164,13 +201,19 @@ def detection_output(graph: Graph, at: Place) -> list[str]:
         kept = graph.op("GatherElements", flags, first, axis=1)
         flags = graph.op("ScatterElements", _zeros_like(graph, flags), first, kept, axis=1)
     at.top[0] = (1, 1, "detections", 7)
-    rows = graph.op("Concat", _rows(graph, flags, boxes, scores, labels, k), _no_rows(graph, flags), axis=0)
+    rows = graph.op(
+        "Concat", _rows(graph, flags, boxes, scores, labels, k), _no_rows(graph, flags), axis=0
+    )
     return [graph.op("Unsqueeze", rows, graph.constant([0, 1], "axes"))]
 
 
 def _of_labels(graph: Graph, value: str, labels: list[int], classes: int) -> str:
     """Select the labels from axis 1."""
-    return value if len(labels) == classes else graph.op("Gather", value, graph.constant(labels, "labels"), axis=1)
+    return (
+        value
+        if len(labels) == classes
+        else graph.op("Gather", value, graph.constant(labels, "labels"), axis=1)
+    )
 
 
 def _boxes(graph: Graph, at: Place, labels: list[int], best: str, k: int) -> str:
@@ -182,7 +225,9 @@ def _boxes(graph: Graph, at: Place, labels: list[int], best: str, k: int) -> str
         change = graph.reshaped(at.values[0], ("N", P, 4))
         index = graph.reshaped(best, ("N", len(labels) * k, 1))
     else:
-        change = graph.op("Transpose", graph.reshaped(at.values[0], ("N", P, C, 4)), perm=[0, 2, 1, 3])
+        change = graph.op(
+            "Transpose", graph.reshaped(at.values[0], ("N", P, C, 4)), perm=[0, 2, 1, 3]
+        )
         change = _of_labels(graph, change, labels, C)
         index = graph.reshaped(best, ("N", len(labels), k, 1))
     if not p.variance_encoded_in_target:
@@ -194,7 +239,9 @@ def _boxes(graph: Graph, at: Place, labels: list[int], best: str, k: int) -> str
         centre = graph.affine(graph.op("Add", first, last), 0.5, 0)
         centre = graph.op("Add", centre, graph.op("Mul", shift, size))
         half = graph.affine(graph.op("Mul", size, graph.op("Exp", log_scale)), 0.5, 0)
-        boxes = graph.op("Concat", graph.op("Sub", centre, half), graph.op("Add", centre, half), axis=-1)
+        boxes = graph.op(
+            "Concat", graph.op("Sub", centre, half), graph.op("Add", centre, half), axis=-1
+        )
     else:
         if p.code_type == "CORNER_SIZE":
             change = graph.op("Mul", change, graph.op("Concat", size, size, axis=-1))
@@ -212,18 +259,29 @@ def _halves(graph: Graph, boxes: str) -> list[str]:
 def _not_suppressed(graph: Graph, at: Place, boxes: str, scores: str, K: int, k: int) -> str:
     """Flags (N, K k): 1 for what non-maximum suppression keeps, else 0."""
     p: Any = at.layer.param
-    if p.code_type != "CENTER_SIZE":  # an inverted box overlaps none here, but ONNX would exchange its corners
+    # an inverted box overlaps none here, but ONNX would exchange its corners
+    if p.code_type != "CENTER_SIZE":
         first, last = _halves(graph, boxes)
         boxes = graph.op("Concat", first, graph.op("Max", first, last), axis=-1)
-    limits = [graph.constant([k], "k"), graph.constant([min(p.nms_param.nms_threshold, 1.0)], "overlap")]
+    limits = [
+        graph.constant([k], "k"),
+        graph.constant([min(p.nms_param.nms_threshold, 1.0)], "overlap"),
+    ]
     if p.confidence_threshold is not None:
         limits.append(graph.constant([p.confidence_threshold], "threshold"))
-    chosen = graph.op("NonMaxSuppression", graph.reshaped(boxes, ("N", k, 4)),
-                      graph.reshaped(scores, ("N", 1, k)), *limits)
-    places = graph.op("Gather", chosen, graph.constant([0, 2], "columns"), axis=1)  # item, candidate
+    chosen = graph.op(
+        "NonMaxSuppression",
+        graph.reshaped(boxes, ("N", k, 4)),
+        graph.reshaped(scores, ("N", 1, k)),
+        *limits,
+    )
+    # item, candidate
+    places = graph.op("Gather", chosen, graph.constant([0, 2], "columns"), axis=1)
     count = graph.sizes(places, 0, 1)
     ones = graph.op("Expand", graph.constant([1.0], "one"), count)
-    flags = graph.op("ScatterND", _zeros_like(graph, graph.reshaped(scores, ("N", k))), places, ones)
+    flags = graph.op(
+        "ScatterND", _zeros_like(graph, graph.reshaped(scores, ("N", k))), places, ones
+    )
     return graph.reshaped(flags, ("N", K * k))
 
 
@@ -234,10 +292,16 @@ def _zeros_like(graph: Graph, value: str) -> str:
 def _rows(graph: Graph, flags: str, boxes: str, scores: str, labels: list[int], k: int) -> str:
     """The rows (D, 7) of all flags that are set."""
     places = graph.op("Transpose", graph.op("NonZero", flags), perm=[1, 0])
-    item, candidate = (graph.op("Gather", places, graph.constant([i], "column"), axis=1) for i in (0, 1))
-    label = graph.op("Gather", graph.constant(np.repeat(labels, k).astype(float), "labels"), candidate, axis=0)
+    item, candidate = (
+        graph.op("Gather", places, graph.constant([i], "column"), axis=1) for i in (0, 1)
+    )
+    label = graph.op(
+        "Gather", graph.constant(np.repeat(labels, k).astype(float), "labels"), candidate, axis=0
+    )
     score = graph.reshaped(graph.op("GatherND", scores, places), ("D", 1))
-    return graph.op("Concat", graph.floats(item), label, score, graph.op("GatherND", boxes, places), axis=1)
+    return graph.op(
+        "Concat", graph.floats(item), label, score, graph.op("GatherND", boxes, places), axis=1
+    )
 
 
 def _no_rows(graph: Graph, flags: str) -> str:
@@ -245,6 +309,11 @@ def _no_rows(graph: Graph, flags: str) -> str:
     count = graph.sizes(flags, 0, 1)
     limits = [graph.constant(0, "first"), graph.op("Squeeze", count), graph.constant(1, "step")]
     items = graph.reshaped(graph.floats(graph.op("Range", *limits)), ("N", 1))
-    rows = graph.op("Pad", items, graph.constant([0, 0, 0, 6], "pads"), graph.constant(-1.0, "nothing"))
-    none = graph.whole(graph.op("Equal", graph.op("ReduceSum", flags, keepdims=0), graph.constant(0.0, "zero")))
-    return graph.op("Slice", rows, graph.constant([0], "start"), graph.op("Mul", count, none))  # of N rows all or none
+    rows = graph.op(
+        "Pad", items, graph.constant([0, 0, 0, 6], "pads"), graph.constant(-1.0, "nothing")
+    )
+    none = graph.whole(
+        graph.op("Equal", graph.op("ReduceSum", flags, keepdims=0), graph.constant(0.0, "zero"))
+    )
+    # of N rows all or none
+    return graph.op("Slice", rows, graph.constant([0], "start"), graph.op("Mul", count, none))

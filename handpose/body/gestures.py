@@ -30,7 +30,8 @@ from netlib.blob import Array
 from netlib.errors import DataError
 
 STRAIGHT = (100.0, 14.0)  # degrees: where the probability is one half, and the scale of its slope
-OUT = (0.81, 0.04)  # palms; on the seeds of the choice (docs/gestures.md) at most 0.76 across, at least 0.87 out
+# palms; on the seeds of the choice (docs/gestures.md) at most 0.76 across, at least 0.87 out
+OUT = (0.81, 0.04)
 TOUCH = (0.32, 0.03)
 # Straight fingers: index, middle, ring, little; and whether the thumb is out (None: either).
 SHAPES: dict[str, tuple[tuple[bool, bool, bool, bool], bool | None]] = {
@@ -49,8 +50,14 @@ NUMBERS = {"fist": 0, "point": 1, "two": 2, "three": 3, "four": 4, "open": 5}
 
 def scores(skeleton: Skeleton, hand: Side, xyz: Array) -> dict[str, float]:
     """The score of each gesture for joints (K, 3) in mm, camera axes. Raises DataError, see ``anatomical_angles``."""
-    angles, at = anatomical_angles(skeleton, hand, xyz), dict(zip(skeleton.joint_names, np.asarray(xyz, np.float64)))
-    bends = [sum(angles[f"{finger}_{joint}_flexion"] for joint in ("mcp", "pip", "dip")) for finger in FINGERS]
+    angles, at = (
+        anatomical_angles(skeleton, hand, xyz),
+        dict(zip(skeleton.joint_names, np.asarray(xyz, np.float64))),
+    )
+    bends = [
+        sum(angles[f"{finger}_{joint}_flexion"] for joint in ("mcp", "pip", "dip"))
+        for finger in FINGERS
+    ]
     straight = [1 - _over(bend, STRAIGHT) for bend in bends]
     palm = _distance(at["middle_mcp"], (at["wrist_left"] + at["wrist_middle"]) / 2)
     if not palm > MIN_PALM_MM:
@@ -59,8 +66,14 @@ def scores(skeleton: Skeleton, hand: Side, xyz: Array) -> dict[str, float]:
     touch = 1 - _over(_distance(at["thumb_tip"], at["index_tip"]) / palm, TOUCH)
     found = {PINCH: touch * straight[1]}
     for name, (wanted, thumb) in SHAPES.items():
-        fingers = np.prod([part if is_straight else 1 - part for part, is_straight in zip(straight, wanted)])
-        found[name] = float(fingers * (1.0 if thumb is None else out if thumb else 1 - out) * (1 - touch * straight[1]))
+        fingers = np.prod(
+            [part if is_straight else 1 - part for part, is_straight in zip(straight, wanted)]
+        )
+        found[name] = float(
+            fingers
+            * (1.0 if thumb is None else out if thumb else 1 - out)
+            * (1 - touch * straight[1])
+        )
     return {name: found[name] for name in GESTURES}
 
 
@@ -112,7 +125,9 @@ class GestureReader:
         before = self._states.get(id)
         if not math.isfinite(time) or (before is not None and time < before.time):
             after = "" if before is None else f" after {before.time:g} s"
-            raise DataError(f"hand {id} at {time:g} s{after}; expected finite times that do not descend")
+            raise DataError(
+                f"hand {id} at {time:g} s{after}; expected finite times that do not descend"
+            )
         seen = np.array(list(scores(self._skeleton, hand, xyz).values()))
         if before is None or time - before.time > FORGET_S:
             smooth, name = seen, ""
@@ -125,4 +140,6 @@ class GestureReader:
         elif name and smooth[GESTURES.index(name)] < END:
             name = ""
         self._states[id] = _State(time, smooth, name)
-        return Gesture(name, float(smooth[GESTURES.index(name)] if name else max(0.0, 1 - smooth.sum())))
+        return Gesture(
+            name, float(smooth[GESTURES.index(name)] if name else max(0.0, 1 - smooth.sum()))
+        )

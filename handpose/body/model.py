@@ -24,7 +24,13 @@ from handpose.body.render import Capsules
 from layers.hand.bodies import kinematics_of
 from layers.hand.kinematics import Kinematics, Pose
 from layers.hand.skeleton import Skeleton
-from layers.hand.skeleton_file import LENGTHS, CapsuleParameter, WedgeParameter, format_length, max_length
+from layers.hand.skeleton_file import (
+    LENGTHS,
+    CapsuleParameter,
+    WedgeParameter,
+    format_length,
+    max_length,
+)
 from netlib.blob import Array
 from netlib.errors import PrototxtError, did_you_mean
 from netlib.proto import schema
@@ -70,13 +76,20 @@ class Surface:
         self.facets = np.array(facets, dtype=int).reshape(-1, 3)
         for i, o in enumerate(surface.offset):
             if (o.joint, o.axes) in [(other.joint, other.axes) for other in surface.offset[:i]]:
-                raise PrototxtError(schema.position_of(o), f"joint {o.joint!r} has two offsets along {o.axes!r}")
+                raise PrototxtError(
+                    schema.position_of(o), f"joint {o.joint!r} has two offsets along {o.axes!r}"
+                )
             if not all(abs(length) <= max_length(o) for length in (o.x, o.y, o.z)):
                 lengths = ", ".join(map(format_length, (o.x, o.y, o.z)))
                 found = f"offset {lengths}; expected lengths in {LENGTHS}"
                 raise PrototxtError(schema.position_of(o), found)
         self.limbs = self.end >= len(skeleton.joint_names)
-        of_root = [m.row for own, parent in zip(self.whole.motions, self.whole.parents) if parent < 0 for m in own]
+        of_root = [
+            m.row
+            for own, parent in zip(self.whole.motions, self.whole.parents)
+            if parent < 0
+            for m in own
+        ]
         others = np.delete(self.whole.moves, [row for row in of_root if row >= 0], axis=0)
         bent = np.asarray(others.any(axis=0))
         self.trunk = ~bent[self.start] & ~bent[self.end]
@@ -99,10 +112,19 @@ class Surface:
 
         size, offset  (N,) factors of the offsets
         """
-        return self.ends_at(pose.joints, {f: self.kinematics.rotation_of(pose, f) for f in self.offsets}, size, offset)
+        return self.ends_at(
+            pose.joints,
+            {f: self.kinematics.rotation_of(pose, f) for f in self.offsets},
+            size,
+            offset,
+        )
 
     def ends_at(
-        self, joints: Array, rotations: dict[int, Array], size: Array | float = 1.0, offset: Array | float = 1.0
+        self,
+        joints: Array,
+        rotations: dict[int, Array],
+        size: Array | float = 1.0,
+        offset: Array | float = 1.0,
     ) -> Array:
         """``ends`` for given joints (N, K, 3) and rotations (N, 3, 3) of the joints that the offsets refer to."""
         ends = joints.copy()
@@ -139,26 +161,37 @@ class Surface:
     def _wedge(self, w: WedgeParameter) -> list[Sphere]:
         joints = [self._joint(w, "joint", name) for name in w.joint]
         if len(joints) != 3 or len(set(joints)) != 3:
-            raise PrototxtError(schema.position_of(w), f"joints {', '.join(w.joint)}; expected three different ones")
+            raise PrototxtError(
+                schema.position_of(w), f"joints {', '.join(w.joint)}; expected three different ones"
+            )
         return list(zip(joints, self._radii(w, w.radius, 3)))
 
     @staticmethod
     def _radii(shape: object, given: tuple[float, ...], count: int) -> list[float]:
         if len(given) not in (1, count) or not all(0 < r <= max_length(shape) for r in given):
-            found, expected = f"radius {', '.join(map(format_length, given))}", {2: "two", 3: "three"}[count]
-            raise PrototxtError(schema.position_of(shape), f"{found}; expected one or {expected} > 0, in {LENGTHS}")
+            found, expected = (
+                f"radius {', '.join(map(format_length, given))}",
+                {2: "two", 3: "three"}[count],
+            )
+            raise PrototxtError(
+                schema.position_of(shape), f"{found}; expected one or {expected} > 0, in {LENGTHS}"
+            )
         return [*given] * (count if len(given) == 1 else 1)
 
     def _joint(self, param: object, field: str, name: str) -> int:
         if name not in self.whole.joint_names:
             where = schema.position_of(param, field)
-            raise PrototxtError(where, f"unknown joint {name!r}{did_you_mean(name, self.whole.joint_names)}")
+            raise PrototxtError(
+                where, f"unknown joint {name!r}{did_you_mean(name, self.whole.joint_names)}"
+            )
         return self.whole.joint_names.index(name)
 
     def _keep_apart(self) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
         """Pairs of capsules of different parts that do not penetrate each other at rest, with all inputs 0."""
         named = [m for m, part in enumerate(self.parts) if part]
-        pairs = [(i, j) for i, j in itertools.combinations(named, 2) if self.parts[i] != self.parts[j]]
+        pairs = [
+            (i, j) for i, j in itertools.combinations(named, 2) if self.parts[i] != self.parts[j]
+        ]
         i, j = np.array(pairs, dtype=int).reshape(-1, 2).T
         ends = self.ends(self.kinematics.forward(np.zeros((1, len(self.whole.initial)))))
         a, b = (ends[0, joints].T for joints in (self.start, self.end))
@@ -180,7 +213,12 @@ def _between(a: Array, b: Array, c: Array, d: Array) -> tuple[Array, Array, Arra
 
 def has_fingers(skeleton: Skeleton) -> bool:
     """True for a hand: a skeleton with a PIP joint, a DIP joint and a tip of each of the five fingers."""
-    return all(joint in skeleton.joint_names for finger in FINGERS for point in _joints(finger) for joint in point)
+    return all(
+        joint in skeleton.joint_names
+        for finger in FINGERS
+        for point in _joints(finger)
+        for joint in point
+    )
 
 
 class Fingers:
@@ -195,7 +233,9 @@ class Fingers:
         for row, point in enumerate(point for finger in FINGERS for point in _joints(finger)):
             for joint in point:
                 self._weights[row, names.index(joint)] = 1 / len(point)
-        self.capsules: NDArray[np.bool_] = np.array([[part == finger for part in surface.parts] for finger in FINGERS])
+        self.capsules: NDArray[np.bool_] = np.array(
+            [[part == finger for part in surface.parts] for finger in FINGERS]
+        )
 
     def joints(self, joints: Array) -> Array:
         """The three joints (N, 5, 3, 3) of each finger, of the joints (N, K, 3) of hands."""

@@ -15,7 +15,8 @@ SECOND_SUBJECT = 2440  # test frames from this 0-based index on show a second, s
 
 ANNOTATED_JOINTS = 36  # points per frame
 CENTER_JOINT = 34  # the annotated joint at which crops are centred
-CENTER_IN_PALM = (-16.7, -21.5, 5.1)  # mm in the frame of the model's palm: where joint 34 is, which the model lacks
+# mm in the frame of the model's palm: where joint 34 is, which the model lacks
+CENTER_IN_PALM = (-16.7, -21.5, 5.1)
 
 CUBE_MM = 300.0  # edge of the cube around the hand
 SECOND_CUBE_MM = 300.0 * 0.87  # ... around the second subject's hand

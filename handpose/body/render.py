@@ -39,7 +39,8 @@ from netlib.errors import DataError
 CLEAR_MM = 40.0  # minimum distance from the camera's plane
 _FAR, _SPECK = 1e6, 1e-3  # mm: distance and radius of an invisible sphere
 _TILE = 32768  # pixels computed together: half a dozen such arrays stay in the cache
-_EDGE = np.float32(1e-4)  # tolerance, so that rays along a triangle's border do not miss both it and the capsule
+# tolerance, so that rays along a triangle's border do not miss both it and the capsule
+_EDGE = np.float32(1e-4)
 _OUTSIDE = 8.0  # slope of the rays of crop pixels outside the image, which meet no capsule
 
 
@@ -71,7 +72,9 @@ class Capsules(NamedTuple):
 
     def frames(self, rows: slice | NDArray[np.int_]) -> Capsules:
         """The capsules of some frames."""
-        return Capsules(self.a[rows], self.b[rows], self.radius_a[rows], self.radius_b[rows], self.facets)
+        return Capsules(
+            self.a[rows], self.b[rows], self.radius_a[rows], self.radius_b[rows], self.facets
+        )
 
     def chosen(self, which: NDArray[np.bool_]) -> Capsules:
         """Some of the capsules (M,), and the facets all of whose spheres are among them."""
@@ -93,7 +96,10 @@ def joined(parts: Iterable[Capsules]) -> Capsules:
 def in_front(capsules: Capsules, clear_mm: ArrayLike = CLEAR_MM) -> Capsules:
     """The parts of capsules farther than this in mm, one or (N,), from the camera's plane; others become specks."""
     clear = np.maximum(np.asarray(clear_mm, dtype=np.float64).reshape(-1, 1), CLEAR_MM)
-    near = [(capsules.a[..., 2] - capsules.radius_a) - clear, (capsules.b[..., 2] - capsules.radius_b) - clear]
+    near = [
+        (capsules.a[..., 2] - capsules.radius_a) - clear,
+        (capsules.b[..., 2] - capsules.radius_b) - clear,
+    ]
     change = np.where(near[1] == near[0], 1.0, near[1] - near[0])
     first = np.where(near[0] < 0, np.clip(-near[0] / change, 0, 1), 0.0)
     last = np.where(near[1] < 0, np.clip(-near[0] / change, 0, 1), 1.0)
@@ -106,7 +112,11 @@ def in_front(capsules: Capsules, clear_mm: ArrayLike = CLEAR_MM) -> Capsules:
 
 
 def render_crop(
-    capsules: Capsules, center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera = NYU, size: int = SIZE
+    capsules: Capsules,
+    center_uvd: ArrayLike,
+    cube_mm: ArrayLike,
+    camera: Camera = NYU,
+    size: int = SIZE,
 ) -> Floats:
     """Depth (N, size, size) in mm, as ``crop`` would cut it from a rendering of the whole image.
 
@@ -147,14 +157,21 @@ def render(capsules: Capsules, x: ArrayLike, y: ArrayLike, background: ArrayLike
     if len(capsules.facets):
         frame, corners = _triangles(capsules)
         slopes = corners[:, :, :2] / corners[:, :, 2:]
-        bounds = [(slopes[:, :, axis].min(axis=1), slopes[:, :, axis].max(axis=1)) for axis in (0, 1)]
+        bounds = [
+            (slopes[:, :, axis].min(axis=1), slopes[:, :, axis].max(axis=1)) for axis in (0, 1)
+        ]
         _paint(image, x, y, frame, bounds, _plane_coefficients(corners), _plane_depths)
     return image
 
 
 def _paint(
-    image: Floats, x: Floats, y: Floats, frame: NDArray[np.int64], bounds: list[tuple[Array, Array]],
-    coefficients: Floats, depths: Callable[[Floats, Floats, Floats], Floats],
+    image: Floats,
+    x: Floats,
+    y: Floats,
+    frame: NDArray[np.int64],
+    bounds: list[tuple[Array, Array]],
+    coefficients: Floats,
+    depths: Callable[[Floats, Floats, Floats], Floats],
 ) -> None:
     """Draw L shapes into images (N, H, W), where they are nearer than the existing depth.
 
@@ -185,7 +202,9 @@ def _paint(
             x[frame[some, None], column[:, None] + np.arange(w)][:, None, :],
             y[frame[some, None], row[:, None] + np.arange(h)][:, :, None],
         )
-        for n, i, j, tile in zip(frame[some].tolist(), column.tolist(), row.tolist(), depth, strict=True):
+        for n, i, j, tile in zip(
+            frame[some].tolist(), column.tolist(), row.tolist(), depth, strict=True
+        ):
             part = image[n, j : j + h, i : i + w]
             np.fmin(part, tile, out=part)  # fmin ignores NaN, for rays that miss
         first = last
@@ -207,7 +226,9 @@ def _visible_ends(capsules: Capsules) -> tuple[Array, Array, Array, Array]:
     b = capsules.b.reshape(-1, 3) * (1, -1, 1)
     ra, rb = capsules.radius_a.reshape(-1), capsules.radius_b.reshape(-1)
     if not (np.minimum(a[:, 2] - ra, b[:, 2] - rb) > 0).all():
-        raise DataError("a capsule lies at or behind the camera, or has a coordinate that is not a number")
+        raise DataError(
+            "a capsule lies at or behind the camera, or has a coordinate that is not a number"
+        )
     B, w = b - a, ra - rb
     e = (B * B).sum(1) - w * w
     g = (a * B).sum(1) + ra * w
@@ -240,7 +261,9 @@ def _pixels(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Ranges of the indices of ``slopes`` (N, size) between ``low`` and ``high`` (L,), in the row ``frame`` (L,)."""
     own = slopes[frame]
-    return np.count_nonzero(own < low[:, None], axis=1), np.count_nonzero(own <= high[:, None], axis=1)
+    return np.count_nonzero(own < low[:, None], axis=1), np.count_nonzero(
+        own <= high[:, None], axis=1
+    )
 
 
 def _coefficients(a: Array, b: Array, ra: Array, rb: Array) -> Floats:
@@ -302,7 +325,8 @@ def _triangles(capsules: Capsules) -> tuple[NDArray[np.int64], Array]:
     gram = sides @ sides.swapaxes(1, 2)
     flat = area > 1e-6 * (1 + np.trace(gram, axis1=1, axis2=2))  # the centres are not collinear
     gram[~flat] = np.eye(2)
-    within = (np.linalg.solve(gram, (r[:, :1] - r[:, 1:])[..., None]) * sides).sum(axis=1)  # the normal's part there
+    # the normal's part there
+    within = (np.linalg.solve(gram, (r[:, :1] - r[:, 1:])[..., None]) * sides).sum(axis=1)
     left = 1 - (within * within).sum(axis=1)
     flat &= left > 0  # otherwise one sphere is inside the hull of the others
     found = []
@@ -310,7 +334,9 @@ def _triangles(capsules: Capsules) -> tuple[NDArray[np.int64], Array]:
         upright = np.sqrt(np.maximum(left, 0)) * sign / np.where(flat, area, 1)
         normal = within + upright[:, None] * across
         corners = center + r[..., None] * normal[:, None]
-        seen = flat & ((normal * corners[:, 0]).sum(axis=1) < 0) & (corners[:, :, 2] > 0).all(axis=1)
+        seen = (
+            flat & ((normal * corners[:, 0]).sum(axis=1) < 0) & (corners[:, :, 2] > 0).all(axis=1)
+        )
         found.append((frame[seen], corners[seen]))
     return np.concatenate([one for one, _ in found]), np.concatenate([one for _, one in found])
 

@@ -42,8 +42,15 @@ class Frames:
 
     @classmethod
     def of(
-        cls, crops: ArrayLike, joints: Array, center_uvd: Array, camera: Camera, half_cube: ArrayLike,
-        index: NDArray[np.int64], dof: Array | None = None, bones: Array | None = None,
+        cls,
+        crops: ArrayLike,
+        joints: Array,
+        center_uvd: Array,
+        camera: Camera,
+        half_cube: ArrayLike,
+        index: NDArray[np.int64],
+        dof: Array | None = None,
+        bones: Array | None = None,
     ) -> Frames:
         """From crops (n, 128, 128), joints (n, K, 3) in half-cubes, centres (n, 3) px, px, mm, and half-cubes in mm.
 
@@ -66,8 +73,14 @@ class Frames:
 
     def arrays(self) -> dict[str, Array]:
         """All arrays by name, in the order of the files."""
-        posed = {name: array for name, array in (("dof", self.dof), ("bones", self.bones)) if array is not None}
-        others = {name: getattr(self, name) for name in ("center", "center_uvd", "index", "half_cube")}
+        posed = {
+            name: array
+            for name, array in (("dof", self.dof), ("bones", self.bones))
+            if array is not None
+        }
+        others = {
+            name: getattr(self, name) for name in ("center", "center_uvd", "index", "half_cube")
+        }
         return {"depth": self.depth, "joint": self.joint, **posed, **others}
 
     def rows(self, rows: slice) -> Frames:
@@ -108,13 +121,16 @@ def _open(path: Path) -> File:
     file = File(path, ("depth",))
     shape = file.datasets[0].shape
     if len(shape) < 3 or shape[-1] != shape[-2] or math.prod(shape[1:]) != shape[-1] * shape[-2]:
-        raise DataError(f"{path}: data set 'depth' has shape {shape}, expected square crops (N, 1, size, size)")
+        raise DataError(
+            f"{path}: data set 'depth' has shape {shape}, expected square crops (N, 1, size, size)"
+        )
     return File(path, ("depth", "joint")) if "joint" in file.names else file
 
 
 def _example(file: File, row: int) -> Example:
     crop, *joints = (dataset[row] for dataset in file.datasets)
-    with np.errstate(all="ignore"):  # other number types; pixels that are not finite are drawn as missing
+    # other number types; pixels that are not finite are drawn as missing
+    with np.errstate(all="ignore"):
         depth = crop.reshape(crop.shape[-2:]).astype(np.float32)
         found = joints[0].astype(np.float64) if joints else None
     return depth, found, f"{file.path}: frame {row}"

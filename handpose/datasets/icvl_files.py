@@ -44,7 +44,9 @@ def read_icvl_depth(path: str | Path) -> NDArray[np.float32]:
     """Depth (240, 320) in mm of one frame, a 16-bit grey image; 0 where nothing was read. Raises BadFrameError."""
     image = read_png(path)
     if image.ndim != 2 or image.dtype != np.uint16:
-        raise BadFrameError(path, WRONG_SIZE, f"found {image.dtype} of shape {image.shape}, expected 16-bit grey")
+        raise BadFrameError(
+            path, WRONG_SIZE, f"found {image.dtype} of shape {image.shape}, expected 16-bit grey"
+        )
     return image.astype(np.float32)
 
 
@@ -73,8 +75,10 @@ def read_annotation(paths: Sequence[Path]) -> IcvlAnnotation:
         raise DataError(f"{paths[0]}: no labels in it")
     u, v, d = np.nanmedian(uvd[:, CENTER_JOINT], axis=0)
     if not (0 <= u < ICVL.width and 0 <= v < ICVL.height and 50 < d < 5000):
-        raise DataError(f"{paths[0]}: the palm is mostly at {u:g} {v:g} {d:g}, expected u v d: pixels of an image "
-                        f"{ICVL.width} x {ICVL.height}, and mm")
+        raise DataError(
+            f"{paths[0]}: the palm is mostly at {u:g} {v:g} {d:g}, expected u v d: pixels of an image "
+            f"{ICVL.width} x {ICVL.height}, and mm"
+        )
     return IcvlAnnotation(files, uvd)
 
 
@@ -97,13 +101,17 @@ def read_split(root: Path, split: str, centers: Path | None = None) -> Published
     paths = [root / name for name in ANNOTATION[split]]
     there = [path for path in paths if path.is_file()]
     if not there:
-        raise DataError(f"{paths[0]}: no such file; it holds the joints, and comes with the folder Depth")
+        raise DataError(
+            f"{paths[0]}: no such file; it holds the joints, and comes with the folder Depth"
+        )
     annotation = read_annotation(there)
     count = len(annotation.files)
     return PublishedFrames(
         split=split,
         files=annotation.files,
-        center_uvd=annotation.uvd[:, CENTER_JOINT] if centers is None else read_centers(centers, count),
+        center_uvd=annotation.uvd[:, CENTER_JOINT]
+        if centers is None
+        else read_centers(centers, count),
         joints=ICVL.unproject(annotation.uvd),
         cube_mm=np.full(count, CUBE_MM),
         camera=ICVL,
@@ -119,13 +127,20 @@ def check_split(root: Path, split: str) -> tuple[list[str], list[Flaw]]:
     missing = [path for path in paths if not path.is_file()]
 
     def whole(count: int) -> list[Flaw]:
-        texts = [f"{path}: no such file; the test frames of one of the two sequences are missing" for path in missing]
+        texts = [
+            f"{path}: no such file; the test frames of one of the two sequences are missing"
+            for path in missing
+        ]
         if split == "train" and count < TRAIN_FRAMES:
-            texts.append(f"{paths[0]}: {count} labelled frames, the whole training set with its turned copies has over "
-                         "300,000")
+            texts.append(
+                f"{paths[0]}: {count} labelled frames, the whole training set with its turned copies has over "
+                "300,000"
+            )
         if split == "test" and not missing and count != sum(TEST_FRAMES):
-            texts.append(f"{paths[0].parent}: {count} labelled frames, the whole test set has {TEST_FRAMES[0]} + "
-                         f"{TEST_FRAMES[1]}")
+            texts.append(
+                f"{paths[0].parent}: {count} labelled frames, the whole test set has {TEST_FRAMES[0]} + "
+                f"{TEST_FRAMES[1]}"
+            )
         return [Flaw(text, fatal=False) for text in texts]
 
     holds = f"{paths[0].name} and Depth"

@@ -22,7 +22,8 @@ from netlib.blob import Array
 from netlib.errors import DataError
 from netlib.files.hdf5 import File
 
-EXACTLY_PX, OFF_AXIS_PX = 0.01, 2.0  # to the rounding of float32; on the optical axis all cameras agree
+# to the rounding of float32; on the optical axis all cameras agree
+EXACTLY_PX, OFF_AXIS_PX = 0.01, 2.0
 MAX_PX_OR_MM, MIN_MM = 1e6, 1.0  # bounds of a crop centre's coordinates, and of its depth
 
 
@@ -50,13 +51,17 @@ def read(path: Path, count: int) -> Labels:
     file = File(path, ("joint",))
     stored = file.datasets[0].numbers()
     if stored.shape[1:] not in ((3 * count,), (count, 3)):
-        raise DataError(f"{path}: data set 'joint' has shape {stored.shape}, expected (N, {3 * count}) for {count} "
-                        "joints")
+        raise DataError(
+            f"{path}: data set 'joint' has shape {stored.shape}, expected (N, {3 * count}) for {count} "
+            "joints"
+        )
     joints = stored.reshape(file.rows, count, 3)
     wrong = np.isinf(joints).any(axis=(1, 2))
     if wrong.any():
-        raise DataError(f"{path}: data set 'joint' is infinite in frame {wrong.argmax()} ({wrong.sum()} such frames), "
-                        "expected half-cubes from the crop centre, or NaN if unknown")
+        raise DataError(
+            f"{path}: data set 'joint' is infinite in frame {wrong.argmax()} ({wrong.sum()} such frames), "
+            "expected half-cubes from the crop centre, or NaN if unknown"
+        )
     return Labels(joints, read_half_cubes(file), file.made_from)
 
 
@@ -66,15 +71,19 @@ def read_half_cubes(file: File) -> Array:
         return np.full(file.rows, CUBE_MM / 2)
     stored = File(file.path, ("half_cube",)).datasets[0].numbers()
     if stored.shape not in ((file.rows,), (file.rows, 1)):
-        raise DataError(f"{file.path}: data set 'half_cube' has shape {stored.shape}, expected ({file.rows},): "
-                        "mm, one number per frame")
+        raise DataError(
+            f"{file.path}: data set 'half_cube' has shape {stored.shape}, expected ({file.rows},): "
+            "mm, one number per frame"
+        )
     half_cube = stored.reshape(file.rows)
     least, most = (edge / 2 for edge in CUBES_MM)
     wrong = ~((half_cube >= least) & (half_cube <= most))
     if wrong.any():
         first = wrong.argmax()
-        raise DataError(f"{file.path}: data set 'half_cube' is {half_cube[first]:g} in frame {first} ({wrong.sum()} "
-                        f"such frames), expected mm, {least:g} to {most:g}")
+        raise DataError(
+            f"{file.path}: data set 'half_cube' is {half_cube[first]:g} in frame {first} ({wrong.sum()} "
+            f"such frames), expected mm, {least:g} to {most:g}"
+        )
     return half_cube
 
 
@@ -85,22 +94,35 @@ def read_crop_centers(files: Sequence[File]) -> tuple[Array, Camera]:
     """
     found = []
     for file in files:
-        stored = [dataset.numbers() for dataset in File(file.path, ("center_uvd", "center")).datasets]
+        stored = [
+            dataset.numbers() for dataset in File(file.path, ("center_uvd", "center")).datasets
+        ]
         if any(array.shape != (file.rows, 3) for array in stored):
-            raise DataError(f"{file.path}: centres of shape {stored[0].shape}, expected ({file.rows}, 3)")
+            raise DataError(
+                f"{file.path}: centres of shape {stored[0].shape}, expected ({file.rows}, 3)"
+            )
         found.append(np.stack(stored))
     uvd, xyz = np.concatenate(found, axis=1)
     far = np.abs([uvd, xyz]).max(initial=0) > MAX_PX_OR_MM  # their quotients may overflow
-    if far or not (np.isfinite(uvd).all() and np.isfinite(xyz).all() and (xyz[:, 2] > MIN_MM).all()):
-        raise DataError(f"{files[0].path}: crop centres that are not finite, or not before the camera")
+    if far or not (
+        np.isfinite(uvd).all() and np.isfinite(xyz).all() and (xyz[:, 2] > MIN_MM).all()
+    ):
+        raise DataError(
+            f"{files[0].path}: crop centres that are not finite, or not before the camera"
+        )
     known = [camera for camera in CAMERAS.values() if _maps(camera, xyz, uvd)]
     if len(known) != 1:
-        raise DataError(f"{files[0].path}: its crop centres in px and in mm fit {len(known) or 'none'} of the cameras "
-                        f"{', '.join(CAMERAS)}; expected frames of one of them, not all of them in the middle")
+        raise DataError(
+            f"{files[0].path}: its crop centres in px and in mm fit {len(known) or 'none'} of the cameras "
+            f"{', '.join(CAMERAS)}; expected frames of one of them, not all of them in the middle"
+        )
     return uvd, known[0]
 
 
 def _maps(camera: Camera, xyz: Array, uvd: Array) -> bool:
     """True if a camera maps these points to these pixels, and some of them are off its axis."""
-    miss, off = np.abs(camera.project(xyz) - uvd)[:, :2], np.abs(uvd[:, :2] - (camera.u0, camera.v0))
+    miss, off = (
+        np.abs(camera.project(xyz) - uvd)[:, :2],
+        np.abs(uvd[:, :2] - (camera.u0, camera.v0)),
+    )
     return bool(miss.max() < EXACTLY_PX and off.max(axis=0).min() > OFF_AXIS_PX)

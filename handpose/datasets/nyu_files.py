@@ -52,17 +52,27 @@ class NyuAnnotation(NamedTuple):
 def read_annotation(path: Path) -> NyuAnnotation:
     """The joints in a ``joint_data.mat``, of MATLAB's version 5. Raises DataError."""
     if not path.is_file():
-        raise DataError(f"{path}: no such file; it holds the joints, and comes in the same archive as the depth frames")
+        raise DataError(
+            f"{path}: no such file; it holds the joints, and comes in the same archive as the depth frames"
+        )
     with errors_of(str(path), "the labels", "not a readable MATLAB file, perhaps truncated"):
         found = _read_matlab(path)
     for name in ("joint_uvd", "joint_xyz"):
         array = found[name]
-        if array.ndim != 4 or array.shape[2:] != (ANNOTATED_JOINTS, 3) or array.dtype.kind not in "fiu":
-            raise DataError(f"{path}: {name} is {array.dtype} of shape {array.shape}, expected numbers "
-                            f"(cameras, frames, {ANNOTATED_JOINTS}, 3)")
+        if (
+            array.ndim != 4
+            or array.shape[2:] != (ANNOTATED_JOINTS, 3)
+            or array.dtype.kind not in "fiu"
+        ):
+            raise DataError(
+                f"{path}: {name} is {array.dtype} of shape {array.shape}, expected numbers "
+                f"(cameras, frames, {ANNOTATED_JOINTS}, 3)"
+            )
     uvd, xyz = (np.array(found[name][0], dtype=np.float64) for name in ("joint_uvd", "joint_xyz"))
     if len(uvd) != len(xyz) or not len(uvd):
-        raise DataError(f"{path}: joint_uvd has {len(uvd)} frames, joint_xyz {len(xyz)}; expected the same, not 0")
+        raise DataError(
+            f"{path}: joint_uvd has {len(uvd)} frames, joint_xyz {len(xyz)}; expected the same, not 0"
+        )
     _check_axes(path, uvd, xyz)
     return NyuAnnotation(uvd, xyz)
 
@@ -76,7 +86,9 @@ def _read_matlab(path: Path) -> dict[str, Any]:
     names = [name for name, _, _ in scipy.io.whosmat(str(path))]
     for name in ("joint_uvd", "joint_xyz"):
         if name not in names:
-            raise DataError(f"{path}: no variable {name!r}; it has {', '.join(sorted(names)) or 'none'}")
+            raise DataError(
+                f"{path}: no variable {name!r}; it has {', '.join(sorted(names)) or 'none'}"
+            )
     return dict(scipy.io.loadmat(str(path), variable_names=["joint_uvd", "joint_xyz"]))
 
 
@@ -88,8 +100,10 @@ def _check_axes(path: Path, uvd: Array, xyz: Array) -> None:
     with np.errstate(all="ignore"):
         difference = np.nanmedian(np.abs(NYU.unproject(uvd[some]) - xyz[some]), axis=(0, 1))
     if not (difference < 5).all():
-        raise DataError(f"{path}: joint_xyz is not where joint_uvd is, off by x {difference[0]:.0f}, "
-                        f"y {difference[1]:.0f}, z {difference[2]:.0f} mm with NYU's camera; expected y up, z away")
+        raise DataError(
+            f"{path}: joint_xyz is not where joint_uvd is, off by x {difference[0]:.0f}, "
+            f"y {difference[1]:.0f}, z {difference[2]:.0f} mm with NYU's camera; expected y up, z away"
+        )
 
 
 # ---------------------------------------------------------------------------------------------- the frames
@@ -109,13 +123,19 @@ def read_split(root: Path, split: str, centers: Path | None = None) -> Published
     return PublishedFrames(
         split=split,
         files=[folder / frame_name(i) for i in range(count)],
-        center_uvd=annotation.uvd[:, CENTER_JOINT] if centers is None else read_centers(centers, count),
+        center_uvd=annotation.uvd[:, CENTER_JOINT]
+        if centers is None
+        else read_centers(centers, count),
         joints=annotation.xyz[:, list(ANNOTATION_OF_JOINT)],
-        cube_mm=cube_of_test_frame(np.arange(count)) if split == "test" else np.full(count, CUBE_MM),
+        cube_mm=cube_of_test_frame(np.arange(count))
+        if split == "test"
+        else np.full(count, CUBE_MM),
         camera=NYU,
         read=read_nyu_depth,
         made_from="NYU",
-        centre=f"annotated joint {CENTER_JOINT}" if centers is None else f"centres of {centers.name}",
+        centre=f"annotated joint {CENTER_JOINT}"
+        if centers is None
+        else f"centres of {centers.name}",
     )
 
 
@@ -127,7 +147,9 @@ def check_split(root: Path, split: str) -> tuple[list[str], list[Flaw]]:
         expected = TEST_FRAMES if split == "test" else TRAIN_FRAMES
         if count == expected:
             return []
-        text = f"{folder / ANNOTATION}: {count} labelled frames, the whole {split} set has {expected}"
+        text = (
+            f"{folder / ANNOTATION}: {count} labelled frames, the whole {split} set has {expected}"
+        )
         return [Flaw(text, fatal=count > expected)]
 
     holds = f"{frame_name(0)} ... and {ANNOTATION}"

@@ -44,10 +44,13 @@ class Part:
 
 
 def parts_of(
-    out: Path, split: str, count: int, made_from: str, recipe: Callable[[int, int], Mapping[str, object]]
+    out: Path,
+    split: str,
+    count: int,
+    made_from: str,
+    recipe: Callable[[int, int], Mapping[str, object]],
 ) -> list[Part]:
-    """The parts in a folder for ``count`` rows of a split; ``recipe`` gives that of some rows: the first, their number.
-    """
+    """The parts in a folder for ``count`` rows of a split; ``recipe`` gives that of some rows: the first, their number."""
     found = []
     for i, start in enumerate(range(0, count, FRAMES_PER_FILE)):
         rows = min(FRAMES_PER_FILE, count - start)
@@ -82,7 +85,9 @@ def missing_of(wanted: Sequence[Part], lists: Sequence[Path], force: bool = Fals
     for path in lists:
         for name in listed_names(path):
             if not re.fullmatch(rf"{path.stem}_\d+\.h5", name):
-                raise DataError(f"{path}: names {name!r}, expected {path.stem}_000.h5, ...; {instead}")
+                raise DataError(
+                    f"{path}: names {name!r}, expected {path.stem}_000.h5, ...; {instead}"
+                )
     missing = []
     for part in wanted:
         found = attributes(part.path) if exists(part.path) else {}
@@ -93,7 +98,9 @@ def missing_of(wanted: Sequence[Part], lists: Sequence[Path], force: bool = Fals
         if exists(part.path):
             there = _source(found.get("made_from", "an unknown source"), found.get("recipe"))
             if there != (expected := _source(part.made_from, part.recipe)):
-                raise DataError(f"{part.path}: holds data made from {there}, expected {expected}; {instead}")
+                raise DataError(
+                    f"{part.path}: holds data made from {there}, expected {expected}; {instead}"
+                )
         missing.append(part)
     return missing
 
@@ -106,7 +113,9 @@ def _source(made_from: object, recipe: object) -> str:
 
 def listed_names(path: Path) -> list[str]:
     """The names, without folders, of the files in a list; none if there is no list. Raises DataError."""
-    return [Path(line.strip()).name for line in (atomic.text_of(path) or "").split("\n") if line.strip()]
+    return [
+        Path(line.strip()).name for line in (atomic.text_of(path) or "").split("\n") if line.strip()
+    ]
 
 
 def list_text(paths: Iterable[Path]) -> str:
@@ -124,15 +133,21 @@ def check_space(out: Path, rows: Sequence[tuple[int, Columns]]) -> None:
 
     The files that are there are taken for parts that are kept or replaced.
     """
-    need = sum(count * row_bytes(columns) + -(-count // FRAMES_PER_FILE) * _PAGE for count, columns in rows)
+    need = sum(
+        count * row_bytes(columns) + -(-count // FRAMES_PER_FILE) * _PAGE for count, columns in rows
+    )
     there = [out / name for name in names_in(out) if name.endswith(".h5")]
     need -= sum(path.stat().st_size for path in there if path.is_file())
-    free = shutil.disk_usage(next(place for place in (out, *out.absolute().parents) if exists(place))).free
+    free = shutil.disk_usage(
+        next(place for place in (out, *out.absolute().parents) if exists(place))
+    ).free
     if need > free:
         raise DataError(f"{out}: needs {round(need, -6) // 10**6} MB, {free / 1e6:.0f} MB are free")
 
 
-def write_part(part: Part, rows: int, pieces: Iterable[Columns], attributes: Mapping[str, object]) -> None:
+def write_part(
+    part: Part, rows: int, pieces: Iterable[Columns], attributes: Mapping[str, object]
+) -> None:
     """Write the rows that ``pieces`` yield, at least one piece, and further attributes of the file."""
 
     def fill(path: Path) -> None:

@@ -93,7 +93,11 @@ class PublishedFrames:
             raise BadFrameError(path, OUTSIDE, str(error)) from None
         if not (np.abs(made) < 1).any():
             u, v, d = center
-            raise BadFrameError(path, EMPTY, f"within {self.cube_mm[i] / 2:g} mm of u {u:.0f}, v {v:.0f}, {d:.0f} mm")
+            raise BadFrameError(
+                path,
+                EMPTY,
+                f"within {self.cube_mm[i] / 2:g} mm of u {u:.0f}, v {v:.0f}, {d:.0f} mm",
+            )
         return made
 
     def recipe(self, start: int, rows: int) -> dict[str, object]:
@@ -118,7 +122,11 @@ class PublishedFrames:
 
 
 def check_frames(
-    root: Path, folder: Path, holds: str, read: Callable[[], PublishedFrames], whole: Callable[[int], list[Flaw]]
+    root: Path,
+    folder: Path,
+    holds: str,
+    read: Callable[[], PublishedFrames],
+    whole: Callable[[int], list[Flaw]],
 ) -> tuple[list[str], list[Flaw]]:
     """The content of a split, and its errors, one line each.
 
@@ -130,7 +138,9 @@ def check_frames(
         return [], [Flaw(f"{root}: no such folder")]
     if not folder.is_dir():
         name = str(folder.relative_to(root))
-        return [], [Flaw(f"{root}: no folder {name!r}, which holds {holds}; found {_shown(names_in(root))}")]
+        return [], [
+            Flaw(f"{root}: no folder {name!r}, which holds {holds}; found {_shown(names_in(root))}")
+        ]
     try:
         frames = read()
     except DataError as error:
@@ -147,7 +157,9 @@ def check_frames(
             frames.depth(0)
         except BadFrameError as error:  # another size than the camera's is that of all frames
             flaws.append(Flaw(str(error), fatal=error.kind == WRONG_SIZE))
-    return [f"{folder}: {count} labelled frames, {count - len(missing)} of their depth frames"], flaws
+    return [
+        f"{folder}: {count} labelled frames, {count - len(missing)} of their depth frames"
+    ], flaws
 
 
 def _shown(names: Collection[str]) -> str:
@@ -160,9 +172,13 @@ def statistics(frames: PublishedFrames, index: Sequence[int]) -> str:
     offset = frames.joints[few] - frames.camera.unproject(frames.center_uvd[few])[:, None]
     cubes, counts = np.unique(frames.cube_mm[few].round(3), return_counts=True)
     clipped = (np.abs(offset) > frames.cube_mm[few, None, None] / 2).any(axis=(1, 2)).mean()
-    cube = " and ".join(f"{c:g} mm ({n} frames)" if len(cubes) > 1 else f"{c:g} mm" for c, n in zip(cubes, counts))
-    return (f"crops about the {frames.centre}, cube {cube}; {clipped:.1%} of the frames have a joint outside the cube, "
-            "which is clipped")
+    cube = " and ".join(
+        f"{c:g} mm ({n} frames)" if len(cubes) > 1 else f"{c:g} mm" for c, n in zip(cubes, counts)
+    )
+    return (
+        f"crops about the {frames.centre}, cube {cube}; {clipped:.1%} of the frames have a joint outside the cube, "
+        "which is clipped"
+    )
 
 
 def read_centers(path: Path, frames: int) -> Array:
@@ -173,10 +189,14 @@ def read_centers(path: Path, frames: int) -> Array:
         try:
             found = np.loadtxt(text.replace(",", " ").splitlines(), ndmin=2)
         except ValueError as error:
-            raise DataError(f"{path}: cannot read the centres: {reason_of(error)}; expected u v d for each frame, in "
-                            "lines of a text") from None
+            raise DataError(
+                f"{path}: cannot read the centres: {reason_of(error)}; expected u v d for each frame, in "
+                "lines of a text"
+            ) from None
     if found.shape != (frames, 3):
-        raise DataError(f"{path}: found centres of shape {found.shape}, expected ({frames}, 3): u v d for each frame")
+        raise DataError(
+            f"{path}: found centres of shape {found.shape}, expected ({frames}, 3): u v d for each frame"
+        )
     return found
 
 
@@ -206,7 +226,10 @@ class PreparedSplit:
         self.index, self.made, self.kinds = list[int](), 0, list[str]()
 
     def write(
-        self, workers: int, advance: Callable[[int], None], on_bad: Callable[[int, BadFrameError], None]
+        self,
+        workers: int,
+        advance: Callable[[int], None],
+        on_bad: Callable[[int, BadFrameError], None],
     ) -> None:
         """Write the missing parts, and name the bad frames.
 
@@ -234,7 +257,9 @@ class PreparedSplit:
                 else:
                     with hdf5.opened(part.path, "the data") as file:
                         index, left_out = file["index"][...].tolist(), json.loads(file.attrs["bad"])
-                    for i, kind in [(i, kind) for kind, indices in left_out.items() for i in indices]:
+                    for i, kind in [
+                        (i, kind) for kind, indices in left_out.items() for i in indices
+                    ]:
                         report(i, BadFrameError(self.frames.files[i], kind))
                 self.index += index
         finally:
@@ -245,7 +270,10 @@ class PreparedSplit:
             self.bad.unlink(missing_ok=True)
 
     def _write_part(
-        self, part: Part, pool: ThreadPoolExecutor, advance: Callable[[int], None],
+        self,
+        part: Part,
+        pool: ThreadPoolExecutor,
+        advance: Callable[[int], None],
         on_bad: Callable[[int, BadFrameError], None],
     ) -> list[int]:
         """Write a part; returns the numbers of its frames."""
@@ -253,7 +281,9 @@ class PreparedSplit:
         firsts = range(part.start, part.start + part.rows, _CHUNK)
         stops = [min(first + _CHUNK, part.start + part.rows) for first in firsts]
         pieces = []
-        for first, stop, (good, failed) in zip(firsts, stops, pool.map(frames.crops, firsts, stops)):
+        for first, stop, (good, failed) in zip(
+            firsts, stops, pool.map(frames.crops, firsts, stops)
+        ):
             for i, error in failed:
                 bad.setdefault(error.kind, []).append(i)
                 on_bad(i, error)
@@ -274,7 +304,8 @@ class PreparedSplit:
             folder, split = self.frames.files[0].parent, self.frames.split
             raise DataError(f"{folder}: none of the {len(self.frames)} {split} frames can be used")
         used = {i // parts.FRAMES_PER_FILE for i in self.index}
-        some = [part.path for n, part in enumerate(self.parts) if n in used]  # HDF5Data rejects files without rows
+        # HDF5Data rejects files without rows
+        some = [part.path for n, part in enumerate(self.parts) if n in used]
         atomic.replace_text(self.list, parts.list_text(some))
 
     def report(self) -> str:

@@ -73,7 +73,10 @@ class HandEstimator:
         self.net, self.cube_mm, self.fitter = net, cube_mm, fitter
 
     def estimate(
-        self, candidates: Sequence[Candidate], camera: Camera, plan: Plan | None,
+        self,
+        candidates: Sequence[Candidate],
+        camera: Camera,
+        plan: Plan | None,
         readings: NDArray[np.generic] | None = None,
     ) -> list[Hand]:
         """The hands in crops of one camera's frames, judged if the network's errors are known. Raises NetlibError.
@@ -85,10 +88,14 @@ class HandEstimator:
             return [self._predicted(candidate, camera) for candidate in candidates]
         alike: dict[tuple[bool, bool], list[int]] = {}
         for i, candidate in enumerate(candidates):
-            alike.setdefault((candidate.size is not None, candidate.moved_mm is not None), []).append(i)
+            alike.setdefault(
+                (candidate.size is not None, candidate.moved_mm is not None), []
+            ).append(i)
         found: dict[int, Hand] = {}
         for rows in alike.values():
-            found |= zip(rows, self._fitted([candidates[i] for i in rows], camera, self.fitter, plan))
+            found |= zip(
+                rows, self._fitted([candidates[i] for i in rows], camera, self.fitter, plan)
+            )
         hands = [found[i] for i in range(len(candidates))]
         return judge(hands, readings) if self.fitter.errors.is_measured else hands
 
@@ -101,11 +108,15 @@ class HandEstimator:
         joints *= (self.cube_mm / 2) * mirror_of(side)
         return Hand(side, candidate.crop, candidate.center_uvd, self.cube_mm, camera, joints)
 
-    def _fitted(self, candidates: Sequence[Candidate], camera: Camera, fitter: DepthFitter, plan: Plan) -> list[Hand]:
+    def _fitted(
+        self, candidates: Sequence[Candidate], camera: Camera, fitter: DepthFitter, plan: Plan
+    ) -> list[Hand]:
         """The hands in crops of which all or none have a size, and all or none run the network."""
         hands, first = self._crops(candidates, camera), candidates[0]
         known = np.array([candidate.before is not None for candidate in candidates])
-        sizes = None if first.size is None else np.array([candidate.size for candidate in candidates])
+        sizes = (
+            None if first.size is None else np.array([candidate.size for candidate in candidates])
+        )
         before = self._expected(candidates, camera, fitter.model) if known.any() else None
         if before is not None and first.moved_mm is not None:
             moved = np.array([candidate.moved_mm for candidate in candidates])
@@ -116,12 +127,23 @@ class HandEstimator:
             is_tracked = known & (fit.start == len(plan.quarters))
         fits = [fit.take(slice(n, n + 1)) for n in range(len(candidates))]
         return [
-            Hand(one.side, one.crop, one.center_uvd, self.cube_mm, camera, own.network[0] * mirror_of(one.side), own,
-                 fitter.model, is_tracked=bool(expected))
+            Hand(
+                one.side,
+                one.crop,
+                one.center_uvd,
+                self.cube_mm,
+                camera,
+                own.network[0] * mirror_of(one.side),
+                own,
+                fitter.model,
+                is_tracked=bool(expected),
+            )
             for one, own, expected in zip(candidates, fits, is_tracked)
         ]
 
-    def _expected(self, candidates: Sequence[Candidate], camera: Camera, model: CapsuleModel) -> Array:
+    def _expected(
+        self, candidates: Sequence[Candidate], camera: Camera, model: CapsuleModel
+    ) -> Array:
         """The expected variables (N, V) within their limits; NaN where nothing is expected."""
         x = np.full((len(candidates), model.variables), np.nan)
         for n, candidate in enumerate(candidates):
@@ -131,11 +153,18 @@ class HandEstimator:
         return np.clip(x, model.lower, model.upper)
 
     def _crops(self, candidates: Sequence[Candidate], camera: Camera) -> HandCrops:
-        crops, centers = np.stack([c.crop for c in candidates]), np.stack([c.center_uvd for c in candidates])
-        hands = HandCrops.of_sides(crops, centers, camera, self.cube_mm, [c.side for c in candidates])
+        crops, centers = (
+            np.stack([c.crop for c in candidates]),
+            np.stack([c.center_uvd for c in candidates]),
+        )
+        hands = HandCrops.of_sides(
+            crops, centers, camera, self.cube_mm, [c.side for c in candidates]
+        )
         if all(c.shown is None for c in candidates):
             return hands
-        return replace(hands, shown=np.stack([c.crop if c.shown is None else c.shown for c in candidates]))
+        return replace(
+            hands, shown=np.stack([c.crop if c.shown is None else c.shown for c in candidates])
+        )
 
 
 def fit_crops(
@@ -171,13 +200,17 @@ def fit_crops(
     return DepthFit.concatenate(found)
 
 
-def fit_starts(net: Net, model: CapsuleModel, crops: NDArray[np.floating], quarters: Sequence[int]) -> list[Array]:
+def fit_starts(
+    net: Net, model: CapsuleModel, crops: NDArray[np.floating], quarters: Sequence[int]
+) -> list[Array]:
     """The variables (N, V) predicted in crops (N, S, S) of right hands, one array per quarter turn.
 
     For each of ``quarters`` the crops are turned counter-clockwise by that number of quarter turns, and predictions are
     turned back. Raises NetlibError.
     """
-    poses = hand_poses(net, np.concatenate([np.rot90(crops, quarter, (1, 2)) for quarter in quarters]))
+    poses = hand_poses(
+        net, np.concatenate([np.rot90(crops, quarter, (1, 2)) for quarter in quarters])
+    )
     x = model.variables_of(rounded(poses.inputs, NETWORK_STEP))
     size = rounded(np.log(poses.size), NETWORK_STEP)
     x[:, SIZE] = np.clip(size, model.lower[SIZE], model.upper[SIZE])

@@ -35,7 +35,8 @@ MIN_VOTES = 1e-4  # sum of the weights around a maximum
 APART_MM = 70.0  # middles closer than this are one hand
 REACH_MM = 150.0  # from the middle to the farthest part of a hand
 VOTERS_MM = 60.0  # pixels whose votes end this close to a middle decide the side
-OUTPUTS = {"class": (3, 2), "presence": (1, 4), "votes": (3, 4), "right": (1, 4)}  # channels, part of the resolution
+# channels, part of the resolution
+OUTPUTS = {"class": (3, 2), "presence": (1, 4), "votes": (3, 4), "right": (1, 4)}
 
 
 class FoundHand(NamedTuple):
@@ -65,17 +66,25 @@ class Finder:
 
     def __init__(self, net: Net) -> None:
         if "frame" not in net.blobs or net.blobs["frame"].shape[1:2] != (4,):
-            raise NetlibError(f"{net.source}: no blob 'frame' of shape (N, 4, H, W), the input of a finder")
+            raise NetlibError(
+                f"{net.source}: no blob 'frame' of shape (N, 4, H, W), the input of a finder"
+            )
         height, width = net.blobs["frame"].shape[2:]
         for name, (channels, part) in OUTPUTS.items():
             found = net.blobs[name].shape[1:] if name in net.blobs else None
             if found != (channels, height // part, width // part):
-                raise NetlibError(f"{net.source}: blob {name!r} of shape {found} an item, expected "
-                                  f"{(channels, height // part, width // part)} of a finder")
+                raise NetlibError(
+                    f"{net.source}: blob {name!r} of shape {found} an item, expected "
+                    f"{(channels, height // part, width // part)} of a finder"
+                )
         self.net = net
 
     def hands(
-        self, depth: NDArray[np.generic], camera: Camera, min_presence: float = MIN_PRESENCE, most: int = 4
+        self,
+        depth: NDArray[np.generic],
+        camera: Camera,
+        min_presence: float = MIN_PRESENCE,
+        most: int = 4,
     ) -> list[FoundHand]:
         """The hands in a depth frame (height, width) in mm, 0 where there is no reading, the most certain first.
 
@@ -91,25 +100,33 @@ class Finder:
         said = self.net.forward(blobs=["votes", "class"], frame=channels_of(small[None], focal))
         if not all(np.isfinite(said[name]).all() for name in OUTPUTS):
             raise NetlibError(f"{self.net.source}: answers that are not finite; check its weights")
-        hand, presence, right = (rounded(said[name][0, n], CHANCE_STEP).astype(np.float32)
-                                 for name, n in (("class", 1), ("presence", 0), ("right", 0)))
+        hand, presence, right = (
+            rounded(said[name][0, n], CHANCE_STEP).astype(np.float32)
+            for name, n in (("class", 1), ("presence", 0), ("right", 0))
+        )
         z = small[::4, ::4].astype(np.float64)
         z[z >= BEYOND_MM] = 0
         points = np.concatenate([slopes[::4, ::4], np.ones((*z.shape, 1))], axis=-1) * z[..., None]
         votes = points + rounded(VOTE_MM * np.moveaxis(said["votes"][0], 0, -1), PLACE_STEP_MM)
         weight = (z > 0) * np.maximum(hand[::2, ::2], 1e-3)
-        peaks = [(chance, middle) for chance, middle in _peaks(presence, votes, weight, min_presence, most)
-                 if _in_sight(middle, camera)]
+        peaks = [
+            (chance, middle)
+            for chance, middle in _peaks(presence, votes, weight, min_presence, most)
+            if _in_sight(middle, camera)
+        ]
         if not peaks:
             return []
         middles = np.stack([middle for _, middle in peaks])
-        apart = np.linalg.norm(votes[:, :, None] - middles, axis=-1)  # of the votes of pixels from middles
+        # of the votes of pixels from middles
+        apart = np.linalg.norm(votes[:, :, None] - middles, axis=-1)
         owner, near = apart.argmin(-1), apart.min(-1) < VOTERS_MM
         masks = _masks(image, camera, scale, hand, owner, middles)
         found = []
         for k, (chance, middle) in enumerate(peaks):
             voters = weight * (near & (owner == k)) + 1e-9 * (weight > 0)
-            found.append(FoundHand(chance, middle, float((voters * right).sum() / voters.sum()), masks[k]))
+            found.append(
+                FoundHand(chance, middle, float((voters * right).sum() / voters.sum()), masks[k])
+            )
         return found
 
 
@@ -143,9 +160,13 @@ def _scale(camera: Camera) -> Array:
 def _scaled(image: Floats, scale: Array) -> Floats:
     """The nearest pixels at the net's resolution, padded with 0 to multiples of ``STRIDE``."""
     height, width = image.shape
-    columns, rows = (np.rint(np.arange(max(1, int(size * part))) / part).astype(int).clip(0, size - 1)
-                     for size, part in zip((width, height), scale))
-    out = np.zeros((-(-len(rows) // STRIDE) * STRIDE, -(-len(columns) // STRIDE) * STRIDE), np.float32)
+    columns, rows = (
+        np.rint(np.arange(max(1, int(size * part))) / part).astype(int).clip(0, size - 1)
+        for size, part in zip((width, height), scale)
+    )
+    out = np.zeros(
+        (-(-len(rows) // STRIDE) * STRIDE, -(-len(columns) // STRIDE) * STRIDE), np.float32
+    )
     out[: len(rows), : len(columns)] = image[np.ix_(rows, columns)]
     return out
 
@@ -195,21 +216,32 @@ def _agreed(votes: Array, weight: Array) -> Array:
 
 
 def _masks(
-    image: Floats, camera: Camera, scale: Array, hand: Floats, owner: NDArray[np.intp], middles: Array
+    image: Floats,
+    camera: Camera,
+    scale: Array,
+    hand: Floats,
+    owner: NDArray[np.intp],
+    middles: Array,
 ) -> NDArray[np.bool_]:
     """The pixels (K, height, width) of the frame that belong to each middle.
 
     hand   (H/2, W/2) probability of hands
     owner  (H/4, W/4) number of the middle that a pixel votes for
     """
-    u, v = (np.arange(size, dtype=np.float32) * np.float32(part)
-            for size, part in zip((camera.width, camera.height), scale))
+    u, v = (
+        np.arange(size, dtype=np.float32) * np.float32(part)
+        for size, part in zip((camera.width, camera.height), scale)
+    )
     x, y = np.meshgrid(u / 2, v / 2)
-    chance = cv2.remap(np.ascontiguousarray(hand), x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    chance = cv2.remap(
+        np.ascontiguousarray(hand), x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
     is_hand = (chance > 0.5) & (image > 0) & (image < BEYOND_MM)
     rows, columns = np.nonzero(is_hand)
-    quarter = [np.minimum(np.rint(line[index] / 4).astype(int), size - 1)
-               for line, index, size in ((v, rows, owner.shape[0]), (u, columns, owner.shape[1]))]
+    quarter = [
+        np.minimum(np.rint(line[index] / 4).astype(int), size - 1)
+        for line, index, size in ((v, rows, owner.shape[0]), (u, columns, owner.shape[1]))
+    ]
     own = owner[quarter[0], quarter[1]]
     points = camera.unproject(np.stack([columns, rows, image[rows, columns]], axis=-1))
     own = np.where(np.linalg.norm(points - middles[own], axis=1) < REACH_MM, own, -1)

@@ -203,23 +203,39 @@ def judge(hands: Sequence[Hand], readings: NDArray[np.generic] | None) -> list[H
 
 
 def _judge(hands: Sequence[Hand], readings: NDArray[np.float32], camera: Camera) -> list[Hand]:
-    fits, center = DepthFit.concatenate([hand.the_fit for hand in hands]), [hand.mirrored_center_mm for hand in hands]
+    fits, center = (
+        DepthFit.concatenate([hand.the_fit for hand in hands]),
+        [hand.mirrored_center_mm for hand in hands],
+    )
     mirror = np.stack([mirror_of(hand.hand) for hand in hands])
     evidence = evidence_of(hands[0].the_model, fits, np.stack(center), mirror, readings, camera)
     found = judged(evidence)
     return [
-        replace(hand, error_mm=float(found.error_mm[n]), confidence=float(found.confidence[n]),
-                finger_error_mm=found.finger_error_mm[n], evidence=evidence.take(slice(n, n + 1)))
+        replace(
+            hand,
+            error_mm=float(found.error_mm[n]),
+            confidence=float(found.confidence[n]),
+            finger_error_mm=found.finger_error_mm[n],
+            evidence=evidence.take(slice(n, n + 1)),
+        )
         for n, hand in enumerate(hands)
     ]
 
 
 def _as_frame(hand: Hand) -> tuple[NDArray[np.float32], Camera]:
     """A hand's crop as a depth image in mm, and its camera."""
-    first, scale = (each[0] for each in crop_scale(hand.center_uvd[None], hand.cube_mm, hand.camera, len(hand.crop)))
-    (fx, fy), (u0, v0) = scale * (hand.camera.fx, hand.camera.fy), first + scale * (hand.camera.u0, hand.camera.v0)
+    first, scale = (
+        each[0]
+        for each in crop_scale(hand.center_uvd[None], hand.cube_mm, hand.camera, len(hand.crop))
+    )
+    (fx, fy), (u0, v0) = (
+        scale * (hand.camera.fx, hand.camera.fy),
+        first + scale * (hand.camera.u0, hand.camera.v0),
+    )
     depth, size = hand.center_uvd[2] + hand.crop * (hand.cube_mm / 2), len(hand.crop)
-    return depth.astype(np.float32), replace(hand.camera, fx=fx, fy=fy, u0=u0, v0=v0, width=size, height=size)
+    return depth.astype(np.float32), replace(
+        hand.camera, fx=fx, fy=fy, u0=u0, v0=v0, width=size, height=size
+    )
 
 
 def as_one_side(hand: Hand) -> Hand:
@@ -239,4 +255,6 @@ def as_one_side(hand: Hand) -> Hand:
         own = fingers.joints(np.stack([hand.xyz, other.xyz]))
         apart = np.linalg.norm(own[0] - own[1], axis=2).mean(axis=1)
         of_fingers = chance * of_fingers + (1 - chance) * np.maximum(apart, of_fingers)
-    return replace(hand, error_mm=error_mm, confidence=chance * hand.confidence, finger_error_mm=of_fingers)
+    return replace(
+        hand, error_mm=error_mm, confidence=chance * hand.confidence, finger_error_mm=of_fingers
+    )

@@ -74,13 +74,17 @@ def is_hand(skeleton: Skeleton) -> bool:
 def refuse_other_bodies(skeleton: Skeleton, why: str) -> None:
     """Raise NetlibError for a skeleton that is not a hand; the reason ``why`` a hand is needed ends the message."""
     if not is_hand(skeleton):
-        raise NetlibError(f"skeleton {skeleton.name!r} is not a hand: it has no joint {PALM!r}; {why}")
+        raise NetlibError(
+            f"skeleton {skeleton.name!r} is not a hand: it has no joint {PALM!r}; {why}"
+        )
 
 
 def cube_of(skeleton: Skeleton, cube_mm: float | None) -> float:
     """The edge in mm of the cube around a body: ``cube_mm``, or NYU's for hands if it is None. Raises NetlibError."""
     if cube_mm is None:
-        refuse_other_bodies(skeleton, "expected the edge of its cube in mm (--cube), which its prior has as cube_mm")
+        refuse_other_bodies(
+            skeleton, "expected the edge of its cube in mm (--cube), which its prior has as cube_mm"
+        )
     return CUBE_MM if cube_mm is None else cube_mm
 
 
@@ -107,10 +111,15 @@ def skeleton_to_fit(net: Net) -> Skeleton:
 def _layer_to_fit(net: Net) -> HandModel:
     """The hand model of a net that predicts no bone lengths: a fit knows one size per hand only."""
     hand = the_hand_layer(net)
-    if len(hand.spec.bottom) > 1 and net.blobs[hand.spec.bottom[1]].count != net.blobs[hand.spec.bottom[1]].num:
-        raise NetlibError(f"{net.source}: layer {hand.name!r} takes the bones of each hand from blob "
-                          f"{hand.spec.bottom[1]!r}, which a fit does not know; do without a fit, or give the "
-                          "layer one bottom, or two with a size")
+    if (
+        len(hand.spec.bottom) > 1
+        and net.blobs[hand.spec.bottom[1]].count != net.blobs[hand.spec.bottom[1]].num
+    ):
+        raise NetlibError(
+            f"{net.source}: layer {hand.name!r} takes the bones of each hand from blob "
+            f"{hand.spec.bottom[1]!r}, which a fit does not know; do without a fit, or give the "
+            "layer one bottom, or two with a size"
+        )
     return hand
 
 
@@ -136,7 +145,9 @@ def hand_poses(net: Net, crops: NDArray[np.floating]) -> HandPoses:
         size = np.clip(found[hand.spec.bottom[1]][:, 0], *SIZES)
         inputs += (size - 1)[:, None] * hand.starts  # the size also scales the initial translations
     inputs[:, hand.skeleton.fixed] = 0
-    return HandPoses(inputs, size, found[JOINTS].reshape(len(crops), -1, 3) if JOINTS in found else None)
+    return HandPoses(
+        inputs, size, found[JOINTS].reshape(len(crops), -1, 3) if JOINTS in found else None
+    )
 
 
 def network_joints(net: Net, crop: NDArray[np.floating]) -> Array:

@@ -50,14 +50,24 @@ def read_card(folder: Path) -> Card:
     path = folder / "readme.md"
     lines = files.read_text(path, "the model's card", NetlibError).splitlines()
     if lines[:1] != ["---"] or "---" not in lines[1:]:
-        raise NetlibError(f"{path}: no front matter; expected lines 'key: value' between two lines '---'")
+        raise NetlibError(
+            f"{path}: no front matter; expected lines 'key: value' between two lines '---'"
+        )
     said = dict(line.split(":", 1) for line in lines[1 : lines.index("---", 1)] if ":" in line)
     values = {key.strip(): value.strip() for key, value in said.items()}
     missing = [key for key in KEYS if not values.get(key)]
     if missing:
-        raise NetlibError(f"{path}: no {missing[0]!r} in the front matter; expected {', '.join(KEYS)}")
-    return Card(values["name"], folder / values["caffemodel"], values["license"], values["sha256"],
-                folder / "deploy.prototxt", values["net_sha256"])
+        raise NetlibError(
+            f"{path}: no {missing[0]!r} in the front matter; expected {', '.join(KEYS)}"
+        )
+    return Card(
+        values["name"],
+        folder / values["caffemodel"],
+        values["license"],
+        values["sha256"],
+        folder / "deploy.prototxt",
+        values["net_sha256"],
+    )
 
 
 def checked_content(card: Card) -> Content:
@@ -81,8 +91,10 @@ def net_content(path: Path) -> bytes:
 def _check(path: Path, content: bytes, expected: str) -> None:
     found = hashlib.sha256(content).hexdigest()
     if found != expected:
-        raise WeightsError(f"{path}: SHA-256 {found[:12]}..., the card says {expected[:12]}...; the file is damaged or "
-                           "of another version: get it again")
+        raise WeightsError(
+            f"{path}: SHA-256 {found[:12]}..., the card says {expected[:12]}...; the file is damaged or "
+            "of another version: get it again"
+        )
 
 
 def load_finder(folder: Path = HAND_FINDER, *, engine: str | None = None) -> Finder:
@@ -92,35 +104,78 @@ def load_finder(folder: Path = HAND_FINDER, *, engine: str | None = None) -> Fin
 
 
 def load_predictor(
-    camera: Camera = NYU, *, cube_mm: float | None = None, hand: SoughtSide = "either", refine: int = 3,
-    fit: Fit = "accurate", folder: Path = SYNTHETIC_HAND, engine: str | None = None,
-    min_confidence: float = MIN_CONFIDENCE, seed: int = 0,
+    camera: Camera = NYU,
+    *,
+    cube_mm: float | None = None,
+    hand: SoughtSide = "either",
+    refine: int = 3,
+    fit: Fit = "accurate",
+    folder: Path = SYNTHETIC_HAND,
+    engine: str | None = None,
+    min_confidence: float = MIN_CONFIDENCE,
+    seed: int = 0,
 ) -> Predictor:
     """A predictor with a packaged model; for the options see ``Predictor`` and ``DepthFitter``. Raises NetlibError."""
     check_options(cube_mm=cube_mm, hand=hand, refine=refine, fit=fit, min_confidence=min_confidence)
     card = read_card(folder)
-    return predictor_of(checked_net(card), checked_content(card), camera, cube_mm=cube_mm, hand=hand, refine=refine,
-                        fit=fit, engine=engine, min_confidence=min_confidence, seed=seed)
+    return predictor_of(
+        checked_net(card),
+        checked_content(card),
+        camera,
+        cube_mm=cube_mm,
+        hand=hand,
+        refine=refine,
+        fit=fit,
+        engine=engine,
+        min_confidence=min_confidence,
+        seed=seed,
+    )
 
 
 def predictor_of(
-    model: str | Path, weights: str | Path | Content, camera: Camera, *, cube_mm: float | None = None,
-    hand: SoughtSide | None = None, refine: int = 3, fit: Fit | None = None, engine: str | None = None,
-    min_confidence: float = MIN_CONFIDENCE, seed: int = 0,
+    model: str | Path,
+    weights: str | Path | Content,
+    camera: Camera,
+    *,
+    cube_mm: float | None = None,
+    hand: SoughtSide | None = None,
+    refine: int = 3,
+    fit: Fit | None = None,
+    engine: str | None = None,
+    min_confidence: float = MIN_CONFIDENCE,
+    seed: int = 0,
 ) -> Predictor:
     """A predictor with any net and its weights. Raises NetlibError.
 
     fit   default: the one that suits the net (``nets.best_fit``)
     hand  default: "either" with a fit, otherwise "right"
     """
-    check_options(cube_mm=cube_mm, hand=hand or "right", refine=refine, fit=fit or "no",
-                  min_confidence=min_confidence)  # before reading the weights
-    content = weights if isinstance(weights, Content) else snapshot.read_content(find(str(weights), None))
+    check_options(
+        cube_mm=cube_mm,
+        hand=hand or "right",
+        refine=refine,
+        fit=fit or "no",
+        min_confidence=min_confidence,
+    )  # before reading the weights
+    content = (
+        weights if isinstance(weights, Content) else snapshot.read_content(find(str(weights), None))
+    )
     net = trained(model, content, engine)
     fit = fit or best_fit(net)
     hand = hand or ("right" if fit == "no" else "either")
     layer, fitter = hand_layer(net), None
     if fit != "no" and layer is not None:
-        fitter = DepthFitter.of_file(layer.skeleton, content, cube_of(layer.skeleton, cube_mm) / 2, seed=seed)
-    return Predictor(net, camera, cube_mm=cube_mm, hand=hand, refine=refine, fit=fit, fitter=fitter,
-                     finder=functools.partial(load_finder, engine=engine), min_confidence=min_confidence)
+        fitter = DepthFitter.of_file(
+            layer.skeleton, content, cube_of(layer.skeleton, cube_mm) / 2, seed=seed
+        )
+    return Predictor(
+        net,
+        camera,
+        cube_mm=cube_mm,
+        hand=hand,
+        refine=refine,
+        fit=fit,
+        fitter=fitter,
+        finder=functools.partial(load_finder, engine=engine),
+        min_confidence=min_confidence,
+    )

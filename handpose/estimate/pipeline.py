@@ -49,10 +49,20 @@ class HandPipeline:
     """
 
     def __init__(
-        self, net: Net, cube_mm: float, sides: tuple[Side, ...], refine: int, fitter: DepthFitter | None,
+        self,
+        net: Net,
+        cube_mm: float,
+        sides: tuple[Side, ...],
+        refine: int,
+        fitter: DepthFitter | None,
         plan: Plan | None,
     ) -> None:
-        self.net, self.skeleton, self.cube_mm, self.sides = net, the_hand_layer(net).skeleton, cube_mm, sides
+        self.net, self.skeleton, self.cube_mm, self.sides = (
+            net,
+            the_hand_layer(net).skeleton,
+            cube_mm,
+            sides,
+        )
         self.refine, self.plan = refine, plan
         self.estimator = HandEstimator(net, cube_mm, fitter)
 
@@ -72,11 +82,15 @@ class HandPipeline:
         """
         hand = self._select(self._candidates(depth, camera, start, unmoved_too), camera, depth)
         if not (hand.xyz[:, 2] > 0).all():
-            raise DataError(f"a pose is predicted in which a joint is at a depth of {hand.xyz[:, 2].min():.0f} mm, "
-                            "behind the camera")
+            raise DataError(
+                f"a pose is predicted in which a joint is at a depth of {hand.xyz[:, 2].min():.0f} mm, "
+                "behind the camera"
+            )
         return hand
 
-    def palm_at(self, depth: NDArray[np.generic], camera: Camera, start: Array, side: Side) -> Array:
+    def palm_at(
+        self, depth: NDArray[np.generic], camera: Camera, start: Array, side: Side
+    ) -> Array:
         """The centre (3,) of the palm that is predicted from a start. Raises DataError outside the image."""
         candidate = Candidate(start, side, crop=clear_crop(depth, start, self.cube_mm, camera))
         return self._moved_to_palm(depth, camera, candidate).center_uvd
@@ -94,7 +108,9 @@ class HandPipeline:
             candidates += [unmoved, moved] if both else [moved]
         return candidates
 
-    def _moved_to_palm(self, depth: NDArray[np.generic], camera: Camera, candidate: Candidate) -> Candidate:
+    def _moved_to_palm(
+        self, depth: NDArray[np.generic], camera: Camera, candidate: Candidate
+    ) -> Candidate:
         """The crop moved to the palm that is predicted in it; the unchanged candidate if it is already there."""
         start, side = candidate.center_uvd, candidate.side
         for _ in range(self.refine):
@@ -112,7 +128,9 @@ class HandPipeline:
             candidate = replace(candidate, crop=crop, center_uvd=palm)
         return candidate
 
-    def _select(self, candidates: list[Candidate], camera: Camera, depth: NDArray[np.generic]) -> Hand:
+    def _select(
+        self, candidates: list[Candidate], camera: Camera, depth: NDArray[np.generic]
+    ) -> Hand:
         """The hand of the crop whose fast fit is the least uncertain, as either side."""
         if self.plan is None or len(candidates) == 1:
             return self.estimator.estimate(candidates[:1], camera, self.plan, depth)[0]
@@ -141,7 +159,12 @@ def _likelier(sides: Sequence[Hand]) -> Hand:
 
 
 def recenter(
-    joints: ArrayLike, skeleton: Skeleton, center_uvd: ArrayLike, cube_mm: float, camera: Camera, side: Side = "right"
+    joints: ArrayLike,
+    skeleton: Skeleton,
+    center_uvd: ArrayLike,
+    cube_mm: float,
+    camera: Camera,
+    side: Side = "right",
 ) -> Array:
     """The crop centre (3,) for joints predicted in the crop at ``center_uvd``, as in the training crops.
 
@@ -157,4 +180,6 @@ def recenter(
     hand = np.asarray(joints, dtype=np.float64).reshape(-1, 3)
     palm = hand[skeleton.joint_names.index("palm")]
     move = rounded(palm * cube_mm / 2 + palm_frame(hand, skeleton) @ CENTER_IN_PALM, PLACE_STEP_MM)
-    return camera.project(camera.unproject(np.asarray(center_uvd, dtype=np.float64)) + move * mirror)
+    return camera.project(
+        camera.unproject(np.asarray(center_uvd, dtype=np.float64)) + move * mirror
+    )

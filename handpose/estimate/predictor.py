@@ -34,7 +34,8 @@ from netlib.blob import Array
 from netlib.errors import DataError, NetlibError, did_you_mean
 from netlib.net import Net
 
-CROP_DEPTH_MM = 750.0  # assumed depth of a crop without its frame, in the middle of the image; larger cubes farther
+# assumed depth of a crop without its frame, in the middle of the image; larger cubes farther
+CROP_DEPTH_MM = 750.0
 MOST = 3  # found hands that are fitted in a frame
 PALM_MM = 15.0  # from the surface of the palm to its middle
 MAX_REFINE = 100  # a crop that still moves after this many moves does not converge
@@ -63,11 +64,21 @@ class Predictor:
     """
 
     def __init__(
-        self, net: Net, camera: Camera = NYU, *, cube_mm: float | None = None, hand: SoughtSide = "right",
-        refine: int = 3, fit: Fit = "no", fitter: DepthFitter | None = None,
-        finder: Finder | Callable[[], Finder] | None = None, min_confidence: float = MIN_CONFIDENCE,
+        self,
+        net: Net,
+        camera: Camera = NYU,
+        *,
+        cube_mm: float | None = None,
+        hand: SoughtSide = "right",
+        refine: int = 3,
+        fit: Fit = "no",
+        fitter: DepthFitter | None = None,
+        finder: Finder | Callable[[], Finder] | None = None,
+        min_confidence: float = MIN_CONFIDENCE,
     ) -> None:
-        check_options(cube_mm=cube_mm, hand=hand, refine=refine, fit=fit, min_confidence=min_confidence)
+        check_options(
+            cube_mm=cube_mm, hand=hand, refine=refine, fit=fit, min_confidence=min_confidence
+        )
         for name in ("depth", "pred"):
             if name not in net.blobs:
                 raise NetlibError(
@@ -75,17 +86,25 @@ class Predictor:
                 )
         layer = the_hand_layer(net)
         if hand == "either" and fit == "no":
-            raise NetlibError("only a fit can tell which hand it is; expected fit fast or accurate, or left or right")
+            raise NetlibError(
+                "only a fit can tell which hand it is; expected fit fast or accurate, or left or right"
+            )
         self.net, self.skeleton, self.camera = net, layer.skeleton, camera
         self.is_hand = is_hand(layer.skeleton)
         if hand == "left" and not self.is_hand:
-            raise NetlibError(f"skeleton {self.skeleton.name!r} is not a hand, so there is no left one")
+            raise NetlibError(
+                f"skeleton {self.skeleton.name!r} is not a hand, so there is no left one"
+            )
         self.cube_mm, self.refine = cube_of(self.skeleton, cube_mm), refine if self.is_hand else 0
-        self.sides: tuple[Side, ...] = (hand,) if hand != "either" else SIDES if self.is_hand else ("right",)
+        self.sides: tuple[Side, ...] = (
+            (hand,) if hand != "either" else SIDES if self.is_hand else ("right",)
+        )
         self.plan, self.fitter = PLANS.get(fit), None
         if self.plan is not None:
             self.fitter = fitter or DepthFitter(CapsuleModel(self.skeleton, self.cube_mm / 2))
-        self.pipeline = HandPipeline(net, self.cube_mm, self.sides, self.refine, self.fitter, self.plan)
+        self.pipeline = HandPipeline(
+            net, self.cube_mm, self.sides, self.refine, self.fitter, self.plan
+        )
         self.min_confidence = min_confidence
         self._finder = finder
 
@@ -106,12 +125,16 @@ class Predictor:
             raise DataError(f"crop with values {what}, expected -1 to 1")
         camera = self.camera
         if not camera.width:
-            camera = dataclasses.replace(camera, width=round(2 * camera.u0), height=round(2 * camera.v0))
+            camera = dataclasses.replace(
+                camera, width=round(2 * camera.u0), height=round(2 * camera.v0)
+            )
         center = np.array([camera.u0, camera.v0, CROP_DEPTH_MM * max(1.0, self.cube_mm / CUBE_MM)])
         found = as_one_side(self.pipeline.in_crop(crop, camera, center))
         return dataclasses.replace(found, in_frame=False).given(self.min_confidence)
 
-    def in_frame(self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None) -> Hand:
+    def in_frame(
+        self, depth: NDArray[np.generic], center: Sequence[float] | Array | None = None
+    ) -> Hand:
         """The hand in a depth frame (height, width) in mm, 0 or masked where there is no reading.
 
         center  where the first crop is: u, v in px and d in mm, or u, v, where the depth is measured. Without it, of up
@@ -123,18 +146,29 @@ class Predictor:
         depth = self._readings(depth)
         camera = sized(self.camera, depth.shape, "depth image")
         if center is None and not self.is_hand:
-            raise DataError(f"skeleton {self.skeleton.name!r} is not a hand, and only hands are searched for")
+            raise DataError(
+                f"skeleton {self.skeleton.name!r} is not a hand, and only hands are searched for"
+            )
         if center is not None:
             place = _center(center)
             start = place if len(place) == 3 else depth_around(depth, *place)
             return self._judged(depth, camera, start, False).given(self.min_confidence)
         found = self._found(depth, camera)
-        hands = [self._judged(depth, camera, camera.project(one.middle), True, one.presence)
-                 for one in (found if self.plan is not None else found[:1])]
-        return max(hands, key=lambda hand: hand.presence * max(hand.chance, 0.01)).given(self.min_confidence)
+        hands = [
+            self._judged(depth, camera, camera.project(one.middle), True, one.presence)
+            for one in (found if self.plan is not None else found[:1])
+        ]
+        return max(hands, key=lambda hand: hand.presence * max(hand.chance, 0.01)).given(
+            self.min_confidence
+        )
 
     def _judged(
-        self, depth: NDArray[np.generic], camera: Camera, start: Array, unmoved_too: bool, presence: float = np.nan
+        self,
+        depth: NDArray[np.generic],
+        camera: Camera,
+        start: Array,
+        unmoved_too: bool,
+        presence: float = np.nan,
     ) -> Hand:
         """The hand at a start (3,), px, px, mm, as one side."""
         found = self.pipeline.in_frame(depth, camera, start, unmoved_too=unmoved_too)
@@ -148,7 +182,9 @@ class Predictor:
             raise DataError("no depth anywhere in the image")
         found = self.finder.hands(depth, camera, most=MOST)
         if not found:
-            raise DataError("no hand is seen in this frame; if there is one, give its place (center)")
+            raise DataError(
+                "no hand is seen in this frame; if there is one, give its place (center)"
+            )
         return found
 
     def _readings(self, depth: object) -> NDArray[np.generic]:
@@ -159,12 +195,19 @@ class Predictor:
 
 
 def check_options(
-    *, cube_mm: float | None, hand: str, refine: int, fit: str, min_confidence: float = MIN_CONFIDENCE
+    *,
+    cube_mm: float | None,
+    hand: str,
+    refine: int,
+    fit: str,
+    min_confidence: float = MIN_CONFIDENCE,
 ) -> None:
     """Raise NetlibError for invalid options of a ``Predictor``."""
     for name, word, known in (("hand", hand, SOUGHT_SIDES), ("fit", fit, get_args(Fit))):
         if word not in known:
-            raise NetlibError(f"{name}={word!r}{did_you_mean(str(word), known)}; expected {', '.join(known)}")
+            raise NetlibError(
+                f"{name}={word!r}{did_you_mean(str(word), known)}; expected {', '.join(known)}"
+            )
     low, high = CUBES_MM
     if cube_mm is not None and not (isinstance(cube_mm, Real) and low <= cube_mm <= high):
         raise NetlibError(f"cube_mm={cube_mm!r}; expected {low:g} to {high:g} mm")
@@ -191,7 +234,9 @@ def _center(center: object) -> Array:
     except (TypeError, ValueError):
         place = np.zeros(0)
     if place.shape not in ((2,), (3,)) or not np.isfinite(place).all():
-        raise DataError(f"center {center}, expected two or three finite numbers: u, v in px or u, v, d in px, px, mm")
+        raise DataError(
+            f"center {center}, expected two or three finite numbers: u, v in px or u, v, d in px, px, mm"
+        )
     return place
 
 
@@ -200,8 +245,12 @@ def depth_around(depth: NDArray[np.generic], u: float, v: float, reach: int = 8)
     image = depth_image(depth)
     row, column = round(v), round(u)
     if not (0 <= row < image.shape[0] and 0 <= column < image.shape[1]):
-        raise DataError(f"pixel {u:g}, {v:g} lies outside the image of {image.shape[1]} x {image.shape[0]}")
-    around = image[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1]
+        raise DataError(
+            f"pixel {u:g}, {v:g} lies outside the image of {image.shape[1]} x {image.shape[0]}"
+        )
+    around = image[
+        max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1
+    ]
     seen = around[np.isfinite(around) & (around > 0)]
     if not len(seen):
         raise DataError(f"no depth around pixel {u:g}, {v:g}")

@@ -65,7 +65,8 @@ class CapsuleModel:
         self.skeleton, self.whole, self.unit_mm = skeleton, surface.whole, unit_mm
         whole = self.whole
         self.free = np.unique(whole.driven)
-        self._order = np.argsort(whole.driven, kind="stable")  # motions in the order of the variables
+        # motions in the order of the variables
+        self._order = np.argsort(whole.driven, kind="stable")
         driven = whole.driven[self._order]
         self._one_each = np.array_equal(driven, self.free)
         self._sums = (driven[:, None] == self.free).astype(float)
@@ -73,9 +74,17 @@ class CapsuleModel:
         self.upper = np.append(whole.upper[self.free], [np.log(MAX_SIZE), THICKNESS_LIMIT])
         self.deviation = surface.deviation[self.free]
         roots = np.flatnonzero(whole.parents < 0)
-        slides = [(j, m) for j, own in enumerate(whole.motions) for m in own if m.kind == "translate"]
-        if len(roots) != 1 or whole.bone_axes[roots[0]] >= 0 or any(j != roots[0] for j, _ in slides):
-            raise NetlibError(f"skeleton {skeleton.name!r}: expected one root, without a bone, that alone translates")
+        slides = [
+            (j, m) for j, own in enumerate(whole.motions) for m in own if m.kind == "translate"
+        ]
+        if (
+            len(roots) != 1
+            or whole.bone_axes[roots[0]] >= 0
+            or any(j != roots[0] for j, _ in slides)
+        ):
+            raise NetlibError(
+                f"skeleton {skeleton.name!r}: expected one root, without a bone, that alone translates"
+            )
         self._root_joint = int(roots[0])
         everything = self._sums.T @ whole.moves[self._order] > 0  # (V - 2, K)
         self.root = np.flatnonzero(everything[:, roots[0]])
@@ -83,7 +92,10 @@ class CapsuleModel:
         self.limbs = np.setdiff1d(np.arange(len(self.free)), np.concatenate([self.root, self.own]))
         used = np.unique(np.concatenate([surface.start, surface.end]))
         self._used = used
-        self.start, self.end = np.searchsorted(used, surface.start), np.searchsorted(used, surface.end)
+        self.start, self.end = (
+            np.searchsorted(used, surface.start),
+            np.searchsorted(used, surface.end),
+        )
         self.radii = (surface.radii * unit_mm).astype(np.float32)
         with_joint = whole.moves[:, used].T  # (E, Q): motions that move E_j with X_j
         with_axes = with_joint.copy()
@@ -92,7 +104,8 @@ class CapsuleModel:
             with_axes[own] = whole.moves[:, f]
         unlike = (with_joint != with_axes) & whole.turns
         self._with_joint = with_joint[:, self._order].astype(np.float32)
-        self._apart = np.flatnonzero(unlike.any(axis=1))  # ends E_j that some motion moves unlike X_j
+        # ends E_j that some motion moves unlike X_j
+        self._apart = np.flatnonzero(unlike.any(axis=1))
         only_axes = unlike * np.where(with_axes, 1, -1)
         self._only_axes = only_axes[self._apart][:, self._order].astype(np.float32)
         self.kinematics, self._whole_kinematics = kinematics_of(skeleton), kinematics_of(whole)
@@ -165,24 +178,41 @@ class CapsuleModel:
         motion[..., Q] = ends - joints[:, [self._root_joint]]
         motion[..., Q + 1] = 0
         if not self._one_each:
-            motion = np.concatenate([(motion[..., :Q] @ self._sums).astype(np.float32), motion[..., Q:]], axis=-1)
+            motion = np.concatenate(
+                [(motion[..., :Q] @ self._sums).astype(np.float32), motion[..., Q:]], axis=-1
+            )
         return Posed(ends, motion, self._thickness(x).astype(np.float32))
 
     def capsules(self, x: Array, center_mm: Array) -> Capsules:
         """All capsules at x (N, V), for the renderer; ``center_mm`` (N, 3) is the position of the origin."""
         ends = self.ends(x).astype(np.float64) + center_mm[:, None]
         radii = self.radii.astype(np.float64) * self._thickness(x)[:, None, None]
-        return Capsules(ends[:, self.start], ends[:, self.end], radii[:, :, 0], radii[:, :, 1], self.surface.facets)
+        return Capsules(
+            ends[:, self.start],
+            ends[:, self.end],
+            radii[:, :, 0],
+            radii[:, :, 1],
+            self.surface.facets,
+        )
 
     def _ends(self, x: Array) -> tuple[Floats, Floats, Pose]:
         """All joints (N, K, 3), the capsules' ends (N, E, 3), and their pose."""
         unit, size = np.float32(self.unit_mm), np.exp(x[:, SIZE])
-        pose = self._whole_kinematics.forward_pose(self.whole_inputs_of(x), self.whole.bones * size[:, None])
+        pose = self._whole_kinematics.forward_pose(
+            self.whole_inputs_of(x), self.whole.bones * size[:, None]
+        )
         joints = np.asarray(pose.joints, np.float32) * unit
         rotations = {
-            f: np.asarray(self._whole_kinematics.rotation_of(pose, f), np.float32) for f in self.surface.offsets
+            f: np.asarray(self._whole_kinematics.rotation_of(pose, f), np.float32)
+            for f in self.surface.offsets
         }
-        return joints, self.surface.ends_at(joints, rotations, (size * unit).astype(np.float32))[:, self._used], pose
+        return (
+            joints,
+            self.surface.ends_at(joints, rotations, (size * unit).astype(np.float32))[
+                :, self._used
+            ],
+            pose,
+        )
 
     def _thickness(self, x: Array) -> Array:
         """The scale of all radii (N,)."""
@@ -223,7 +253,12 @@ class RootMotion:
         turns = [m for m in motions if m.kind == "rotate"]
         column = {int(dof): i for i, dof in enumerate(model.free)}
         free = {m.dof for m in motions} & set(column)
-        if set(slides) != {0, 1, 2} or {m.axis for m in turns} != {0, 1, 2} or len(motions) != 6 or len(free) != 6:
+        if (
+            set(slides) != {0, 1, 2}
+            or {m.axis for m in turns} != {0, 1, 2}
+            or len(motions) != 6
+            or len(free) != 6
+        ):
             raise NetlibError(
                 f"skeleton {model.skeleton.name!r}: its root does not translate along x, y, z and turn about three "
                 "axes, by a free DoF each, so that it can neither be followed through space nor turned with the "
@@ -259,7 +294,9 @@ class RootMotion:
         """The angles (N, 3) of R = R_i(a) R_j(b) R_k(c) with the root's axes i, j, k."""
         (i, j, k), e = self._axes, self._parity
         pole = np.abs(R[:, i, k]) > 1 - 1e-12  # only the sum of the other angles is determined
-        a = np.where(pole, np.arctan2(e * R[:, k, j], R[:, j, j]), np.arctan2(-e * R[:, j, k], R[:, k, k]))
+        a = np.where(
+            pole, np.arctan2(e * R[:, k, j], R[:, j, j]), np.arctan2(-e * R[:, j, k], R[:, k, k])
+        )
         b = np.arcsin(np.clip(e * R[:, i, k], -1, 1))
         c = np.where(pole, 0.0, np.arctan2(-e * R[:, i, j], R[:, i, i]))
         return np.stack([a, b, c], axis=1)

@@ -32,7 +32,8 @@ from netlib.files import Content
 from netlib.system.memory import blocks
 
 MIN_VISIBLE = 0.01  # minimum share of foreground in a crop; with less, the signs are infinite
-STAY = 0.9  # factor of the cost at the expected pose, so that fits do not jump between two equally good poses
+# factor of the cost at the expected pose, so that fits do not jump between two equally good poses
+STAY = 0.9
 HOLD = 5.0  # precision of the expected limbs in ``follow``, relative to that of the network's limbs
 # The uncertainty is a weighted geometric mean of 1 + each sign: a limb outside the silhouette is a worse sign than a
 # thick body. The weights are means of those that best separate failed fits from others (logistic regression), of two
@@ -73,7 +74,12 @@ class DepthFit:
     @classmethod
     def concatenate(cls, parts: Sequence[DepthFit]) -> DepthFit:
         """The fits of the frames of all parts, in order."""
-        return cls(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
+        return cls(
+            **{
+                name: np.concatenate([getattr(part, name) for part in parts])
+                for name in vars(parts[0])
+            }
+        )
 
 
 class DepthFitter:
@@ -83,20 +89,29 @@ class DepthFitter:
     seed    of the drawn starts
     """
 
-    def __init__(self, model: CapsuleModel, errors: NetworkErrors | None = None, seed: int = 0) -> None:
+    def __init__(
+        self, model: CapsuleModel, errors: NetworkErrors | None = None, seed: int = 0
+    ) -> None:
         self.model, self.seed = model, seed
         self.errors = errors or unknown_errors(self.model)
         self.objective = Objective(self.model, Weights(), self.errors.poses)
         self.precision = np.linalg.inv(self.errors.limbs)
 
     @classmethod
-    def of_file(cls, skeleton: Skeleton, path: str | Path | Content, unit_mm: float, seed: int = 0) -> DepthFitter:
+    def of_file(
+        cls, skeleton: Skeleton, path: str | Path | Content, unit_mm: float, seed: int = 0
+    ) -> DepthFitter:
         """A fitter for crops of two such units, with the network's errors of a weights file. Raises DataError."""
         model = CapsuleModel(skeleton, unit_mm)
         return cls(model, read_errors(path, model), seed)
 
     def fit(
-        self, seen: Observation, starts: Sequence[Array], plan: Plan, *, size: float | Array | None = None,
+        self,
+        seen: Observation,
+        starts: Sequence[Array],
+        plan: Plan,
+        *,
+        size: float | Array | None = None,
         before: Array | None = None,
     ) -> DepthFit:
         """Fit every frame and return the best fits. Raises DataError.
@@ -110,7 +125,9 @@ class DepthFitter:
         """
         model = self.model
         if len(starts) != len(plan.quarters):
-            raise DataError(f"{len(starts)} starts, expected {len(plan.quarters)} for the plan {plan.name!r}")
+            raise DataError(
+                f"{len(starts)} starts, expected {len(plan.quarters)} for the plan {plan.name!r}"
+            )
         predicted = np.stack([rounded(x, NETWORK_STEP) for x in starts])
         if predicted.shape[1] != len(seen):
             raise DataError(f"starts of {predicted.shape[1]} frames for {len(seen)} crops")
@@ -126,12 +143,23 @@ class DepthFitter:
             priors.append(np.tile(first, (plan.draws, 1, 1)))
             cost_factors.append(np.ones((plan.draws, len(seen))))
         found = self._searched(
-            seen, np.concatenate(tried), np.concatenate(priors), plan, size, np.concatenate(cost_factors)
+            seen,
+            np.concatenate(tried),
+            np.concatenate(priors),
+            plan,
+            size,
+            np.concatenate(cost_factors),
         )
         return self._results(found, seen, model.joints(first))
 
     def follow(
-        self, seen: Observation, before: Array, moved_mm: Array, plan: Plan, *, size: float | Array | None = None
+        self,
+        seen: Observation,
+        before: Array,
+        moved_mm: Array,
+        plan: Plan,
+        *,
+        size: float | Array | None = None,
     ) -> DepthFit:
         """Refine x (N, V) expected from earlier frames by a few iterations, without the network.
 
@@ -142,9 +170,13 @@ class DepthFitter:
         """
         network = self.model.joints(before)
         priors = self._expected(before)[None]
-        found = self._searched(seen, before[None].copy(), priors, plan.refining(), size, np.ones((1, len(seen))), HOLD)
+        found = self._searched(
+            seen, before[None].copy(), priors, plan.refining(), size, np.ones((1, len(seen))), HOLD
+        )
         off = (found.x - priors[0])[:, self.model.limbs]
-        found.parts[:, 3] -= (HOLD - 1) * self.objective.weights.limbs * ((off @ self.precision) * off).sum(axis=1)
+        found.parts[:, 3] -= (
+            (HOLD - 1) * self.objective.weights.limbs * ((off @ self.precision) * off).sum(axis=1)
+        )
         return self._results(found, seen, network, moved_mm)
 
     def _expected(self, before: Array) -> Array:
@@ -155,8 +187,14 @@ class DepthFitter:
         return prior
 
     def _searched(
-        self, seen: Observation, starts: Array, priors: Array, plan: Plan, size: float | Array | None,
-        cost_factor: Array, hold: float = 1.0,
+        self,
+        seen: Observation,
+        starts: Array,
+        priors: Array,
+        plan: Plan,
+        size: float | Array | None,
+        cost_factor: Array,
+        hold: float = 1.0,
     ) -> Found:
         """The best of starts (K, N, V) with these priors, in batches that fit the cache.
 
@@ -172,7 +210,13 @@ class DepthFitter:
 
         def job(rows: slice) -> None:
             part = search(
-                objective, seen.take(rows), priors[:, rows], starts[:, rows], precision, plan, cost_factor[:, rows]
+                objective,
+                seen.take(rows),
+                priors[:, rows],
+                starts[:, rows],
+                precision,
+                plan,
+                cost_factor[:, rows],
             )
             for whole, values in zip(found, part):
                 whole[rows] = values
@@ -180,7 +224,9 @@ class DepthFitter:
         for_each(blocks(N, max(STARTS_TOGETHER // K, 1)), job)
         return found
 
-    def _results(self, found: Found, seen: Observation, network: Array, moved_mm: Array | float = 0.0) -> DepthFit:
+    def _results(
+        self, found: Found, seen: Observation, network: Array, moved_mm: Array | float = 0.0
+    ) -> DepthFit:
         """The results of fits that moved away from joints (N, K, 3), by ``moved_mm`` at least."""
         joints = self.model.joints(found.x)
         moved = np.maximum(np.linalg.norm(joints - network, axis=2).mean(axis=1), moved_mm)
@@ -188,6 +234,11 @@ class DepthFitter:
         shown = (seen.outside < 0).mean(axis=(1, 2))[seen.frame]
         signs[shown < MIN_VISIBLE] = np.inf  # an empty crop contradicts no hand
         return DepthFit(
-            joints=joints, network=network, cost=signs[:, :4].sum(axis=1),
-            uncertainty=np.exp(np.log1p(signs) @ SIGN_WEIGHTS), x=found.x, start=found.start, signs=signs,
+            joints=joints,
+            network=network,
+            cost=signs[:, :4].sum(axis=1),
+            uncertainty=np.exp(np.log1p(signs) @ SIGN_WEIGHTS),
+            x=found.x,
+            start=found.start,
+            signs=signs,
         )

@@ -42,7 +42,9 @@ def near_joints(model: CapsuleModel, x: Array, joints: Array) -> Array:
     def evaluate(columns_of_x: Array, rows: NDArray[np.int_]) -> tuple[Array, Array, Array]:
         trial = found[rows]
         trial[:, columns] = columns_of_x
-        pose = kinematics.forward_pose(model.inputs_of(trial), skeleton.bones * np.exp(trial[:, [SIZE]]))
+        pose = kinematics.forward_pose(
+            model.inputs_of(trial), skeleton.bones * np.exp(trial[:, [SIZE]])
+        )
         grows = (pose.joints - pose.joints[:, [root]]).reshape(len(trial), 1, -1)
         J = np.concatenate([sums.T @ kinematics.jacobian(pose), grows], axis=1) / unit
         r = (pose.joints - goal[rows]).reshape(len(trial), -1, 1) / unit

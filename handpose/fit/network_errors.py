@@ -65,11 +65,17 @@ def read_errors(path: str | Path | Content, model: CapsuleModel) -> NetworkError
     with hdf5.opened(path, f"the group {GROUP!r}") as file:
         if GROUP not in file:
             return unknown_errors(model)
-        found = {name: np.asarray(file[GROUP][name], np.float64) for name in (LIMBS, POSES) if name in file[GROUP]}
+        found = {
+            name: np.asarray(file[GROUP][name], np.float64)
+            for name in (LIMBS, POSES)
+            if name in file[GROUP]
+        }
     limbs, poses = found.get(LIMBS, np.zeros(0)), found.get(POSES)
     L = len(model.limbs)
     if limbs.shape != (L, L) or not _is_covariance(limbs):
-        raise DataError(f"{path}: {GROUP}/{LIMBS} of shape {limbs.shape}, expected a covariance ({L}, {L})")
+        raise DataError(
+            f"{path}: {GROUP}/{LIMBS} of shape {limbs.shape}, expected a covariance ({L}, {L})"
+        )
     if poses is not None and (
         poses.shape != (L + 1, L) or not np.isfinite(poses).all() or not _is_covariance(poses[1:])
     ):
@@ -85,7 +91,9 @@ def _is_covariance(values: Array) -> bool:
 
 def arrays_of(errors: NetworkErrors) -> dict[str, Array]:
     """The arrays of a file's group ``fit`` by name, as ``read_errors`` reads them."""
-    return {LIMBS: errors.limbs} | ({} if errors.poses is None else {POSES: np.vstack(errors.poses)})
+    return {LIMBS: errors.limbs} | (
+        {} if errors.poses is None else {POSES: np.vstack(errors.poses)}
+    )
 
 
 def covariance(errors: Array) -> Array:

@@ -37,7 +37,8 @@ class Weights:
     For a body in a cube larger than a hand's, lengths in mm and the robust distance are scaled accordingly.
     """
 
-    sigma: float = 4.0  # mm, deviation of capsules from a real surface: the unit of the first three terms
+    # mm, deviation of capsules from a real surface: the unit of the first three terms
+    sigma: float = 4.0
     independent: float = 150.0  # effective number of independent points in a frame
     outline: float = 2.0
     front: float = 0.1
@@ -55,7 +56,8 @@ class Prior(NamedTuple):
 
     x: Array  # (N, V) expected variables
     rigid: Floats  # (N, n, 3) mm, expected ends that move with the root
-    curvature: Array  # (V, V) precision of the limbs, the surface's own variables, size and thickness
+    # (V, V) precision of the limbs, the surface's own variables, size and thickness
+    curvature: Array
 
 
 class Measured(NamedTuple):
@@ -85,7 +87,8 @@ class Objective:
     def __init__(self, model: CapsuleModel, weights: Weights, poses: Poses | None = None) -> None:
         self.model, self.weights, self.poses = model, weights, poses
         self.larger = max(1.0, 2 * model.unit_mm / CUBE_MM)
-        self.spheres = np.flatnonzero(~model.surface.limbs)  # none on a forearm, whose end is not modelled
+        # none on a forearm, whose end is not modelled
+        self.spheres = np.flatnonzero(~model.surface.limbs)
         deviation = np.append(model.deviation, [max(weights.size, MIN_SIZE_STD), weights.thickness])
         self.plain = np.flatnonzero(np.isfinite(deviation))  # variables with a finite deviation
         self.plain_precision = deviation[self.plain] ** -2.0
@@ -107,7 +110,9 @@ class Objective:
     def measure(self, x: Array, seen: Observation, prior: Prior) -> Measured:
         """All terms at x (N, V) that do not depend on the robust distance."""
         posed = self.model.posed(x)
-        residuals = residuals_of(self.model, posed, seen, self.spheres, self.weights.slack * self.larger)
+        residuals = residuals_of(
+            self.model, posed, seen, self.spheres, self.weights.slack * self.larger
+        )
         return Measured(posed, residuals, *self._prior(x, posed, prior))
 
     def weigh(self, m: Measured, seen: Observation, robust: float) -> Cost:
@@ -120,13 +125,17 @@ class Objective:
         unit = w.independent / sigma**2 / np.maximum(seen.known.sum(axis=1, keepdims=True), 1)
         counts = self.counts[m.residuals.capsule[:, :P]]
         weight[:, :, :P] = (seen.known * counts * unit.astype(np.float32))[:, None]
-        weight[:, :, P:] = np.array([w.outline, w.front], np.float32)[:, None] / np.float32(sigma**2)
+        weight[:, :, P:] = np.array([w.outline, w.front], np.float32)[:, None] / np.float32(
+            sigma**2
+        )
         robustly = k / (k + q)
         weight *= robustly
         q *= weight
         weight *= robustly
         spheres = q[:, :, P:].sum(axis=2)
-        parts = np.stack([q[:, 0, :P].sum(axis=1), spheres[:, 0], spheres[:, 1], m.prior], axis=1).astype(np.float64)
+        parts = np.stack(
+            [q[:, 0, :P].sum(axis=1), spheres[:, 0], spheres[:, 1], m.prior], axis=1
+        ).astype(np.float64)
         return Cost(parts.sum(axis=1), parts, weight)
 
     def equations(self, m: Measured, cost: Cost) -> tuple[Array, Array]:

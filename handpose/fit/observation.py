@@ -19,7 +19,8 @@ from netlib.blob import Array
 from netlib.errors import DataError
 
 BACKGROUND = 0.999  # a crop's depth above it is background; below its negative it is the near face
-THIN_PX = 3.0  # sampling is denser near the outline, 1 / (THIN_PX + distance in px), because limbs are thin
+# sampling is denser near the outline, 1 / (THIN_PX + distance in px), because limbs are thin
+THIN_PX = 3.0
 _CROSS = np.ones((3, 3), np.uint8)
 
 
@@ -54,9 +55,12 @@ class Observation:
 
     def take(self, rows: slice | NDArray[np.int_]) -> Observation:
         """Some of the frames, with repetition. The crops themselves are not copied."""
-        return Observation(**{
-            name: values if name in ("outside", "nearest") else values[rows] for name, values in vars(self).items()
-        })
+        return Observation(
+            **{
+                name: values if name in ("outside", "nearest") else values[rows]
+                for name, values in vars(self).items()
+            }
+        )
 
     def mirrored(self, which: NDArray[np.bool_]) -> Observation:
         """The frames ``which`` (N,), each with its own crop, mirrored along x, so that left hands become right ones."""
@@ -72,7 +76,10 @@ class Observation:
 
     def thinned(self, every: int) -> Observation:
         """The observations with every ``every``-th point."""
-        few = {name: np.ascontiguousarray(getattr(self, name)[..., ::every]) for name in ("points", "rays", "known")}
+        few = {
+            name: np.ascontiguousarray(getattr(self, name)[..., ::every])
+            for name in ("points", "rays", "known")
+        }
         return Observation(**(vars(self) | few))
 
 
@@ -99,13 +106,23 @@ class HandCrops:
 
     @classmethod
     def of_sides(
-        cls, crops: NDArray[np.floating], center_uvd: ArrayLike, camera: Camera, cube_mm: float,
+        cls,
+        crops: NDArray[np.floating],
+        center_uvd: ArrayLike,
+        camera: Camera,
+        cube_mm: float,
         sides: Side | Sequence[Side] = "right",
     ) -> HandCrops:
         """Crops of hands of these sides, one for all or one for each."""
         each = [sides] * len(crops) if isinstance(sides, str) else sides
         mirrored = np.array([side == "left" for side in each], dtype=bool)
-        return cls(crops, np.asarray(center_uvd, dtype=np.float64).reshape(-1, 3), camera, cube_mm, mirrored)
+        return cls(
+            crops,
+            np.asarray(center_uvd, dtype=np.float64).reshape(-1, 3),
+            camera,
+            cube_mm,
+            mirrored,
+        )
 
     def __len__(self) -> int:
         return len(self.crops)
@@ -132,7 +149,11 @@ class HandCrops:
 
 
 def observe(
-    crops: NDArray[np.floating], center_uvd: ArrayLike, camera: Camera, cube_mm: ArrayLike, points: int = 400
+    crops: NDArray[np.floating],
+    center_uvd: ArrayLike,
+    camera: Camera,
+    cube_mm: ArrayLike,
+    points: int = 400,
 ) -> Observation:
     """The observations of crops (N, S, S) in [-1, 1]. Raises DataError.
 
@@ -192,7 +213,12 @@ def _outside(crop: NDArray[np.floating]) -> Floats:
     """
     solid = cv2.morphologyEx((crop < BACKGROUND).astype(np.uint8), cv2.MORPH_CLOSE, _CROSS)
     out = cv2.distanceTransform(1 - solid, cv2.DIST_L2, cv2.DIST_MASK_5)
-    within = cv2.distanceTransform(cv2.copyMakeBorder(solid, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=1),
-                                   cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
+    within = cv2.distanceTransform(
+        cv2.copyMakeBorder(solid, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=1),
+        cv2.DIST_L2,
+        cv2.DIST_MASK_5,
+    )[1:-1, 1:-1]
     far = np.float32(len(crop))  # a crop without a silhouette, or all of it, has no distance
-    return np.asarray(np.where(solid > 0, 0.5 - np.minimum(within, far), np.minimum(out, far) - 0.5), np.float32)
+    return np.asarray(
+        np.where(solid > 0, 0.5 - np.minimum(within, far), np.minimum(out, far) - 0.5), np.float32
+    )

@@ -67,12 +67,27 @@ from netlib.proto.schema import Double
 PACKAGED = ROOT / "models" / "synthetic_hand" / "confidence.prototxt"
 GOOD_MM = 30.0  # a pose with a larger error has failed
 LOST_MM = 150.0  # upper bound of expected errors: then the hand is elsewhere
-SIGNS = ("surface", "outline", "front", "prior", "moved", "behind", "before", "penetration", "guessed")
+SIGNS = (
+    "surface",
+    "outline",
+    "front",
+    "prior",
+    "moved",
+    "behind",
+    "before",
+    "penetration",
+    "guessed",
+)
 FINGER_SIGNS = ("whole", "behind", "before", "lag", "unseen")
 # Share of the surface that faces the camera and was not seen at its place; factors of confidence and expected error.
 # Chosen, as the next two, on recordings of which a part of the hand was covered.
-UNSEEN, UNSEEN_CONFIDENCE, UNSEEN_ERROR = (0.15, 0.3, 0.45, 0.6), (1.0, 0.7, 0.3, 0.1), (1.0, 1.3, 2.0, 3.0)
-COVERED, MIN_COVERED = 2.0, 0.1  # covered or unread shares above it count three times: other poses explain the rest
+UNSEEN, UNSEEN_CONFIDENCE, UNSEEN_ERROR = (
+    (0.15, 0.3, 0.45, 0.6),
+    (1.0, 0.7, 0.3, 0.1),
+    (1.0, 1.3, 2.0, 3.0),
+)
+# covered or unread shares above it count three times: other poses explain the rest
+COVERED, MIN_COVERED = 2.0, 0.1
 # The side of a hand is judged by the log-ratio of the costs of the fits as either side; chosen on P3, P7 and hpx.
 MAX_RATIO = 0.5  # maximum contribution of one frame
 SIDE_SLOPE = 8.0  # of the log-odds of a side by the mean ratio
@@ -144,13 +159,17 @@ def _regression(read: HandParameter | FingerParameter, signs: Sequence[str]) -> 
         value = getattr(read, name)
         if not np.isfinite(value) or (value <= 0 and name == "spread"):
             expected = "a number above 0" if name == "spread" else "a finite number"
-            raise PrototxtError(schema.position_of(read, name), f"{name}: {value:g}; expected {expected}")
+            raise PrototxtError(
+                schema.position_of(read, name), f"{name}: {value:g}; expected {expected}"
+            )
     return Regression(np.array([getattr(read, sign) for sign in signs]), read.constant, read.spread)
 
 
 def pose_signs(fit: Array, depths: JointDepths, penetration_mm: Array, guessed: Array) -> Array:
     """The signs (N, 9) of N poses; ``fit`` (N, 5) are those of their fits."""
-    return np.minimum(np.column_stack([fit, depths.behind, depths.before, penetration_mm, guessed]), MAX_SIGN)
+    return np.minimum(
+        np.column_stack([fit, depths.behind, depths.before, penetration_mm, guessed]), MAX_SIGN
+    )
 
 
 def mean_log_error(signs: Array, lag_mm: Array, hand: Regression) -> Array:
@@ -206,7 +225,10 @@ class Evidence(NamedTuple):
 
     def lagging(self, model: CapsuleModel, joints: Array, fit_joints: Array) -> Evidence:
         """The same for poses with joints (N, K, 3) in mm instead of those of the fits, in one system of axes."""
-        lag, of_fingers = np.linalg.norm(joints - fit_joints, axis=2).mean(axis=1), self.finger_lag_mm
+        lag, of_fingers = (
+            np.linalg.norm(joints - fit_joints, axis=2).mean(axis=1),
+            self.finger_lag_mm,
+        )
         if model.fingers is not None:
             apart = model.fingers.joints(joints) - model.fingers.joints(fit_joints)
             of_fingers = np.linalg.norm(apart, axis=3).mean(axis=2)
@@ -232,7 +254,8 @@ class Judged(NamedTuple):
 
 def judged_as_wholes(evidence: Evidence, hand: Regression) -> tuple[Array, Array]:
     """Expected errors (N,) in mm and confidence (N,) of N poses of which this is seen, whatever their fingers show."""
-    from scipy.special import ndtr as normal  # the distribution function Φ, imported here: few programs need it
+    # the distribution function Φ, imported here: few programs need it
+    from scipy.special import ndtr as normal
 
     mean = mean_log_error(evidence.signs, evidence.lag_mm, hand)
     confidence = normal((np.log(GOOD_MM) - mean) / hand.spread)
@@ -258,7 +281,12 @@ def unseen_share(support: Support) -> Array:
 
 
 def evidence_of(
-    model: CapsuleModel, fits: DepthFit, center_mm: Array, mirror: Array, readings: NDArray[np.floating], camera: Camera
+    model: CapsuleModel,
+    fits: DepthFit,
+    center_mm: Array,
+    mirror: Array,
+    readings: NDArray[np.floating],
+    camera: Camera,
 ) -> Evidence:
     """What one image (height, width) in mm, 0 without a reading, shows of N fits.
 

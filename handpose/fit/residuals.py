@@ -78,7 +78,10 @@ class Cones(NamedTuple):
 
     def of(self, belongs: Floats) -> Cones:
         """The capsules of the points given by ``belonging``; a product is faster than indexing."""
-        picked = np.concatenate([self.a, self.along, self.radius[:, None], self.wider[:, None]], axis=1) @ belongs
+        picked = (
+            np.concatenate([self.a, self.along, self.radius[:, None], self.wider[:, None]], axis=1)
+            @ belongs
+        )
         return Cones(picked[:, :3], picked[:, 3:6], picked[:, 6], picked[:, 7])
 
 
@@ -179,7 +182,9 @@ def point_residuals(cones: Cones, seen: Observation, capsule: NDArray[np.int_]) 
     f = np.maximum((y * seen.rays).sum(axis=1), 0)
     y -= f[:, None] * seen.rays
     rho = np.sqrt((y * y).sum(axis=1)) + _TINY
-    direction, swell, value = (np.zeros((N, *shape, P), np.float32) for shape in ((3, 2), (2,), (2,)))
+    direction, swell, value = (
+        np.zeros((N, *shape, P), np.float32) for shape in ((3, 2), (2,), (2,))
+    )
     np.divide(y, -rho[:, None], out=direction[:, :, 0])
     np.multiply(seen.rays, -(f > 0).astype(np.float32)[:, None], out=direction[:, :, 1])
     np.negative(radius, out=swell[:, 0])
@@ -188,7 +193,9 @@ def point_residuals(cones: Cones, seen: Observation, capsule: NDArray[np.int_]) 
     return Residuals(capsule, s, direction, swell, value)
 
 
-def sphere_residuals(cones: Cones, seen: Observation, spheres: NDArray[np.int_], slack: float) -> Residuals:
+def sphere_residuals(
+    cones: Cones, seen: Observation, spheres: NDArray[np.int_], slack: float
+) -> Residuals:
     """Distances in mm by which each sphere leaves the silhouette, and by which it is in front of the surface.
 
     cones    of all M capsules
@@ -234,7 +241,9 @@ def sphere_residuals(cones: Cones, seen: Observation, spheres: NDArray[np.int_],
     return Residuals(capsule, place, direction, radius[:, None] * on, value)
 
 
-def normal_equations(model: CapsuleModel, posed: Posed, r: Residuals, weight: Floats) -> tuple[Array, Array]:
+def normal_equations(
+    model: CapsuleModel, posed: Posed, r: Residuals, weight: Floats
+) -> tuple[Array, Array]:
     """A (N, V, V) and b (N, V) of the squares weighted by (N, 2, R): half their gradient is b."""
     N, _, R = r.value.shape
     M, V = len(model.start), model.variables
@@ -249,7 +258,8 @@ def normal_equations(model: CapsuleModel, posed: Posed, r: Residuals, weight: Fl
     products *= z[:, _UPPER[1]]
     products = products[:, :, 0] + products[:, :, 1]  # (N, 36, R)
     _round_to_exact_sums(products)
-    G = (belonging(r.capsule, M) @ products.swapaxes(1, 2))[:, :, _FULL].astype(np.float64)  # (N, M, 8, 8)
+    # (N, M, 8, 8)
+    G = (belonging(r.capsule, M) @ products.swapaxes(1, 2))[:, :, _FULL].astype(np.float64)
     B = np.zeros((N, M, 7, V))
     B[:, :, :3], B[:, :, 3:6] = posed.motion[:, model.start], posed.motion[:, model.end]
     B[:, :, 6, [SIZE, THICKNESS]] = 1
@@ -265,7 +275,8 @@ def _round_to_exact_sums(products: Floats) -> None:
     A processor's BLAS then changes nothing. With T a bound of the sum of absolute values, the products become multiples
     of some T / 2**22: adding and subtracting a number of the size of T rounds to them.
     """
-    norms = np.sqrt(products[:, _DIAGONAL].sum(axis=2))  # by Cauchy and Schwarz, T is a product of two of them
+    # by Cauchy and Schwarz, T is a product of two of them
+    norms = np.sqrt(products[:, _DIAGONAL].sum(axis=2))
     _, exponent = np.frexp(norms[:, _UPPER[0]] * norms[:, _UPPER[1]])
     large = np.ldexp(np.float32(1.5), exponent + 1)[:, :, None]
     products += large

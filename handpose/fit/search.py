@@ -47,7 +47,9 @@ T = TypeVar("T", bound=Any)
 Evaluate = Callable[[Array, NDArray[np.int_]], tuple[Array, Array, Array]]
 
 
-def damped_step(A: Array, b: Array, mu: Array, x: Array, lower: Array, upper: Array, ridge: float) -> Array:
+def damped_step(
+    A: Array, b: Array, mu: Array, x: Array, lower: Array, upper: Array, ridge: float
+) -> Array:
     """The steps (N, F) that solve (A + mu diag(A) + ridge) step = -b; A is used up.
 
     A             (N, F, F) the normal matrix
@@ -67,7 +69,14 @@ def damped_step(A: Array, b: Array, mu: Array, x: Array, lower: Array, upper: Ar
 
 
 def minimise(
-    evaluate: Evaluate, x: Array, lower: Array, upper: Array, iterations: int, *, ridge: float, min_mu: float = 0.0,
+    evaluate: Evaluate,
+    x: Array,
+    lower: Array,
+    upper: Array,
+    iterations: int,
+    *,
+    ridge: float,
+    min_mu: float = 0.0,
     min_gain: float = 0.0,
 ) -> tuple[Array, Array]:
     """Minimise from x (N, F) between lower and upper (F,); returns x and its cost (N,).
@@ -165,10 +174,13 @@ class Plan:
 
     def refining(self) -> Plan:
         """The plan from one start that is already close to the solution."""
-        return replace(self, draws=0, first=(), keep=1, last=(Stage(self.last[-1].robust, REFINING, MIN_GAIN),))
+        return replace(
+            self, draws=0, first=(), keep=1, last=(Stage(self.last[-1].robust, REFINING, MIN_GAIN),)
+        )
 
 
-REFINING, MIN_GAIN = 4, 0.02  # iterations from a start that is close, and when they end earlier: ``Stage``
+# iterations from a start that is close, and when they end earlier: ``Stage``
+REFINING, MIN_GAIN = 4, 0.02
 FAST = Plan("fast", 300, (0,), 0, 1, (), 1, (Stage(13, 6),))
 ACCURATE = Plan("accurate", 400, (0, 1, 2, 3), 6, 4, (Stage(15, 5),), 2, (Stage(13, 5),))
 PLANS = {plan.name: plan for plan in (FAST, ACCURATE)}
@@ -184,7 +196,12 @@ class Found(NamedTuple):
 
 
 def search(
-    objective: Objective, seen: Observation, priors: Array, starts: Array, precision: Array, plan: Plan,
+    objective: Objective,
+    seen: Observation,
+    priors: Array,
+    starts: Array,
+    precision: Array,
+    plan: Plan,
     cost_factor: Array | float = 1.0,
 ) -> Found:
     """The best of K starts (K, N, V); each has a prior about the prediction ``priors`` (K, N, V).
@@ -215,7 +232,9 @@ def drawn(model: CapsuleModel, x: Array, covariance: Array, count: int, seed: in
     """Draws (count, N, V) about x (N, V), with the limbs' errors of the network, within the limits."""
     rng = np.random.default_rng(seed)
     starts = np.tile(x, (count, 1, 1))
-    errors = rng.multivariate_normal(np.zeros(len(model.limbs)), covariance, (count, 1), method="cholesky")
+    errors = rng.multivariate_normal(
+        np.zeros(len(model.limbs)), covariance, (count, 1), method="cholesky"
+    )
     starts[:, :, model.limbs] += errors
     return np.clip(starts, model.lower, model.upper)
 

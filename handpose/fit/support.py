@@ -77,12 +77,17 @@ class Samples(NamedTuple):
         length = np.linalg.norm(b - a, axis=2, keepdims=True) / len(ALONG)
         area = [2 * radius[0] * np.repeat(length, len(ALONG), axis=2).reshape(n, -1)]
         if len(facets):
-            ends, radii = np.stack([a, b], axis=2).reshape(n, -1, 3), np.stack([ra, rb], axis=2).reshape(n, -1)
+            ends, radii = (
+                np.stack([a, b], axis=2).reshape(n, -1, 3),
+                np.stack([ra, rb], axis=2).reshape(n, -1),
+            )
             corner, r = ends[:, facets], radii[:, facets]  # (N, T, 3, 3), (N, T, 3)
             center.append((across * corner[:, :, None]).sum(axis=3).reshape(n, -1, 3))
             radius.append((ACROSS * r[:, :, None]).sum(axis=3).reshape(n, -1))
             edges = corner[:, :, 1:] - corner[:, :, :1]
-            flat = np.linalg.norm(np.cross(edges[:, :, 0], edges[:, :, 1]), axis=2) / 2 / len(ACROSS)
+            flat = (
+                np.linalg.norm(np.cross(edges[:, :, 0], edges[:, :, 1]), axis=2) / 2 / len(ACROSS)
+            )
             area.append(np.repeat(flat, len(ACROSS), axis=1))
         return cls(*(np.concatenate(parts, axis=1) for parts in (center, radius, area)))
 
@@ -104,12 +109,18 @@ class Samples(NamedTuple):
         """True (N, Q) where a sphere is in front of points (N, Q, 3) whose surface is at the depths (N, Q)."""
         x, y, z = (self.center[:, None, :, axis] for axis in range(3))
         ray = points[..., :2] / points[..., 2:]
-        inner = self.radius[:, None] ** 2 - (ray[:, :, None, 0] * z - x) ** 2 - (ray[:, :, None, 1] * z - y) ** 2
+        inner = (
+            self.radius[:, None] ** 2
+            - (ray[:, :, None, 0] * z - x) ** 2
+            - (ray[:, :, None, 1] * z - y) ** 2
+        )
         before = z - np.sqrt(np.maximum(inner, 0)) < front[:, :, None] - SELF_MM
         return np.asarray(((inner > 0) & before).any(axis=2))
 
 
-def support(capsules: Capsules, limbs: NDArray[np.bool_], depth: NDArray[np.floating], camera: Camera) -> Support:
+def support(
+    capsules: Capsules, limbs: NDArray[np.bool_], depth: NDArray[np.floating], camera: Camera
+) -> Support:
     """The support of N poses by one image (height, width) in mm, 0 without a reading.
 
     capsules  of the poses, in camera axes
@@ -119,7 +130,10 @@ def support(capsules: Capsules, limbs: NDArray[np.bool_], depth: NDArray[np.floa
 
 
 def support_of_parts(
-    capsules: Capsules, limbs: NDArray[np.bool_], parts: Sequence[NDArray[np.bool_]], depth: NDArray[np.floating],
+    capsules: Capsules,
+    limbs: NDArray[np.bool_],
+    parts: Sequence[NDArray[np.bool_]],
+    depth: NDArray[np.floating],
     camera: Camera,
 ) -> list[Support]:
     """``support`` of the whole hand, and then that of each part, some of the capsules (M,).
@@ -129,7 +143,8 @@ def support_of_parts(
     every, own = Samples.of(capsules), _samples_of(~limbs, capsules.facets)
     spheres = every.chosen(own)
     reading, inside = _readings(spheres.nearest, depth, camera)
-    behind, missing = reading - spheres.front, inside & ~(reading > 0)  # NaN, which some drivers write, is missing
+    # NaN, which some drivers write, is missing
+    behind, missing = reading - spheres.front, inside & ~(reading > 0)
     weight = spheres.area * ~every.covers(spheres.center, spheres.front)
     read = inside & ~missing
     hidden, empty = read & (behind < -APART_MM), read & (behind > APART_MM)
@@ -162,7 +177,9 @@ def _readings(
 ) -> tuple[NDArray[np.floating], NDArray[np.bool_]]:
     """The readings (N, P) at the pixels of points (N, P, 3) in mm, and True where these are in the image."""
     before = points[..., 2] > 0
-    column, row, _ = np.moveaxis(np.rint(camera.project(np.where(before[..., None], points, 1.0))), -1, 0)
+    column, row, _ = np.moveaxis(
+        np.rint(camera.project(np.where(before[..., None], points, 1.0))), -1, 0
+    )
     inside = before & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
     at = [np.where(inside, index, 0).astype(np.int64) for index in (row, column)]
     return depth[at[0], at[1]], inside

@@ -50,7 +50,8 @@ MAX_BYTES = 1 << 22  # of a file; calibrations have some 10,000
 def read(path: Path) -> CameraInfo:
     """Read a camera.json, or a file of another program. Raises DataError."""
     content = files.read_bytes(path, "the camera", limit=MAX_BYTES)
-    is_wide = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))  # as PowerShell redirects texts
+    # as PowerShell redirects texts
+    is_wide = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     try:
         text = content.decode("utf-16" if is_wide else "utf-8-sig")
     except UnicodeDecodeError as error:
@@ -67,14 +68,23 @@ def to_text(given: CameraInfo) -> str:
     """The text that ``parse`` reads, without loss of precision."""
     said: dict[str, Any] = {}
     if isinstance(given.camera, Camera):
-        said |= {"name": given.camera.name} | {key: float(getattr(given.camera, key)) for key in INTRINSICS}
+        said |= {"name": given.camera.name} | {
+            key: float(getattr(given.camera, key)) for key in INTRINSICS
+        }
         if given.camera.width:
             said |= {key: int(getattr(given.camera, key)) for key in SIZE}
         if given.camera.min_range_mm != MIN_RANGE_MM:
             said[MIN_RANGE] = float(given.camera.min_range_mm)
-    said |= {key: float(getattr(given, key)) for key in ("unit_mm", "rate") if getattr(given, key) is not None}
+    said |= {
+        key: float(getattr(given, key))
+        for key in ("unit_mm", "rate")
+        if getattr(given, key) is not None
+    }
     if given.lens is not None and not given.lens.is_straight:
-        said["distortion"] = {"model": given.lens.model, "coefficients": list(map(float, given.lens.coefficients))}
+        said["distortion"] = {
+            "model": given.lens.model,
+            "coefficients": list(map(float, given.lens.coefficients)),
+        }
     if given.time_unit is not None:
         said["time_unit"] = given.time_unit
     return json.dumps(said, indent=1)
@@ -94,18 +104,23 @@ def parse(text: str, where: str) -> CameraInfo:
 # ---------------------------------------------------------------------------------------------- documents
 
 NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
-NUMBERS = rf"[\[\](),;\s]*{NUMBER}(?:[\[\](),;\s]+{NUMBER})*[\[\](),;\s]*"  # in any brackets, as print writes them
+# in any brackets, as print writes them
+NUMBERS = rf"[\[\](),;\s]*{NUMBER}(?:[\[\](),;\s]+{NUMBER})*[\[\](),;\s]*"
 KEY = r"""("[^"]+"|'[^']+'|(?<!\w)[A-Za-z_][\w./ \t]{0,60}?(?:\([^)]*\))?)\s*"""
 TEXT = r"""("[^"]*"|'[^']*'|(?![^,;]*[:=])[^\s\[{"'!,;][^,;{}\[\]<>()]*)"""
 TABLE, SECTION = re.compile(NUMBERS), re.compile(r"\[([A-Za-z][^\[\]{},:\"]*)\]")
-PAIR = re.compile(rf"{KEY}[:=]\s*(?:(?:array)?({NUMBERS})(?![\w.])|{TEXT})")  # a line may have several
+# a line may have several
+PAIR = re.compile(rf"{KEY}[:=]\s*(?:(?:array)?({NUMBERS})(?![\w.])|{TEXT})")
 COLUMNS = re.compile(rf"{KEY}(?:[\s,]\s*({NUMBERS})(?:px|pixels)?|,\s*{TEXT})")
 PRINTED = re.compile(  # what print shows of pyrealsense2's intrinsics
     rf"\[\s*({NUMBER}), ({NUMBER})\s+p\[({NUMBER}) ({NUMBER})\]\s+f\[({NUMBER}) ({NUMBER})\]"
     r"\s+([\w ]+?) *\[([^\]]*)\]\s*\]"
 )
 AS_PAIRS = r" width: \1, height: \2, u0: \3, v0: \4, fx: \5, fy: \6, model: \7, coefficients: [\8]"
-PRODUCT, JSON = re.compile(r"(?<=\d)[ \t]*x[ \t]*(?=\d)"), re.compile(r'\s*(\{\s*["}]|\[\s*[\[{"]|$)')
+PRODUCT, JSON = (
+    re.compile(r"(?<=\d)[ \t]*x[ \t]*(?=\d)"),
+    re.compile(r'\s*(\{\s*["}]|\[\s*[\[{"]|$)'),
+)
 COMMENT, ELEMENT = re.compile(r"(?:^|(?<=\s))#.*", re.M), re.compile(r"\s*(?:-(?:\s+|$))*")
 EDGES = " \t<({[\"'"  # of a name
 BRACKETS = re.compile(r"\[[^\[\]]*(?:\[[^\[\]]*\][^\[\]]*)*\]")
@@ -125,7 +140,9 @@ def parse_document(text: str, where: str) -> Any:
         with contextlib.suppress(DataError):
             return parsed(text.replace("'", '"'), where)
     if text.lstrip().startswith(("<?xml", "<opencv")):
-        raise DataError(f"{where}: XML; expected JSON or YAML, which OpenCV's FileStorage writes, too")
+        raise DataError(
+            f"{where}: XML; expected JSON or YAML, which OpenCV's FileStorage writes, too"
+        )
     plain = PRINTED.sub(AS_PAIRS, PRODUCT.sub(", ", plain))
     return _of_lines(BRACKETS.sub(lambda found: " ".join(found[0].split()), plain), where)
 
@@ -157,7 +174,8 @@ def _of_lines(text: str, where: str) -> dict[str, Any]:
     """
     document: dict[str, Any] = {}
     around = [(-2, document)]  # the objects around a line, each with the indent of its name
-    above, inside, key = -2, document, ""  # of the last key: its indent, and the object in which it is
+    # of the last key: its indent, and the object in which it is
+    above, inside, key = -2, document, ""
     for line in text.splitlines():
         content = ELEMENT.sub("", line, count=1).strip()
         if document and content in ("---", "..."):
@@ -226,8 +244,15 @@ def _value(text: str) -> Any:
 # ---------------------------------------------------------------------------------------------- values
 
 RANGES = {  # exclusive lower and inclusive upper bounds
-    "fx": (MIN_FOCAL_PX, 1e6), "fy": (MIN_FOCAL_PX, 1e6), "u0": (-1e6, 1e6), "v0": (-1e6, 1e6), "unit_mm": (1e-6, 1e4),
-    "rate": (1e-6, 1e4), "width": (0, 1 << 14), "height": (0, 1 << 14), "min_range_mm": (0, 1e4),
+    "fx": (MIN_FOCAL_PX, 1e6),
+    "fy": (MIN_FOCAL_PX, 1e6),
+    "u0": (-1e6, 1e6),
+    "v0": (-1e6, 1e6),
+    "unit_mm": (1e-6, 1e4),
+    "rate": (1e-6, 1e4),
+    "width": (0, 1 << 14),
+    "height": (0, 1 << 14),
+    "min_range_mm": (0, 1e4),
 }
 MIN_RANGE = "min_range_mm"
 TICKS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}  # per second, of the units of times
@@ -241,27 +266,31 @@ FIELDS = ("unit_mm", "rate", "time_unit")  # those that are fields of CameraInfo
 KNOWN = (*RANGES, "name", *LENS, "time_unit")  # the keys of a camera.json
 ROWS = {"focal": ("fx", "fy"), "middle": ("u0", "v0"), "size": SIZE}  # keys of two values
 # Other names, without capitals and without what is no letter or digit.
-ALIASES = {key.replace("_", ""): key for key in KNOWN} | {alias: key for key, aliases in {
-    "fx": "flx focalx focallengthx fxdepth depthfx",
-    "fy": "fly focaly focallengthy fydepth depthfy",
-    "u0": "cx ppx principalpointx mxdepth cxdepth depthcx",
-    "v0": "cy ppy principalpointy mydepth cydepth depthcy",
-    "focal": "focallength focallengths",
-    "middle": "principalpoint opticalcenter",
-    "width": "imagewidth imgwidth w depthwidth mdepthwidth resolutionwidth resolutionx framewidth",
-    "height": "imageheight imgheight h depthheight mdepthheight resolutionheight resolutiony frameheight",
-    "size": "resolution imagesize imgsize framesize imageresolution",
-    "matrix": "k intrinsics intrinsic intrinsicmatrix cameramatrix cameraintrinsics cameraintrinsic depthintrinsics "
-              "depthintrinsic cammat camk camerak depthk kdepth mtx intrinsicsmatrix intrinsicparameters kmatrix "
-              "depthintrinsicmatrix depthcameramatrix camintrinsics camintrinsic mcalibrationdepthintrinsic "
-              "intrinsicdepth intrinsicsdepth calibrationmatrix cameraintrinsicmatrix cameraintrinsicsmatrix",
-    "rate": "fps framerate",
-    "scale": "depthscale depthunits pngdepthscale depthmapfactor depthfactor mdepthshift",
-    "coefficients": "coeffs d dist distcoeff distcoeffs distcoefs distcoef distortioncoefficients distortioncoeffs "
-                    "distortioncoeff distortionparameters distortionparams depthdistortion",
-    "model": "distortionmodel distortiontype distorsion",
-    "name": "cameraname",
-}.items() for alias in (key, *aliases.split())}
+ALIASES = {key.replace("_", ""): key for key in KNOWN} | {
+    alias: key
+    for key, aliases in {
+        "fx": "flx focalx focallengthx fxdepth depthfx",
+        "fy": "fly focaly focallengthy fydepth depthfy",
+        "u0": "cx ppx principalpointx mxdepth cxdepth depthcx",
+        "v0": "cy ppy principalpointy mydepth cydepth depthcy",
+        "focal": "focallength focallengths",
+        "middle": "principalpoint opticalcenter",
+        "width": "imagewidth imgwidth w depthwidth mdepthwidth resolutionwidth resolutionx framewidth",
+        "height": "imageheight imgheight h depthheight mdepthheight resolutionheight resolutiony frameheight",
+        "size": "resolution imagesize imgsize framesize imageresolution",
+        "matrix": "k intrinsics intrinsic intrinsicmatrix cameramatrix cameraintrinsics cameraintrinsic depthintrinsics "
+        "depthintrinsic cammat camk camerak depthk kdepth mtx intrinsicsmatrix intrinsicparameters kmatrix "
+        "depthintrinsicmatrix depthcameramatrix camintrinsics camintrinsic mcalibrationdepthintrinsic "
+        "intrinsicdepth intrinsicsdepth calibrationmatrix cameraintrinsicmatrix cameraintrinsicsmatrix",
+        "rate": "fps framerate",
+        "scale": "depthscale depthunits pngdepthscale depthmapfactor depthfactor mdepthshift",
+        "coefficients": "coeffs d dist distcoeff distcoeffs distcoefs distcoef distortioncoefficients distortioncoeffs "
+        "distortioncoeff distortionparameters distortionparams depthdistortion",
+        "model": "distortionmodel distortiontype distorsion",
+        "name": "cameraname",
+    }.items()
+    for alias in (key, *aliases.split())
+}
 IN_METRES, PER_METRE = 0.01, 100.0  # a depth scale below, and from here on
 KINDS = [re.compile(kind, re.I) for kind in ("depth", "infra|(?<![a-z])ir(?![a-z])", "colou?r|rgb")]
 UNNAMED, COLOUR = 2, 3  # ranks of a camera whose names say no kind, and of one of colours
@@ -289,17 +318,24 @@ def find(document: Any, where: str, is_replaced: bool = False) -> Found:
             raise DataError(f"{where}: found {_shown(document)}; expected {form}")
         numbers = _numbers(document) or []
         is_sized = len(numbers) == 6  # fx, fy, cx, cy, width, height
-        document = {"matrix": numbers[:4], "size": numbers[4:]} if is_sized else {"matrix": document}
+        document = (
+            {"matrix": numbers[:4], "size": numbers[4:]} if is_sized else {"matrix": document}
+        )
     chains = [chain for chain in _objects(document, ()) if has_camera(chain[-1][1])]
-    ranks = [rank_of(*(name for name, _ in chain), *map(str, chain[-1][1].values())) for chain in chains]
-    chosen = [chain for chain, rank in zip(chains, ranks) if rank == min(ranks)] or [(("", document),)]
+    ranks = [
+        rank_of(*(name for name, _ in chain), *map(str, chain[-1][1].values())) for chain in chains
+    ]
+    chosen = [chain for chain, rank in zip(chains, ranks) if rank == min(ranks)] or [
+        (("", document),)
+    ]
     found = [Found(chain, where, is_replaced) for chain in chosen]
     if len({one.info for one in found}) > 1:
         found[0].info = _of_modes(chosen, [one.info for one in found], where)
     return found[0]
 
 
-_Chain = tuple[tuple[str, dict[str, Any]], ...]  # names and objects, from the document to one within it
+# names and objects, from the document to one within it
+_Chain = tuple[tuple[str, dict[str, Any]], ...]
 
 
 def _of_modes(chains: list[_Chain], infos: list[CameraInfo], where: str) -> CameraInfo:
@@ -308,8 +344,12 @@ def _of_modes(chains: list[_Chain], infos: list[CameraInfo], where: str) -> Came
     modes = {(one.width, one.height): one for one in cameras if isinstance(one, Camera)}
     others = {replace(info, camera=None) for info in infos}
     if len(modes) < len(cameras) or (0, 0) in modes or len(others) > 1:
-        names = dict.fromkeys(".".join(name.strip() for name, _ in chain if name) for chain in chains)
-        raise DataError(f"{where}: has several cameras: {', '.join(names)}; expected one, or one of depth")
+        names = dict.fromkeys(
+            ".".join(name.strip() for name, _ in chain if name) for chain in chains
+        )
+        raise DataError(
+            f"{where}: has several cameras: {', '.join(names)}; expected one, or one of depth"
+        )
 
     def at(width: int, height: int) -> Camera:
         if (width, height) not in modes:
@@ -425,17 +465,31 @@ class Found:
                     return {}
                 raise
         if key in ROWS:
-            inner = {_key(one): number for one, number in value.items()} if isinstance(value, dict) else {}
+            inner = (
+                {_key(one): number for one, number in value.items()}
+                if isinstance(value, dict)
+                else {}
+            )
             row = [inner.get(one) for one in ROWS[key]] if inner else value
             return dict(zip(ROWS[key], row)) if isinstance(row, list) and len(row) == 2 else {}
-        if key in ("distortion", "coefficients") and isinstance(value, dict) and not _numbers(value):
+        if (
+            key in ("distortion", "coefficients")
+            and isinstance(value, dict)
+            and not _numbers(value)
+        ):
             if strange := next((one for one in value if _key(one) not in LENS[1:]), None):
                 self._refuse(f"{name}: {unknown_key(strange, LENS[1:])}")
             return {_key(one): number for one, number in value.items()}
         if key == "scale":
             key = "unit_mm"
             if _is_number(value):
-                value = 1000 / value if value >= PER_METRE else 1000 * value if value < IN_METRES else value
+                value = (
+                    1000 / value
+                    if value >= PER_METRE
+                    else 1000 * value
+                    if value < IN_METRES
+                    else value
+                )
         if key == "distortion":
             key = "model" if isinstance(value, str) else "coefficients"
         return {key: value} if key in KNOWN else {}
@@ -472,15 +526,23 @@ class Found:
                 there = next(key for key in keys if key in said)
                 self._refuse(f"has {there}, but not {' and '.join(missing)}")
         if "fx" in said:
-            rest = (said.get(key, default) for key, default in (*zip(SIZE, (0, 0)), (MIN_RANGE, MIN_RANGE_MM)))
+            rest = (
+                said.get(key, default)
+                for key, default in (*zip(SIZE, (0, 0)), (MIN_RANGE, MIN_RANGE_MM))
+            )
             camera = Camera(said.get("name", "own"), *(said[key] for key in INTRINSICS), *rest)
         elif stray := [key for key in (*SIZE, "name", MIN_RANGE) if key in said]:
             self._refuse(f"has {stray[0]}, but not fx, fy, u0, v0")
-        lens, by_name = None, [said.get(key, 0.0) for key in BROWN if not said.keys().isdisjoint(BROWN)]
+        lens, by_name = (
+            None,
+            [said.get(key, 0.0) for key in BROWN if not said.keys().isdisjoint(BROWN)],
+        )
         if by_name and "coefficients" in said:
             self._refuse("says the distortion twice, once as k1 ... or p1 ...")
         if by_name or "coefficients" in said or "model" in said:
-            lens = lens_of(said.get("model", "brown_conrady"), said.get("coefficients", by_name), self._where)
+            lens = lens_of(
+                said.get("model", "brown_conrady"), said.get("coefficients", by_name), self._where
+            )
         return CameraInfo(camera, lens, unit_mm, rate, self._where, time_unit)
 
 
@@ -498,7 +560,9 @@ def _of_matrix(value: Any, where: str) -> list[float]:
             expected[0, [0, 2]], expected[1, [1, 2]] = matrix[0, [0, 2]], matrix[1, [1, 2]]
             if np.array_equal(matrix, expected):
                 return [float(number) for number in (*expected[[0, 1], [0, 1]], *expected[:2, 2])]
-    raise DataError(f"{where} is {_shown(value)}; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], or fx, fy, cx, cy")
+    raise DataError(
+        f"{where} is {_shown(value)}; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], or fx, fy, cx, cy"
+    )
 
 
 def _numbers(value: Any) -> list[float] | None:

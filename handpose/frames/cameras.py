@@ -25,7 +25,8 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]  # depths, and crops of them
 
 MIN_FOCAL_PX = 1e-6  # with less, points have no finite pixels
-MIN_RANGE_MM = 200.0  # default; the cameras named below, and most others, measure from 200 mm or farther
+# default; the cameras named below, and most others, measure from 200 mm or farther
+MIN_RANGE_MM = 200.0
 
 
 @dataclass(frozen=True)
@@ -44,8 +45,10 @@ class Camera:
     def __post_init__(self) -> None:
         for name in ("fx", "fy"):
             if not MIN_FOCAL_PX < getattr(self, name) < math.inf:
-                raise ValueError(f"camera {self.name!r}: {name} is {getattr(self, name)}, expected more than "
-                                 f"{MIN_FOCAL_PX:g} px")
+                raise ValueError(
+                    f"camera {self.name!r}: {name} is {getattr(self, name)}, expected more than "
+                    f"{MIN_FOCAL_PX:g} px"
+                )
         for name in ("u0", "v0"):
             if not math.isfinite(getattr(self, name)):
                 raise ValueError(
@@ -98,7 +101,9 @@ def by_field_of_view(
     return View(name, at)
 
 
-def _model(name: str, degrees: dict[tuple[int, int], float], min_range_mm: float = MIN_RANGE_MM) -> View:
+def _model(
+    name: str, degrees: dict[tuple[int, int], float], min_range_mm: float = MIN_RANGE_MM
+) -> View:
     """A model of camera, with its horizontal field of view for frames of each shape."""
 
     def at(width: int, height: int) -> Camera:
@@ -108,8 +113,10 @@ def _model(name: str, degrees: dict[tuple[int, int], float], min_range_mm: float
         shapes = ", ".join(f"{w}:{h}" for w, h in degrees)
         from netlib.errors import DataError  # imported here, because a camera needs NumPy alone
 
-        raise DataError(f"frames of {width} x {height} px; depth frames of {name} are {shapes}; if they are cut or "
-                        "turned, give --camera FX,FY,U0,V0")
+        raise DataError(
+            f"frames of {width} x {height} px; depth frames of {name} are {shapes}; if they are cut or "
+            "turned, give --camera FX,FY,U0,V0"
+        )
 
     return View(name, at)
 
@@ -124,13 +131,16 @@ SR305 = Camera("sr305", 476.007, 476.007, 313.68, 242.76, 640, 480)
 CAMERAS = {camera.name: camera for camera in (NYU, ICVL, MSRA15, KINECT2, SR305)}
 # Models, by the field of view in degrees that corresponds to their usual focal length in frames of each shape: factory
 # calibrations of single cameras differ by some 3%. Data sheets of stereo cameras subtract what one imager does not see.
-VIEWS = {view.name: view for view in (
-    _model("d405", {(16, 9): 89.0, (4, 3): 78.5, (16, 10): 89.0}, 70.0),
-    _model("d415", {(16, 9): 69.4, (4, 3): 54.9}),
-    _model("d435", {(16, 9): 90.0, (4, 3): 79.6, (16, 10): 90.0}),
-    _model("d455", {(16, 9): 90.0, (4, 3): 79.6, (16, 10): 90.0}),
-    _model("azure", {(10, 9): 64.8, (1, 1): 90.9}),
-    _model("femto", {(10, 9): 64.8, (1, 1): 90.9}),
-    _model("kinect1", {(4, 3): 58.1}),
-)}
+VIEWS = {
+    view.name: view
+    for view in (
+        _model("d405", {(16, 9): 89.0, (4, 3): 78.5, (16, 10): 89.0}, 70.0),
+        _model("d415", {(16, 9): 69.4, (4, 3): 54.9}),
+        _model("d435", {(16, 9): 90.0, (4, 3): 79.6, (16, 10): 90.0}),
+        _model("d455", {(16, 9): 90.0, (4, 3): 79.6, (16, 10): 90.0}),
+        _model("azure", {(10, 9): 64.8, (1, 1): 90.9}),
+        _model("femto", {(10, 9): 64.8, (1, 1): 90.9}),
+        _model("kinect1", {(4, 3): 58.1}),
+    )
+}
 UNIT_MM = {"sr305": 0.125}  # depth unit of the cameras' images, where it is not 1 mm

@@ -32,14 +32,16 @@ from netlib.blob import Array
 from netlib.errors import DataError
 
 SIZE = 128  # pixels on a side
-CUBES_MM = (50.0, 10_000.0)  # range of a cube's edge: a small hand to several people; values in metres are below it
+# range of a cube's edge: a small hand to several people; values in metres are below it
+CUBES_MM = (50.0, 10_000.0)
 
 BACKGROUND = 1.0  # the value of the far face
 STEP_MM = 8.0  # minimum depth step between two surfaces
 STEP_PX = 5.0  # minimum step in pixel widths, for wide pixels: a slope of 79 degrees
 NEAR_FACE = -0.999  # values below it are readings in front of the cube
 REACHING_MM = 25.0  # a surface this close to the near face may continue in front of it
-MIN_CONTACT_PX, MIN_CONTACT = 3, 0.1  # pixels of contact: at least; relative to the square root of a component's area
+# pixels of contact: at least; relative to the square root of a component's area
+MIN_CONTACT_PX, MIN_CONTACT = 3, 0.1
 _AROUND = np.ones((3, 3), np.uint8)
 
 
@@ -59,13 +61,18 @@ class _Span(NamedTuple):
     length: Array  # (N,) number of crop pixels
 
 
-def window(center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera = NYU, size: int = SIZE) -> Window:
+def window(
+    center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera = NYU, size: int = SIZE
+) -> Window:
     """The window of each centre (N, 3), px, px, mm, with cubes of edge ``cube_mm``, one or (N,). Raises DataError."""
     chosen = []
-    for span, pixels in zip(_spans(center_uvd, cube_mm, camera, size), (camera.width, camera.height), strict=True):
+    for span, pixels in zip(
+        _spans(center_uvd, cube_mm, camera, size), (camera.width, camera.height), strict=True
+    ):
         start, extent, pad, length = (value[:, None] for value in span)
         i = np.arange(size) - pad  # crop pixel -> resized window, (N, size)
-        source = np.floor(i * (1.0 / (length / extent)))  # in OpenCV's order of operations, and so its rounding
+        # in OpenCV's order of operations, and so its rounding
+        source = np.floor(i * (1.0 / (length / extent)))
         index = start + np.minimum(source, extent - 1)
         inside = (i >= 0) & (i < length) & (index >= 0) & (index < pixels)
         chosen.append(np.where(inside, index, -1).astype(np.int64))
@@ -73,7 +80,11 @@ def window(center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera = NYU, size
 
 
 def crop_pixels(
-    uvd: ArrayLike, center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera = NYU, size: int = SIZE
+    uvd: ArrayLike,
+    center_uvd: ArrayLike,
+    cube_mm: ArrayLike,
+    camera: Camera = NYU,
+    size: int = SIZE,
 ) -> Array:
     """Column and row (N, K, 2) of image points (N, K, 3) in the crops at the centres (N, 3)."""
     first, factor = (each[:, None] for each in crop_scale(center_uvd, cube_mm, camera, size))
@@ -101,11 +112,15 @@ def crop_scale(
     """
     spans = _spans(center_uvd, cube_mm, camera, size)
     factor = np.stack([span.length / span.extent for span in spans], axis=1)
-    first = np.stack([(0.5 - span.start) * span.length / span.extent + span.pad - 0.5 for span in spans], axis=1)
+    first = np.stack(
+        [(0.5 - span.start) * span.length / span.extent + span.pad - 0.5 for span in spans], axis=1
+    )
     return first, factor
 
 
-def _spans(center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera, size: int) -> tuple[_Span, _Span]:
+def _spans(
+    center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera, size: int
+) -> tuple[_Span, _Span]:
     center = np.atleast_2d(np.asarray(center_uvd, dtype=np.float64))
     cube = np.broadcast_to(np.asarray(cube_mm, dtype=np.float64), len(center))
     good = np.isfinite(center).all(axis=1) & (center[:, 2] > 0) & np.isfinite(cube) & (cube > 0)
@@ -117,8 +132,10 @@ def _spans(center_uvd: ArrayLike, cube_mm: ArrayLike, camera: Camera, size: int)
             "expected finite numbers, depth and cube above 0"
         )
     d, half = center[:, 2], cube / 2
-    edges = [(np.floor((at * d / f - half) / d * f), np.floor((at * d / f + half) / d * f))
-             for at, f in ((center[:, 0], camera.fx), (center[:, 1], camera.fy))]
+    edges = [
+        (np.floor((at * d / f - half) / d * f), np.floor((at * d / f + half) / d * f))
+        for at, f in ((center[:, 0], camera.fx), (center[:, 1], camera.fy))
+    ]
     longest = np.maximum(*(np.maximum(stop - start, 1) for start, stop in edges))
     spans = []
     for start, stop in edges:
@@ -146,7 +163,11 @@ def check_size(depth: NDArray[np.generic], camera: Camera) -> None:
 
 
 def crop(
-    depth: NDArray[np.generic], center_uvd: ArrayLike, cube_mm: float, camera: Camera = NYU, size: int = SIZE
+    depth: NDArray[np.generic],
+    center_uvd: ArrayLike,
+    cube_mm: float,
+    camera: Camera = NYU,
+    size: int = SIZE,
 ) -> Floats:
     """The crop (size, size) float32 in [-1, 1] of a depth image in mm. Raises DataError.
 
@@ -156,13 +177,18 @@ def crop(
     """
     depth = numbers(depth, "depth image", 0)
     check_size(depth, camera)
-    columns, rows = (index[0] for index in window(np.reshape(center_uvd, (1, 3)), cube_mm, camera, size))
+    columns, rows = (
+        index[0] for index in window(np.reshape(center_uvd, (1, 3)), cube_mm, camera, size)
+    )
     u, v, d = np.asarray(center_uvd, dtype=np.float64)
     if (columns < 0).all() or (rows < 0).all():
-        raise DataError(f"the cube of {cube_mm:g} mm at u {u:g}, v {v:g}, {d:g} mm lies outside the image")
+        raise DataError(
+            f"the cube of {cube_mm:g} mm at u {u:g}, v {v:g}, {d:g} mm lies outside the image"
+        )
     half = cube_mm / 2
     out = depth[rows[:, None], columns].astype(np.float64)
-    read = (columns >= 0) & (rows >= 0)[:, None] & (out > 0)  # False for NaN, which some drivers write
+    # False for NaN, which some drivers write
+    read = (columns >= 0) & (rows >= 0)[:, None] & (out > 0)
     np.copyto(out, d + half, where=~read)
     np.clip(out, d - half, d + half, out=out)
     out -= d
@@ -182,7 +208,9 @@ def restore_joints(joints: ArrayLike, center_xyz: ArrayLike, half_cube: ArrayLik
     return np.asarray(np.asarray(joints, dtype=np.float64) * half + center)
 
 
-def clear_crop(depth: NDArray[np.generic], center_uvd: ArrayLike, cube_mm: float, camera: Camera) -> Floats:
+def clear_crop(
+    depth: NDArray[np.generic], center_uvd: ArrayLike, cube_mm: float, camera: Camera
+) -> Floats:
     """``crop`` of a depth image, in which flying pixels and isolated near ones are background. Raises DataError."""
     d, half = float(np.asarray(center_uvd, dtype=np.float64)[2]), cube_mm / 2
     clean = without_flying_pixels(crop(depth, center_uvd, cube_mm, camera), half, d / camera.fx)
@@ -190,7 +218,10 @@ def clear_crop(depth: NDArray[np.generic], center_uvd: ArrayLike, cube_mm: float
 
 
 def with_hidden(
-    crop_of_hand: Floats, readings: NDArray[np.generic], center_uvd: ArrayLike, cube_mm: float,
+    crop_of_hand: Floats,
+    readings: NDArray[np.generic],
+    center_uvd: ArrayLike,
+    cube_mm: float,
     camera: Camera,
 ) -> Floats:
     """A crop (S, S) whose pixels with a reading in front of the cube are at the near face, even isolated ones.
@@ -204,7 +235,9 @@ def with_hidden(
     return np.where(hidden, np.float32(-1), crop_of_hand) if hidden.any() else crop_of_hand
 
 
-def unread(readings: NDArray[np.generic], center_uvd: ArrayLike, cube_mm: float, camera: Camera) -> NDArray[np.bool_]:
+def unread(
+    readings: NDArray[np.generic], center_uvd: ArrayLike, cube_mm: float, camera: Camera
+) -> NDArray[np.bool_]:
     """True (S, S) for the pixels of a crop that are in the image and have no reading; arguments as ``crop``."""
     columns, rows = (index[0] for index in window(np.reshape(center_uvd, (1, 3)), cube_mm, camera))
     picked = readings[rows[:, None], columns]
@@ -239,7 +272,9 @@ def without_isolated_near(crop: Floats, half_mm: float) -> Floats:
     near = crop <= NEAR_FACE
     if not near.any():
         return crop
-    count, component = cv2.connectedComponents(cv2.dilate(near.astype(np.uint8), _AROUND), connectivity=8)
+    count, component = cv2.connectedComponents(
+        cv2.dilate(near.astype(np.uint8), _AROUND), connectivity=8
+    )
     reaching = ~near & (crop < REACHING_MM / half_mm - 1)
     contact = np.bincount(component[reaching], minlength=count)
     area = np.bincount(component[near], minlength=count)

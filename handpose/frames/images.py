@@ -71,8 +71,10 @@ def errors_of(where: str, what: str, damaged: str) -> Iterator[None]:
         raise
     except Exception as error:
         system = system_error_of(error)
-        raise DataError(f"{where}: {f'cannot read {what}' if system else damaged}: "
-                        f"{reason_of(system or error)[:200]}") from error
+        raise DataError(
+            f"{where}: {f'cannot read {what}' if system else damaged}: "
+            f"{reason_of(system or error)[:200]}"
+        ) from error
 
 
 def read_frame(path: str | Path, given: CameraInfo) -> NDArray[np.float32]:
@@ -84,7 +86,9 @@ def read_frame(path: str | Path, given: CameraInfo) -> NDArray[np.float32]:
     return DepthDecoder(image.shape, image.dtype, str(path), given)(image)
 
 
-def stored_depth(image: NDArray[Any], camera: Camera | View | None, path: str | Path) -> NDArray[Any]:
+def stored_depth(
+    image: NDArray[Any], camera: Camera | View | None, path: str | Path
+) -> NDArray[Any]:
     """The stored depths of a grey image of 16 bits or more; of NYU's camera also those of its colour packing.
 
     Raises NotDepthError for other images.
@@ -92,8 +96,14 @@ def stored_depth(image: NDArray[Any], camera: Camera | View | None, path: str | 
     if camera == NYU and image.ndim == 3 and image.dtype == np.uint8 and image.shape[2] == 3:
         return unpack_depth(image).astype(np.uint16)
     if image.ndim != 2 or image.dtype == np.uint8:
-        kind, nyu = ("colours", " (of the NYU data set, with --camera nyu)") if image.ndim == 3 else ("grey values", "")
-        raise NotDepthError(f"{path}: a picture of {image.dtype} {kind}; expected depth, a 16-bit grey picture{nyu}")
+        kind, nyu = (
+            ("colours", " (of the NYU data set, with --camera nyu)")
+            if image.ndim == 3
+            else ("grey values", "")
+        )
+        raise NotDepthError(
+            f"{path}: a picture of {image.dtype} {kind}; expected depth, a 16-bit grey picture{nyu}"
+        )
     return image
 
 
@@ -106,10 +116,14 @@ def read_crop(path: str | Path) -> NDArray[np.float32]:
     if image.ndim == 3:
         image = image[..., 0] if np.ptp(image[..., :3], axis=2).max() == 0 else image
     if image.dtype != np.uint8 or image.ndim != 2:
-        raise DataError(f"{path}: found {image.dtype} {image.shape}; expected an 8-bit grey picture of normalised "
-                        "depth (for a whole depth frame name its --camera)")
+        raise DataError(
+            f"{path}: found {image.dtype} {image.shape}; expected an 8-bit grey picture of normalised "
+            "depth (for a whole depth frame name its --camera)"
+        )
     if image.shape[0] != image.shape[1]:
-        raise DataError(f"{path}: {image.shape[1]} x {image.shape[0]} pixels; expected a square crop")
+        raise DataError(
+            f"{path}: {image.shape[1]} x {image.shape[0]} pixels; expected a square crop"
+        )
     if image.shape != (SIZE, SIZE):
         image = np.asarray(cv2.resize(image, (SIZE, SIZE), interpolation=cv2.INTER_NEAREST))
     return (image / np.float32(127.5) - 1).astype(np.float32)
@@ -147,7 +161,9 @@ def without_dropouts(image: NDArray[Any]) -> NDArray[Any]:
     between fingers are longer.
     """
     missing = ~(image > 0)
-    around = cv2.boxFilter(missing.view(np.uint8), -1, (3, 3), normalize=False, borderType=cv2.BORDER_REPLICATE)
+    around = cv2.boxFilter(
+        missing.view(np.uint8), -1, (3, 3), normalize=False, borderType=cv2.BORDER_REPLICATE
+    )
     alone = missing & (around <= 2)  # itself and one neighbour
     if not alone.any():
         return image
@@ -168,8 +184,12 @@ def check_unit(image: NDArray[Any], farthest: float = FAR_MM) -> None:
         return
     low, high = float(seen.min()), float(seen.max())
     if high < 0:
-        raise UnitError(f"depths from {low:.6g} to {high:.6g}, expected mm, growing away from the camera")
+        raise UnitError(
+            f"depths from {low:.6g} to {high:.6g}, expected mm, growing away from the camera"
+        )
     if high < NEAR_MM:
         raise UnitError(f"depths from {low:.3g} to {high:.3g}, expected mm; they may be metres")
     if low > farthest:
-        raise UnitError(f"depths from {low:.6g} to {high:.6g}, expected mm, nearer than {FAR_MM:g}; check the unit")
+        raise UnitError(
+            f"depths from {low:.6g} to {high:.6g}, expected mm, nearer than {FAR_MM:g}; check the unit"
+        )

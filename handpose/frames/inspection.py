@@ -18,16 +18,19 @@ from netlib.errors import DataError
 
 FRAMES = 10  # number of inspected frames
 NEAREST_SHARE = 0.5  # percentile of the depths that counts as nearest; fewer pixels are noise
-BEHIND = 1.25  # depth range of the nearest object, relative to its distance, which is independent of the unit
+# depth range of the nearest object, relative to its distance, which is independent of the unit
+BEHIND = 1.25
 MIN_NEAR_SHARE = 1e-3  # share of the readings that may be nearer than the camera measures
 FAR_MM = 1600.0
 NEAR_MM = 120.0  # a hand is farther away in all depth cameras; one beyond FAR_MM is not found
 NARROW_MM, WIDE_MM = 25.0, 1500.0  # range of widths: a hand, or a hand with arm and shoulder
 USUAL_MM = (300.0, 1200.0)  # range of distances of a hand
-BODY_MM = (1000.0, 500.0)  # distance and width beyond which the nearest object is a person, or a hand of another unit
+# distance and width beyond which the nearest object is a person, or a hand of another unit
+BODY_MM = (1000.0, 500.0)
 SMALL_MM = 250.0  # width of a hand at most; a wider object may be a hand of another unit
 HAND_MM = (40.0, 600.0)  # range of widths of a hand with its forearm
-UNITS = (1.0, 0.125, 0.25, 0.1, 0.2, 0.5, 1000.0, 10.0)  # mm, of existing cameras and files, the most likely first
+# mm, of existing cameras and files, the most likely first
+UNITS = (1.0, 0.125, 0.25, 0.1, 0.2, 0.5, 1000.0, 10.0)
 VIEW_DEGREES = (20.0, 130.0)
 OFF_MIDDLE = 0.2  # maximum distance of a principal point from the middle, as a share of the size
 
@@ -74,8 +77,10 @@ def inspect(recording: Recording) -> Inspection:
         low, middle, high = np.percentile(shown.readings, (1, 50, 99)).tolist()
         depth_mm = (low, middle, high)
     else:
-        warnings.append(f"no depth in the first {len(seen)} frames: every depth is 0; is the camera covered, or the "
-                        "hand too near?")
+        warnings.append(
+            f"no depth in the first {len(seen)} frames: every depth is 0; is the camera covered, or the "
+            "hand too near?"
+        )
     return Inspection(
         recording=recording,
         remarks=recording.remarks,
@@ -106,18 +111,26 @@ class Checked(NamedTuple):
     doubt: str
 
 
-def checked(frames: Sequence[NDArray[np.float32]], camera: Camera, unit_mm: float | None = None) -> Checked:
+def checked(
+    frames: Sequence[NDArray[np.float32]], camera: Camera, unit_mm: float | None = None
+) -> Checked:
     """Check frames (height, width) in mm, one or more, and their parameters; the default unit is the camera's."""
     readings = np.concatenate([depth[depth > 0] for depth in frames])
-    nearest = next((found for depth in frames if (found := nearest_thing(depth, camera)) is not None), None)
+    nearest = next(
+        (found for depth in frames if (found := nearest_thing(depth, camera)) is not None), None
+    )
     if nearest is None:
         return Checked(readings, None, tuple(_of_camera(camera)), (), "")
     warning, doubt = _of_unit(nearest, unit_mm or UNIT_MM.get(camera.name, 1.0))
     share = float(np.mean(readings < camera.min_range_mm))
     if not warning and share > MIN_NEAR_SHARE:
-        warning = (f"{share:.1%} of the readings are nearer than {camera.min_range_mm:g} mm, the minimum range of the "
-                   "camera, and count as missing; if it measures them, give min_range_mm in camera.json")
-    return Checked(readings, nearest, tuple(_of_camera(camera)), (warning,) if warning else (), doubt)
+        warning = (
+            f"{share:.1%} of the readings are nearer than {camera.min_range_mm:g} mm, the minimum range of the "
+            "camera, and count as missing; if it measures them, give min_range_mm in camera.json"
+        )
+    return Checked(
+        readings, nearest, tuple(_of_camera(camera)), (warning,) if warning else (), doubt
+    )
 
 
 def nearest_thing(depth: NDArray[np.float32], camera: Camera) -> tuple[float, float] | None:
@@ -154,14 +167,20 @@ def _angle(size: int, middle: float, focal: float) -> float:
 def _of_camera(camera: Camera) -> Iterator[str]:
     view, size = view_of(camera), f"{camera.width} x {camera.height}"
     if not all(VIEW_DEGREES[0] <= angle <= VIEW_DEGREES[1] for angle in view):
-        yield (f"focal lengths of {camera.fx:g}, {camera.fy:g} px give a field of view of {view[0]:.0f} x "
-               f"{view[1]:.0f} degrees in {size} pixels; check fx and fy, which may be for another image "
-               "size")
+        yield (
+            f"focal lengths of {camera.fx:g}, {camera.fy:g} px give a field of view of {view[0]:.0f} x "
+            f"{view[1]:.0f} degrees in {size} pixels; check fx and fy, which may be for another image "
+            "size"
+        )
     ways = ((camera.u0, camera.width), (camera.v0, camera.height))
     if any(abs(middle - size / 2) > OFF_MIDDLE * size for middle, size in ways):
-        where = "far from the centre" if all(0 <= middle < size for middle, size in ways) else "outside"
-        yield (f"the principal point {camera.u0:g}, {camera.v0:g} is {where} of {size} pixels; check u0 and v0, "
-               "which may be for another image size")
+        where = (
+            "far from the centre" if all(0 <= middle < size for middle, size in ways) else "outside"
+        )
+        yield (
+            f"the principal point {camera.u0:g}, {camera.v0:g} is {where} of {size} pixels; check u0 and v0, "
+            "which may be for another image size"
+        )
 
 
 def _of_unit(nearest: tuple[float, float], unit_mm: float) -> tuple[str, str]:
@@ -170,17 +189,30 @@ def _of_unit(nearest: tuple[float, float], unit_mm: float) -> tuple[str, str]:
     others = ""
     for unit in UNITS:
         factor = unit / unit_mm
-        plausible = USUAL_MM[0] <= distance * factor <= USUAL_MM[1] and HAND_MM[0] <= width * factor <= HAND_MM[1]
+        plausible = (
+            USUAL_MM[0] <= distance * factor <= USUAL_MM[1]
+            and HAND_MM[0] <= width * factor <= HAND_MM[1]
+        )
         if plausible and unit != unit_mm:
             others += f", with --unit {unit:g}" if others else f"with --unit {unit:g} it would be"
             others += f" {distance * factor / 1000:.2f} m away and {_length(width * factor)} wide"
     seen = f"the nearest object is {_length(distance)} away and {_length(width)} wide"
     near = distance < NEAR_MM or not NARROW_MM <= width <= WIDE_MM
     far = distance > FAR_MM or (distance > BODY_MM[0] and width > BODY_MM[1])
-    warning = (f"{seen}, which is not plausible for a hand: {others and f'{others}; '}check the unit, here "
-               f"{unit_mm:g} mm") if near or far else ""
+    warning = (
+        (
+            f"{seen}, which is not plausible for a hand: {others and f'{others}; '}check the unit, here "
+            f"{unit_mm:g} mm"
+        )
+        if near or far
+        else ""
+    )
     is_usual = MIN_RANGE_MM <= distance <= BODY_MM[0] and width <= SMALL_MM
-    doubt = f"the unit, {unit_mm:g} mm, may be wrong: {seen}, {others}" if others and not is_usual else ""
+    doubt = (
+        f"the unit, {unit_mm:g} mm, may be wrong: {seen}, {others}"
+        if others and not is_usual
+        else ""
+    )
     return warning, doubt
 
 

@@ -30,7 +30,14 @@ MIN_SHOWN = 0.25  # minimum share of the image that remains; with less, the coef
 
 # Other names of the models, in lower case and with single spaces. RealSense uses "modified Brown Conrady" for
 # colour cameras. Fisheye models are not supported, because depth cameras do not use them.
-FORWARD = {"brown conrady", "plumb bob", "rational polynomial", "opencv", "radtan", "radial tangential"}
+FORWARD = {
+    "brown conrady",
+    "plumb bob",
+    "rational polynomial",
+    "opencv",
+    "radtan",
+    "radial tangential",
+}
 INVERSE = {"inverse brown conrady"}
 NONE = {"none", ""}
 
@@ -48,8 +55,10 @@ class Lens:
 
     def __post_init__(self) -> None:
         if len(self.coefficients) not in (0, *COUNTS) or not np.isfinite(self.coefficients).all():
-            raise DataError(f"distortion {self.coefficients}, expected {', '.join(map(str, COUNTS))} finite numbers: "
-                            "k1 k2 p1 p2 [k3 [k4 k5 k6]]")
+            raise DataError(
+                f"distortion {self.coefficients}, expected {', '.join(map(str, COUNTS))} finite numbers: "
+                "k1 k2 p1 p2 [k3 [k4 k5 k6]]"
+            )
 
     @property
     def is_straight(self) -> bool:
@@ -72,14 +81,18 @@ class Lens:
                 a, b = a + (x - u), b + (y - v)
             u, v = self._formula(a, b)
             if not (np.hypot(u - x, v - y) < MAX_SLOPE_ERROR).all():
-                raise DataError(f"distortion {self.coefficients} cannot be inverted over the picture; check it")
+                raise DataError(
+                    f"distortion {self.coefficients} cannot be inverted over the picture; check it"
+                )
             return a, b
 
     def _fold(self, farthest: float) -> float:
         """The slope beyond which the formula folds back towards the middle; no light arrives beyond."""
         r = np.linspace(0, farthest, STEPS)
         k1, k2, _, _, *others = self.coefficients or (0.0,) * 4
-        shown, _ = replace(self, coefficients=(k1, k2, 0.0, 0.0, *others))._formula(r, np.zeros_like(r))
+        shown, _ = replace(self, coefficients=(k1, k2, 0.0, 0.0, *others))._formula(
+            r, np.zeros_like(r)
+        )
         back = ~(np.diff(shown) > 0)
         return float(r[np.argmax(back)]) if farthest and back.any() else np.inf
 
@@ -87,7 +100,9 @@ class Lens:
         k1, k2, p1, p2, k3, k4, k5, k6 = (*self.coefficients, *[0.0] * (8 - len(self.coefficients)))
         r = x * x + y * y
         q = (1 + r * (k1 + r * (k2 + r * k3))) / (1 + r * (k4 + r * (k5 + r * k6)))
-        return x * q + 2 * p1 * x * y + p2 * (r + 2 * x * x), y * q + 2 * p2 * x * y + p1 * (r + 2 * y * y)
+        return x * q + 2 * p1 * x * y + p2 * (r + 2 * x * x), y * q + 2 * p2 * x * y + p1 * (
+            r + 2 * y * y
+        )
 
 
 def lens_of(model: str, coefficients: Sequence[float], where: str) -> Lens:
@@ -100,8 +115,10 @@ def lens_of(model: str, coefficients: Sequence[float], where: str) -> Lens:
         raise DataError(f"{where}: distortion {numbers} of the model {model!r}, which has none")
     if name not in FORWARD | INVERSE:
         advice = did_you_mean(name, FORWARD | INVERSE)
-        raise DataError(f"{where}: distortion model {model!r} is not known{advice}; known: brown_conrady (OpenCV's), "
-                        "inverse_brown_conrady (RealSense's coded light), none")
+        raise DataError(
+            f"{where}: distortion model {model!r} is not known{advice}; known: brown_conrady (OpenCV's), "
+            "inverse_brown_conrady (RealSense's coded light), none"
+        )
     while len(numbers) > max(COUNTS) and not numbers[-1]:  # OpenCV's thin prisms and tilted sensors
         numbers = numbers[:-1]
     try:
@@ -126,7 +143,9 @@ class Undistorter:
             inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
             self._source = np.where(inside, row * camera.width + column, 0).astype(np.int32)
         if inside.mean() < MIN_SHOWN:
-            raise DataError(f"distortion {lens.coefficients} leaves {inside.mean():.0%} of the picture; check it")
+            raise DataError(
+                f"distortion {lens.coefficients} leaves {inside.mean():.0%} of the picture; check it"
+            )
         self._outside = ~inside
 
     def __call__(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -88,7 +88,10 @@ class CaptureThread:
                 number = count if frame.number is None else frame.number
                 count += 1
                 with self._changed:
-                    self._newest, self._failure = frame._replace(values=np.array(frame.values), number=number), None
+                    self._newest, self._failure = (
+                        frame._replace(values=np.array(frame.values), number=number),
+                        None,
+                    )
                     self._changed.notify()
 
     def read(self) -> DeviceFrame | None:
@@ -97,10 +100,14 @@ class CaptureThread:
         The first call starts the thread.
         """
         if self._thread is None:
-            self._thread = threading.Thread(target=self._capture, name=f"capture {self.name}", daemon=True)
+            self._thread = threading.Thread(
+                target=self._capture, name=f"capture {self.name}", daemon=True
+            )
             self._thread.start()
         with self._changed:
-            self._changed.wait_for(lambda: self._newest is not None or self._failure is not None, WAIT_S)
+            self._changed.wait_for(
+                lambda: self._newest is not None or self._failure is not None, WAIT_S
+            )
             frame, self._newest, failure = self._newest, None, self._failure
             if frame is None and failure is not None:
                 self._failure = None if isinstance(failure, TimeoutError) else failure
@@ -135,11 +142,17 @@ class LiveRecording(Recording):
             stack.callback(device.close)
             camera = device.info.camera
             if not isinstance(camera, Camera) or not camera.width or device.info.unit_mm is None:
-                raise DataError(f"{device.name}: expected the camera with its width and height, and unit_mm")
+                raise DataError(
+                    f"{device.name}: expected the camera with its width and height, and unit_mm"
+                )
             shape = (camera.height, camera.width)
             self._decode = DepthDecoder(shape, np.dtype(np.uint16), self.name, given, device.info)
             stack.pop_all()
-        self.camera, self.unit_mm, self.rate = self._decode.camera, self._decode.unit_mm, self._decode.rate
+        self.camera, self.unit_mm, self.rate = (
+            self._decode.camera,
+            self._decode.unit_mm,
+            self._decode.rate,
+        )
         self.remarks = self._decode.remarks
 
     def __iter__(self) -> Iterator[DepthFrame]:

@@ -25,7 +25,8 @@ from handpose.frames.lens import Lens, Undistorter
 from netlib.errors import DataError
 
 RATE = 30.0  # frames per second, if unknown
-RATE_UNKNOWN = f"rate unknown: {RATE:g} frames per second assumed; --rate if that is wrong"  # a remark
+# a remark
+RATE_UNKNOWN = f"rate unknown: {RATE:g} frames per second assumed; --rate if that is wrong"
 MAX_UINT16 = 65535  # maximum of 16 bits
 
 
@@ -110,7 +111,9 @@ class CameraInfo:
 
     def or_else(self, other: CameraInfo) -> CameraInfo:
         """These parameters; those of ``other`` where these are unknown."""
-        unknown = {name: value for name, value in vars(other).items() if getattr(self, name) in (None, "")}
+        unknown = {
+            name: value for name, value in vars(other).items() if getattr(self, name) in (None, "")
+        }
         if self.camera is not None:  # camera and lens come from the same origin
             unknown.pop("lens", None)
         return replace(self, **unknown)
@@ -138,36 +141,55 @@ class DepthDecoder:
     """
 
     def __init__(
-        self, shape: tuple[int, ...], dtype: np.dtype[Any], where: str, given: CameraInfo, own: CameraInfo = UNKNOWN,
+        self,
+        shape: tuple[int, ...],
+        dtype: np.dtype[Any],
+        where: str,
+        given: CameraInfo,
+        own: CameraInfo = UNKNOWN,
         camera_json: CameraInfo = UNKNOWN,
     ) -> None:
         check_values(dtype, where)
         known = given.or_else(own).or_else(camera_json)
         if known.camera is None:
             found = known.doubt and f" (not used: {known.doubt})"
-            raise DataError(f"{where}: the camera of these frames is unknown{found}; give --camera FILE with its "
-                            "intrinsics from the SDK (also as camera.json next to the frames), or FX,FY,U0,V0, or a "
-                            f"model, {', '.join((*CAMERAS, *VIEWS))}, or --fov DEGREES, its horizontal field of view")
+            raise DataError(
+                f"{where}: the camera of these frames is unknown{found}; give --camera FILE with its "
+                "intrinsics from the SDK (also as camera.json next to the frames), or FX,FY,U0,V0, or a "
+                f"model, {', '.join((*CAMERAS, *VIEWS))}, or --fov DEGREES, its horizontal field of view"
+            )
         try:
-            self.camera, self.lens, self.rate = sized(known.camera, shape, where), known.lens, known.rate
+            self.camera, self.lens, self.rate = (
+                sized(known.camera, shape, where),
+                known.lens,
+                known.rate,
+            )
         except DataError as error:
             by = f", by {known.origin}" if known.camera is camera_json.camera else ""
             raise DataError(f"{error}{by}") from None
         self.where, remarks = where, list[str]()
         if isinstance(known.camera, View) and known.lens is None:
-            remarks.append(f"camera {known.camera.name}: focal lengths {self.camera.fx:.0f}, {self.camera.fy:.0f} px "
-                           "by the field of view alone, often 5% off; the intrinsics from the SDK are better")
+            remarks.append(
+                f"camera {known.camera.name}: focal lengths {self.camera.fx:.0f}, {self.camera.fy:.0f} px "
+                "by the field of view alone, often 5% off; the intrinsics from the SDK are better"
+            )
         elif own.camera is None:
-            remarks.append(f"camera {known.camera.name}, by {given.origin if given.camera else camera_json.origin}")
+            remarks.append(
+                f"camera {known.camera.name}, by {given.origin if given.camera else camera_json.origin}"
+            )
         unit = known.unit_mm
         if unit is None and dtype.kind != "f" and CAMERAS.get(known.camera.name) == known.camera:
             unit = UNIT_MM.get(known.camera.name, 1.0)
         if unit is None:
             if dtype.kind == "f":
-                raise DataError(f"{where}: {dtype} depth of unknown unit; give --unit 1 for mm, --unit 1000 for "
-                                'metres, or write "unit_mm" into a camera.json next to it')
+                raise DataError(
+                    f"{where}: {dtype} depth of unknown unit; give --unit 1 for mm, --unit 1000 for "
+                    'metres, or write "unit_mm" into a camera.json next to it'
+                )
             unit = 1.0
-            remarks.append("unit unknown: a value of 1 is taken for 1 mm; --unit MM if that is wrong")
+            remarks.append(
+                "unit unknown: a value of 1 is taken for 1 mm; --unit MM if that is wrong"
+            )
         self.unit_mm, self._unit, self._undistort = unit, np.float32(unit), None
         if known.lens is not None and not known.lens.is_straight:
             remarks.append("the distortion of the lens is taken out")
@@ -175,9 +197,12 @@ class DepthDecoder:
                 self._undistort = Undistorter(self.camera, known.lens)
             except DataError as error:
                 raise DataError(f"{where}: {error}") from None
-        elif own.lens is not None and not own.lens.is_straight:  # the user gave a camera without a lens
-            remarks.append(f"the distortion in {where} is of another camera and is not removed; --distortion "
-                           "if it holds for this one")
+        # the user gave a camera without a lens
+        elif own.lens is not None and not own.lens.is_straight:
+            remarks.append(
+                f"the distortion in {where} is of another camera and is not removed; --distortion "
+                "if it holds for this one"
+            )
         self.remarks = tuple(remarks)
 
     def __call__(self, raw: NDArray[Any], where: str = "") -> NDArray[np.float32]:
@@ -188,14 +213,18 @@ class DepthDecoder:
         where = where or self.where
         check_values(raw.dtype, where)
         if raw.shape != (self.camera.height, self.camera.width):
-            raise DataError(f"{where}: {size_of(raw.shape)}; the camera has "
-                            f"{self.camera.width} x {self.camera.height}")
+            raise DataError(
+                f"{where}: {size_of(raw.shape)}; the camera has "
+                f"{self.camera.width} x {self.camera.height}"
+            )
         with np.errstate(all="ignore"):  # numbers beyond float32's range become infinite
             depth = raw.astype(np.float32) * self._unit
         if raw.dtype.kind == "f":
             depth[~np.isfinite(depth)] = 0  # ROS has NaN, and infinities for too near and too far
         if raw.dtype.kind != "u" and depth.min(initial=0) < 0:
-            raise DataError(f"{where}: a depth of {depth.min():g} mm; expected 0 where nothing was read, else more")
+            raise DataError(
+                f"{where}: a depth of {depth.min():g} mm; expected 0 where nothing was read, else more"
+            )
         return depth if self._undistort is None else self._undistort(depth)
 
     def paced(self) -> tuple[float, tuple[str, ...]]:
@@ -212,8 +241,10 @@ def stored(depth: NDArray[np.float32], unit_mm: float, where: str) -> NDArray[np
     """
     values = np.rint(depth.astype(np.float64) / unit_mm)
     if not (values.min(initial=0) >= 0 and values.max(initial=0) <= MAX_UINT16):
-        raise DataError(f"{where}: depth from {depth.min():g} to {depth.max():g} mm does not fit into 16 bits of "
-                        f"{unit_mm:g} mm; expected 0 to {MAX_UINT16 * unit_mm:g}, or take a larger unit")
+        raise DataError(
+            f"{where}: depth from {depth.min():g} to {depth.max():g} mm does not fit into 16 bits of "
+            f"{unit_mm:g} mm; expected 0 to {MAX_UINT16 * unit_mm:g}, or take a larger unit"
+        )
     return values.astype(np.uint16)
 
 
@@ -230,7 +261,9 @@ def sized(camera: Camera | View, shape: tuple[int, ...], where: str) -> Camera:
     if not camera.width:
         return replace(camera, width=width, height=height)
     if (camera.width, camera.height) != (width, height):
-        raise DataError(f"{where}: {size_of(shape)}; camera {camera.name} has {camera.width} x {camera.height}")
+        raise DataError(
+            f"{where}: {size_of(shape)}; camera {camera.name} has {camera.width} x {camera.height}"
+        )
     return camera
 
 

@@ -48,7 +48,9 @@ class RecordingWriter:
     Raises NetlibError for an invalid path, DataError for frames that cannot be stored, OSError.
     """
 
-    def __init__(self, path: Path, camera: Camera, unit_mm: float, rate: float | None = None) -> None:
+    def __init__(
+        self, path: Path, camera: Camera, unit_mm: float, rate: float | None = None
+    ) -> None:
         suffix = path.suffix.lower()
         self._kind = _Stack if suffix in (*OF_ONE_FRAME, *CONVERTED, *BAGS) else _Folder
         if self._kind is _Stack and suffix != ".npz":
@@ -58,15 +60,19 @@ class RecordingWriter:
         self._rate, self._last = rate, -1
 
     def __enter__(self) -> RecordingWriter:
-        self._writer = self._kind(self.path, CameraInfo(self.camera, unit_mm=self.unit_mm, rate=self._rate))
+        self._writer = self._kind(
+            self.path, CameraInfo(self.camera, unit_mm=self.unit_mm, rate=self._rate)
+        )
         return self
 
     def write(self, frame: DepthFrame) -> None:
         """Add a frame; times must ascend, in microseconds."""
         where, micro = f"{self.path}: frame {frame.number}", round(frame.time * MICRO)
         if frame.depth.shape != (self.camera.height, self.camera.width):
-            raise DataError(f"{where} has the shape {frame.depth.shape}, expected "
-                            f"{(self.camera.height, self.camera.width)}")
+            raise DataError(
+                f"{where} has the shape {frame.depth.shape}, expected "
+                f"{(self.camera.height, self.camera.width)}"
+            )
         if micro <= self._last:
             raise DataError(f"{where}: at {frame.time:.6f} s, which is not after the frame before")
         self._writer.write(frame.time, stored(frame.depth, self.unit_mm, where))
@@ -121,7 +127,9 @@ class _Stack:
         self._times: list[float] = []
         with contextlib.ExitStack() as stack, atomic.error_names(path):
             files.make_folder(path.parent)
-            self._kept = stack.enter_context(stack.enter_context(atomic.temporary(path)).open("w+b"))
+            self._kept = stack.enter_context(
+                stack.enter_context(atomic.temporary(path)).open("w+b")
+            )
             self._stack = stack.pop_all()
 
     def write(self, time: float, values: NDArray[np.uint16]) -> None:
@@ -145,7 +153,10 @@ class _Stack:
                 with archive.open(f"{name}.npy", "w") as out:
                     npy.write_array(out, small, allow_pickle=False)
             with archive.open("depth.npy", "w", force_zip64=True) as out:
-                npy.write_array_header_1_0(out, {"descr": "<u2", "fortran_order": False, "shape": shape})
-                self._kept.truncate(2 * shape[0] * shape[1] * shape[2])  # without an incomplete last frame
+                npy.write_array_header_1_0(
+                    out, {"descr": "<u2", "fortran_order": False, "shape": shape}
+                )
+                # without an incomplete last frame
+                self._kept.truncate(2 * shape[0] * shape[1] * shape[2])
                 self._kept.seek(0)
                 shutil.copyfileobj(self._kept, out, 1 << 24)

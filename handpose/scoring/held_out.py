@@ -35,7 +35,9 @@ def data_layer(net: Net) -> HDF5Data:
     for layer in net.layers:
         if isinstance(layer, HDF5Data):
             return layer
-    raise NetlibError(f"{net.source}: no HDF5Data layer in phase TEST; expected a net that reads a test set")
+    raise NetlibError(
+        f"{net.source}: no HDF5Data layer in phase TEST; expected a net that reads a test set"
+    )
 
 
 def crops_of(net: Net, frames: Iterable[int]) -> list[Array]:
@@ -64,7 +66,8 @@ class Predictions:
     joints: Array  # (N, K, 3) predicted, half-cubes
     truth: Array  # (N, K, 3) annotated, half-cubes
     dof: Array | None  # (N, D) predicted inputs of the hand model, if the net has one
-    skeleton: Array | None  # (N, all joints of the skeleton, 3) as posed by the hand model, half-cubes
+    # (N, all joints of the skeleton, 3) as posed by the hand model, half-cubes
+    skeleton: Array | None
     half_cube: Array  # (N,) mm
     outputs: dict[str, float]  # mean of every scalar output of the net
     made_from: str  # description of the data
@@ -84,14 +87,19 @@ def predict_all(net: Net, progress: Callable[[int], None] = lambda done: None) -
     data, hand = data_layer(net), hand_layer(net)
     for name in ("pred", "joint"):
         if name not in net.blobs:
-            raise NetlibError(f"{net.source}: no blob {name!r}; expected the net to make 'pred' and to read 'joint'")
+            raise NetlibError(
+                f"{net.source}: no blob {name!r}; expected the net to make 'pred' and to read 'joint'"
+            )
     if data.param.shuffle:
-        raise NetlibError(f"{net.source}: layer {data.name!r} shuffles its frames; a test set is read in order")
+        raise NetlibError(
+            f"{net.source}: layer {data.name!r} shuffles its frames; a test set is read in order"
+        )
     data.rewind()
     wanted = ["pred", "joint", *((hand.spec.bottom[0], hand.spec.top[0]) if hand else ())]
     found: dict[str, list[Array]] = {name: [] for name in wanted}
     sums: dict[str, list[float]] = {name: [] for name in net.outputs if net.blobs[name].count == 1}
-    if data.rows % data.param.batch_size:  # the last batch would wrap around to the first rows and count them twice
+    # the last batch would wrap around to the first rows and count them twice
+    if data.rows % data.param.batch_size:
         data.use_batch_size(math.gcd(data.rows, data.param.batch_size))
         net.reshape()
     done = 0
@@ -133,7 +141,9 @@ def errors_by_joint(p: Predictions, skeleton: Skeleton) -> dict[str, float]:
     """The mean error in mm of each joint, by its name; by its number if the net does not predict all joints."""
     errors = p.errors_mm.mean(axis=0)
     whole = len(errors) == len(skeleton.joint_names)
-    return {skeleton.joint_names[k] if whole else str(k): float(error) for k, error in enumerate(errors)}
+    return {
+        skeleton.joint_names[k] if whole else str(k): float(error) for k, error in enumerate(errors)
+    }
 
 
 def figures_of(p: Predictions, skeleton: Skeleton) -> dict[str, float]:
@@ -147,10 +157,14 @@ def figures_of(p: Predictions, skeleton: Skeleton) -> dict[str, float]:
     """
     wrong = ~np.isfinite(p.joints).all(axis=(1, 2))
     if wrong.any():
-        raise DataError(f"the predicted joints of frame {wrong.argmax()} are not finite ({wrong.sum()} such frames)")
+        raise DataError(
+            f"the predicted joints of frame {wrong.argmax()} are not finite ({wrong.sum()} such frames)"
+        )
     errors = p.errors_mm
     figures = {"error_mm": float(errors.mean())}
-    if skeleton.joint_names == skeletons.load().joint_names and errors.shape[1] == len(skeleton.joint_names):
+    if skeleton.joint_names == skeletons.load().joint_names and errors.shape[1] == len(
+        skeleton.joint_names
+    ):
         errors = errors[:, list(EVALUATION_JOINTS)]
         figures["error_14_mm"] = float(errors.mean())
     larger = max(1.0, 2 * float(p.half_cube.max()) / CUBE_MM)
@@ -168,15 +182,23 @@ def deploy_of(net: Net, model: str | Path, weights: str | Path, engine: str | No
     deploy, hand = Net(model, TEST, engine=engine), hand_layer(net)
     own = skeleton_to_fit(deploy)
     if hand is not None and hand.skeleton.param != own.param:
-        other = f"{hand.skeleton.name!r}" + (", with other numbers" if hand.skeleton.name == own.name else "")
-        raise NetlibError(f"{deploy.source}: its body is {own.name!r}, that of {net.source} is {other}; "
-                          "expected the same net with an input (--deploy)")
+        other = f"{hand.skeleton.name!r}" + (
+            ", with other numbers" if hand.skeleton.name == own.name else ""
+        )
+        raise NetlibError(
+            f"{deploy.source}: its body is {own.name!r}, that of {net.source} is {other}; "
+            "expected the same net with an input (--deploy)"
+        )
     deploy.copy_from(weights, strict=True)
     return deploy
 
 
 def fit_all(
-    net: Net, deploy: Net, weights: str | Path, plan: Plan, progress: Callable[[int], None] = lambda done: None
+    net: Net,
+    deploy: Net,
+    weights: str | Path,
+    plan: Plan,
+    progress: Callable[[int], None] = lambda done: None,
 ) -> Array:
     """Joints (N, K, 3) in half-cubes of every frame that the test net reads, fitted from the predictions of ``deploy``.
 

@@ -18,14 +18,18 @@ def joint_errors(predicted: ArrayLike, truth: ArrayLike) -> Array:
     """Distances (N, K) in mm between joints (N, K, 3) in mm. Raises DataError if the shapes differ."""
     p, t = np.asarray(predicted, dtype=np.float64), np.asarray(truth, dtype=np.float64)
     if p.shape != t.shape or p.ndim != 3 or p.shape[-1] != 3:
-        raise DataError(f"predicted joints {p.shape} and true joints {t.shape}, expected the same (N, K, 3)")
+        raise DataError(
+            f"predicted joints {p.shape} and true joints {t.shape}, expected the same (N, K, 3)"
+        )
     return np.asarray(np.linalg.norm(p - t, axis=-1))
 
 
 def mean_errors_14(predicted: ArrayLike, truth: ArrayLike) -> Array:
     """Means (N,) of ``joint_errors`` over NYU's 14 joints, of joints (N, 31, 3) in mm."""
     few = list(EVALUATION_JOINTS)
-    return np.asarray(joint_errors(np.asarray(predicted)[:, few], np.asarray(truth)[:, few]).mean(axis=1))
+    return np.asarray(
+        joint_errors(np.asarray(predicted)[:, few], np.asarray(truth)[:, few]).mean(axis=1)
+    )
 
 
 def success_rate(errors: Array, thresholds: ArrayLike, worst: bool = True) -> Array:
@@ -35,7 +39,9 @@ def success_rate(errors: Array, thresholds: ArrayLike, worst: bool = True) -> Ar
     thresholds  (T,) mm
     """
     frame = np.sort(errors.max(axis=1) if worst else errors.mean(axis=1))
-    return np.searchsorted(frame, np.asarray(thresholds, dtype=np.float64), side="right") / len(frame)
+    return np.searchsorted(frame, np.asarray(thresholds, dtype=np.float64), side="right") / len(
+        frame
+    )
 
 
 def fraction_out_of_limits(

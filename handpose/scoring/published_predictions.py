@@ -42,7 +42,8 @@ Format = Literal["uvd", "xyz"]
 FORMATS: tuple[Format, ...] = ("uvd", "xyz")
 NEAREST_MM = 100.0  # minimum range of depth cameras
 THRESHOLDS_MM = range(81)  # abscissae of the success curves
-IMAGE = re.compile(r"(\S*[A-Za-z]\S*\.[A-Za-z]{3,4})\s+")  # the name of an image before the numbers of a frame
+# the name of an image before the numbers of a frame
+IMAGE = re.compile(r"(\S*[A-Za-z]\S*\.[A-Za-z]{3,4})\s+")
 _MAX_VALUE = 1e6  # px or mm; larger values are invalid, and squares might overflow
 
 
@@ -59,17 +60,26 @@ class Benchmark:
     is_y_down: bool = False  # the axis of x y z in them
 
 
-HANDS2017 = Camera("hands2017", 475.065948, 475.065857, 315.944855, 245.287079, 640, 480)  # also of BigHand2.2M
+# also of BigHand2.2M
+HANDS2017 = Camera("hands2017", 475.065948, 475.065857, 315.944855, 245.287079, 640, 480)
 HANDS2017_JOINTS = (
     "wrist",
     *(f"{finger}_mcp" for finger in FINGERS),
     *(f"{finger}_{joint}" for finger in FINGERS for joint in ("pip", "dip", "tip")),
 )
 BENCHMARKS = {
-    "nyu": Benchmark("NYU", NYU, tuple(JOINT_FORMATS["nyu"].joints), nyu.TEST_FRAMES,
-                     {"subject 1": slice(nyu.SECOND_SUBJECT), "subject 2": slice(nyu.SECOND_SUBJECT, None)}),
-    "icvl": Benchmark("ICVL", ICVL, icvl.JOINTS, sum(icvl.TEST_FRAMES), {}),  # both sequences, one after the other
-    "hands2017": Benchmark("HANDS 2017", HANDS2017, HANDS2017_JOINTS, 295510, {}, "xyz", is_y_down=True),
+    "nyu": Benchmark(
+        "NYU",
+        NYU,
+        tuple(JOINT_FORMATS["nyu"].joints),
+        nyu.TEST_FRAMES,
+        {"subject 1": slice(nyu.SECOND_SUBJECT), "subject 2": slice(nyu.SECOND_SUBJECT, None)},
+    ),
+    # both sequences, one after the other
+    "icvl": Benchmark("ICVL", ICVL, icvl.JOINTS, sum(icvl.TEST_FRAMES), {}),
+    "hands2017": Benchmark(
+        "HANDS 2017", HANDS2017, HANDS2017_JOINTS, 295510, {}, "xyz", is_y_down=True
+    ),
 }
 
 
@@ -100,23 +110,29 @@ def read_frames(
         if named is not None:
             names.append(PurePosixPath(named[1].replace("\\", "/")).name)
         if len(rows[-1]) != 3 * joints:
-            raise DataError(f"{path}:{number}: found {len(rows[-1])} number{'s' * (len(rows[-1]) != 1)}, "
-                            f"expected {3 * joints} = {joints} joints x 3")
+            raise DataError(
+                f"{path}:{number}: found {len(rows[-1])} number{'s' * (len(rows[-1]) != 1)}, "
+                f"expected {3 * joints} = {joints} joints x 3"
+            )
     if len(set(names)) < len(names):
         twice = next(name for name, count in Counter(names).items() if count > 1)
         raise DataError(f"{path}: has {twice} twice")
     found = np.array(rows).reshape(-1, joints, 3)
     usual = float(np.median(np.abs(found[..., 2])))
     if usual < NEAREST_MM:
-        raise DataError(f"{path}: half of all depths are below {usual:.3g}; expected mm, more than "
-                        f"{NEAREST_MM:g}: are they metres?")
+        raise DataError(
+            f"{path}: half of all depths are below {usual:.3g}; expected mm, more than "
+            f"{NEAREST_MM:g}: are they metres?"
+        )
     if fmt == "xyz":
         return names, found * (1, -1, 1) if is_y_down else found
     depth = found[..., 2].min(axis=1)
     if (depth <= 0).any():
         first = int((depth <= 0).argmax())
-        raise DataError(f"{path}:{first + 1}: found a joint at depth {depth[first]:g}, expected more than 0 mm "
-                        f"({(depth <= 0).sum()} of {len(depth)} frames have such joints)")
+        raise DataError(
+            f"{path}:{first + 1}: found a joint at depth {depth[first]:g}, expected more than 0 mm "
+            f"({(depth <= 0).sum()} of {len(depth)} frames have such joints)"
+        )
     return names, camera.unproject(found)
 
 
@@ -133,8 +149,10 @@ def _numbers(line: str, start: int, where: str) -> Array:
         except ValueError:
             is_good = False
         if not is_good:
-            raise DataError(f"{where}:{start + word.start() + 1}: found {word[0][:40]!r}, "
-                            f"expected a number of px or mm, below {_MAX_VALUE:g}")
+            raise DataError(
+                f"{where}:{start + word.start() + 1}: found {word[0][:40]!r}, "
+                f"expected a number of px or mm, below {_MAX_VALUE:g}"
+            )
     return np.array([float(word) for word in words])
 
 
@@ -147,7 +165,9 @@ def in_order(names: list[str], joints: Array, true_names: list[str], where: str)
         return joints
     places = {name: place for place, name in enumerate(names)}
     if missing := [name for name in true_names if name not in places]:
-        raise DataError(f"{where}: has no {missing[0]}, which the ground truth has ({len(missing)} such images)")
+        raise DataError(
+            f"{where}: has no {missing[0]}, which the ground truth has ({len(missing)} such images)"
+        )
     return joints[[places[name] for name in true_names]]
 
 
@@ -166,7 +186,8 @@ class Score:
     """The scores of a method. Errors are in mm; a success rate is a fraction of the frames."""
 
     mean_mm: float  # over all frames and joints
-    parts_mm: dict[str, float]  # mean over each part of the test set; nothing if only some frames were given
+    # mean over each part of the test set; nothing if only some frames were given
+    parts_mm: dict[str, float]
     median_max_mm: float  # median over the frames of the worst joint's error
     joints_mm: dict[str, float]  # mean over the frames, by joint
     success_max: list[float]  # frames whose worst joint is within each of THRESHOLDS_MM
@@ -189,7 +210,8 @@ def score_on(benchmark: Benchmark, errors: Array) -> Score:
 # ---------------------------------------------------------------------------------------------- angles
 
 RIDGE = 3e-3  # ridge of the fits to the annotation
-ON_MODEL_MM = 0.05  # residual of most frames if a hand model made their joints; with few starts some fit badly
+# residual of most frames if a hand model made their joints; with few starts some fit badly
+ON_MODEL_MM = 0.05
 TOLERANCE = 1e-3  # radians beyond a limit that count as within: joints in text files are rounded
 # Gives the context of a fit, by its number of frames and `what`; its value is called with the number of further ones.
 Watcher = Callable[..., AbstractContextManager[Callable[[int], None]]]
@@ -202,7 +224,8 @@ class FittedAngles:
     error_deg: float  # mean over frames and rotations
     residual_mm: float  # mean distance that the fit within the limits leaves
     free_residual_mm: float  # the same without limits
-    out_of_limits: float | None  # fraction of the frames; None where the joints do not lie on the model
+    # fraction of the frames; None where the joints do not lie on the model
+    out_of_limits: float | None
 
 
 def compare_angles(
@@ -217,7 +240,9 @@ def compare_angles(
     def fitted(joints: Array, what: str, **options: Any) -> tuple[Array, Array]:
         """Inputs (N, D), and the mean remaining distance (N,) of each frame's joints in mm."""
         with watch(len(joints), what=what) as progress:
-            found, _ = fit_absolute(skeleton, joints, half, nyu.EVALUATION_JOINTS, progress=progress, **options)
+            found, _ = fit_absolute(
+                skeleton, joints, half, nyu.EVALUATION_JOINTS, progress=progress, **options
+            )
         return found.inputs, found.residuals.mean(axis=1)
 
     true_inputs, _ = fitted(truth, "annotation", ridge=RIDGE)
@@ -232,5 +257,7 @@ def compare_angles(
                 free, skeleton.lower, skeleton.upper, skeleton.fixed, tolerance=TOLERANCE
             )
         error = float(angles.angle_errors(skeleton, inputs, true_inputs).mean())
-        results[name] = FittedAngles(error, float(residual.mean()), float(free_residual.mean()), broken)
+        results[name] = FittedAngles(
+            error, float(residual.mean()), float(free_residual.mean()), broken
+        )
     return results

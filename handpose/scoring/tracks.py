@@ -56,7 +56,11 @@ def _windows(numbers: Array, times: Array, true: Array) -> list[NDArray[np.int_]
 
 def rests(numbers: Array, true: Array) -> list[tuple[int, int]]:
     """Runs of frames, from and to (exclusive), in which the hand does not move."""
-    still = np.linalg.norm(np.diff(true, axis=0), axis=2).max(axis=1) <= REST_MM if len(true) > 1 else np.zeros(0, bool)
+    still = (
+        np.linalg.norm(np.diff(true, axis=0), axis=2).max(axis=1) <= REST_MM
+        if len(true) > 1
+        else np.zeros(0, bool)
+    )
     return [(first, last + 1) for first, last in _runs(still & (np.diff(numbers) == 1))]
 
 
@@ -85,7 +89,10 @@ def lag_s(numbers: Array, times: Array, tracked: Array, true: Array) -> float:
     if not squares.any() or best in (0, len(LAGS_S) - 1):
         return NAN
     before, least, after = squares[best - 1 : best + 2]
-    return float(LAGS_S[best] + (LAGS_S[1] - LAGS_S[0]) * (before - after) / (2 * (before - 2 * least + after)))
+    return float(
+        LAGS_S[best]
+        + (LAGS_S[1] - LAGS_S[0]) * (before - after) / (2 * (before - 2 * least + after))
+    )
 
 
 def _runs(good: Array) -> list[tuple[int, int]]:
@@ -106,7 +113,9 @@ class Seen(NamedTuple):
     tracked: TrackedHand | None
 
 
-def match(tracked: Iterable[TrackedFrame], true: Iterable[TrackedFrame]) -> tuple[dict[int, list[Seen]], int]:
+def match(
+    tracked: Iterable[TrackedFrame], true: Iterable[TrackedFrame]
+) -> tuple[dict[int, list[Seen]], int]:
     """The frames of each true hand, by its id, and the number of false positives over all frames of the truth.
 
     A frame missing from the track has no hands. Where a true hand is partly visible, tracked hands near it do not
@@ -115,7 +124,9 @@ def match(tracked: Iterable[TrackedFrame], true: Iterable[TrackedFrame]) -> tupl
     tracked_frames, true_frames = _by_number(tracked, "track"), _by_number(true, "truth")
     foreign = sorted(set(tracked_frames) - set(true_frames))
     if foreign:
-        raise DataError(f"frame {foreign[0]} of the track is not in the truth; expected a track of the same recording")
+        raise DataError(
+            f"frame {foreign[0]} of the track is not in the truth; expected a track of the same recording"
+        )
     hands: dict[int, list[Seen]] = {}
     invented = 0
     for number, frame in sorted(true_frames.items()):
@@ -137,9 +148,13 @@ def _pairs(true: tuple[TrackedHand, ...], tracked: tuple[TrackedHand, ...]) -> d
         return {}
     for hand in tracked:
         if hand.xyz.shape != true[0].xyz.shape:
-            raise DataError(f"a track of joints {hand.xyz.shape}, its truth has {true[0].xyz.shape}; "
-                            "expected one skeleton")
-    apart = np.array([[np.linalg.norm(a.xyz - b.xyz, axis=1).mean() for b in tracked] for a in true])
+            raise DataError(
+                f"a track of joints {hand.xyz.shape}, its truth has {true[0].xyz.shape}; "
+                "expected one skeleton"
+            )
+    apart = np.array(
+        [[np.linalg.norm(a.xyz - b.xyz, axis=1).mean() for b in tracked] for a in true]
+    )
     rows, columns = linear_sum_assignment(np.minimum(apart, 10 * BOUND_MM))
     return {int(n): int(m) for n, m in zip(rows, columns) if apart[n, m] <= BOUND_MM}
 
@@ -202,7 +217,9 @@ class TrackScores:
         return sum(hand.found for hand in self.hands.values()) / in_sight if in_sight else NAN
 
 
-def score(header: TrackHeader, frames: Iterable[TrackedFrame], truth: Iterable[TrackedFrame]) -> TrackScores:
+def score(
+    header: TrackHeader, frames: Iterable[TrackedFrame], truth: Iterable[TrackedFrame]
+) -> TrackScores:
     """Compare a track with the truth of the same recording. Frames missing from the track have no hands.
 
     header  of the track
@@ -211,13 +228,18 @@ def score(header: TrackHeader, frames: Iterable[TrackedFrame], truth: Iterable[T
     """
     true = list(truth)
     hands, invented = match(frames, true)
-    return TrackScores(len(true), {id: _scores(header, seen) for id, seen in hands.items()}, invented)
+    return TrackScores(
+        len(true), {id: _scores(header, seen) for id, seen in hands.items()}, invented
+    )
 
 
 def _scores(header: TrackHeader, seen: list[Seen]) -> HandScores:
     """The scores of one true hand in the frames in which it is visible."""
     side, found = seen[0].true.hand, [(one, one.tracked) for one in seen if one.tracked is not None]
-    numbers, times = np.array([one.number for one, _ in found]), np.array([one.time for one, _ in found])
+    numbers, times = (
+        np.array([one.number for one, _ in found]),
+        np.array([one.time for one, _ in found]),
+    )
     shape = (len(found), len(header.skeleton.joint_names), 3)
     xyz = np.array([other.xyz for _, other in found]).reshape(shape)
     true = np.array([one.true.xyz for one, _ in found]).reshape(shape)

@@ -17,7 +17,8 @@ from netlib.blob import Array
 
 MAX_TURN = np.deg2rad(80)  # maximum turn of a palm in one stroke
 ARM_DEVIATION = 0.6  # share of the skeleton file's limits, which are for any hand
-TOWARDS, UPWARDS, INWARDS = 0.35, 0.2, 0.5  # the most of a forearm's direction to the camera, up, and to the other hand
+# the most of a forearm's direction to the camera, up, and to the other hand
+TOWARDS, UPWARDS, INWARDS = 0.35, 0.2, 0.5
 CANDIDATES = 16  # the first possible one is taken, otherwise the best
 ON_THE_WAY = 5  # poses on the way, including the last, at which fingers are checked
 MARGIN_MM = 155.0  # from the middle of a crop to the border of the volume
@@ -36,7 +37,9 @@ class Volume(NamedTuple):
     def roomy(self) -> Volume:
         """The volume, starting far enough from the camera for a hand and its movement."""
         c = self.camera
-        needed = 1.15 * 2 * MARGIN_MM * max(c.fx / ((self.right - self.left) * c.width), c.fy / c.height)
+        needed = (
+            1.15 * 2 * MARGIN_MM * max(c.fx / ((self.right - self.left) * c.width), c.fy / c.height)
+        )
         return self._replace(near=max(self.near, needed), far=max(self.far, 1.4 * needed))
 
     def place(self, rng: np.random.Generator) -> Array:
@@ -56,7 +59,10 @@ class Volume(NamedTuple):
         """The first and last column, and row, of the middle of a hand at a depth."""
         c = self.camera
         across, down = MARGIN_MM * c.fx / z, MARGIN_MM * c.fy / z
-        return (self.left * c.width + across, self.right * c.width - across), (down, c.height - down)
+        return (self.left * c.width + across, self.right * c.width - across), (
+            down,
+            c.height - down,
+        )
 
     def outside(self, place: Array) -> Array:
         """The position (3,) outside the image next to another one, at the closer side."""
@@ -106,13 +112,27 @@ class Actor:
     """
 
     def __init__(
-        self, rng: np.random.Generator, sampler: BodySampler, person: Person, side: Side, volume: Volume, outward: float
+        self,
+        rng: np.random.Generator,
+        sampler: BodySampler,
+        person: Person,
+        side: Side,
+        volume: Volume,
+        outward: float,
     ) -> None:
-        self.rng, self.sampler, self.person, self.side, self.volume = rng, sampler, person, side, volume
+        self.rng, self.sampler, self.person, self.side, self.volume = (
+            rng,
+            sampler,
+            person,
+            side,
+            volume,
+        )
         self.outward, self.time = outward, 0.0
         fingers = fingers_of("relaxed", person, sampler)
         palm, arm = self.next_palm(None, FACING)
-        self.movement = Movement(sampler, person, side, volume.camera, fingers, palm, arm, volume.place(rng))
+        self.movement = Movement(
+            sampler, person, side, volume.camera, fingers, palm, arm, volume.place(rng)
+        )
 
     def act(self, acts: Sequence[Act], seconds: float) -> Movement:
         """Perform the acts in a loop until the given time in s is over, which does not change the movement.
@@ -139,10 +159,14 @@ class Actor:
 
     def _gestures(self, of: tuple[str, ...], end: float) -> None:
         names: list[str] = []
-        self._turn(*self.next_palm(self.movement.palm.keys[-1], FACING), self.rng.uniform(*STROKE), end)
+        self._turn(
+            *self.next_palm(self.movement.palm.keys[-1], FACING), self.rng.uniform(*STROKE), end
+        )
         middle = self.movement.place.keys[-1]
         while self.time < end:
-            names = names or [str(name) for name in self.rng.permutation(list(of or self.sampler.poses))]
+            names = names or [
+                str(name) for name in self.rng.permutation(list(of or self.sampler.poses))
+            ]
             began = self.time
             if not self._show(fingers_of(names.pop(), self.person, self.sampler), end):
                 return
@@ -155,7 +179,12 @@ class Actor:
         self._show(fingers_of("five", self.person, self.sampler), end)
         middle, side = palm.keys[-1], 1.0
         self.time = began
-        while self._turn(Rotation.from_rotvec([0, 0, side * WAVE]) * middle, self.movement.arm.keys[-1], 0.35, end):
+        while self._turn(
+            Rotation.from_rotvec([0, 0, side * WAVE]) * middle,
+            self.movement.arm.keys[-1],
+            0.35,
+            end,
+        ):
             side = -side
 
     def _moving(self, end: float) -> None:
@@ -165,7 +194,9 @@ class Actor:
             while self._show(self.next_fingers(self.movement.fingers.keys[-1]), bout):
                 pass
             self.time = began
-            while self._turn(*self.next_palm(self.movement.palm.keys[-1]), self.rng.uniform(*STROKE), bout):
+            while self._turn(
+                *self.next_palm(self.movement.palm.keys[-1]), self.rng.uniform(*STROKE), bout
+            ):
                 pass
             self.time = began
             while self._go(self.volume.place(self.rng), self.time, bout):
@@ -201,7 +232,9 @@ class Actor:
     def _turn(self, palm: Rotation, arm: Array, lasts: float, end: float) -> bool:
         """Turn the palm and the forearm."""
         turns = self.movement.palm
-        angle = (turns.keys[-1].inv() * palm).magnitude() + float(np.abs(arm - self.movement.arm.keys[-1]).max())
+        angle = (turns.keys[-1].inv() * palm).magnitude() + float(
+            np.abs(arm - self.movement.arm.keys[-1]).max()
+        )
         lasts = max(lasts, TOP_SPEED * angle / PALM_SPEED)
         if not self._stroke(turns, palm, lasts, self.time, end):
             return False
@@ -248,10 +281,16 @@ class Actor:
         """
         sampler, surface = self.sampler, self.sampler.surface
         own = len(sampler.skeleton.initial)
-        palms = Rotation.from_euler("ZXY", sampler.rotations(self.rng, CANDIDATES) * (1, facing, -facing))
+        palms = Rotation.from_euler(
+            "ZXY", sampler.rotations(self.rng, CANDIDATES) * (1, facing, -facing)
+        )
         free = own + np.flatnonzero(~surface.whole.fixed[own:])
         arms = np.zeros((CANDIDATES, len(surface.whole.initial)))
-        arms[:, free] = ARM_DEVIATION * surface.deviation[free] * self.rng.standard_normal((CANDIDATES, len(free)))
+        arms[:, free] = (
+            ARM_DEVIATION
+            * surface.deviation[free]
+            * self.rng.standard_normal((CANDIDATES, len(free)))
+        )
         arms = np.clip(arms, surface.whole.lower, surface.whole.upper)[:, own:]
         chosen = _first(self._strain(before, palms, arms), 0.0)
         return palms[chosen], arms[chosen]
@@ -265,7 +304,9 @@ class Actor:
             way = palms * Rotation.from_rotvec(-left * steps)
             none = np.zeros((count, len(self.sampler.skeleton.initial)))
             ends = self.person.ends(posed(self.sampler, self.person, none, way, arms))
-            limb = (ends[:, surface.end[surface.limbs]] - ends[:, surface.start[surface.limbs]])[:, 0]
+            limb = (ends[:, surface.end[surface.limbs]] - ends[:, surface.start[surface.limbs]])[
+                :, 0
+            ]
             limb = limb / np.linalg.norm(limb, axis=1, keepdims=True) * mirror_of(self.side)
             x, y, z = limb.T
             too_far = np.stack([-z - TOWARDS, y - UPWARDS, -x * self.outward - INWARDS])

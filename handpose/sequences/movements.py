@@ -62,13 +62,20 @@ class Person:
         radii *= 1 + prior.radius_std * cut_normal(rng, radii.shape, prior.clip)
         radii[surface.limbs] *= rng.uniform(*prior.limb)
         worn = rng.random() < prior.sleeve
-        sleeve = float(rng.uniform(*prior.sleeve_from)), worn * float(rng.uniform(*prior.sleeve_mm)) / unit_mm
+        sleeve = (
+            float(rng.uniform(*prior.sleeve_from)),
+            worn * float(rng.uniform(*prior.sleeve_mm)) / unit_mm,
+        )
         offset = float(rng.uniform(*prior.offsets))
-        return Person(surface, hand.bones[0], size, radii, offset, sleeve, unit_mm, sampler.center * size)
+        return Person(
+            surface, hand.bones[0], size, radii, offset, sleeve, unit_mm, sampler.center * size
+        )
 
     def ends(self, inputs: Array) -> Array:
         """The capsules' ends (N, K, 3) in units for inputs (N, D) of the whole body."""
-        pose = self.surface.kinematics.forward(inputs, np.broadcast_to(self.bones, (len(inputs), len(self.bones))))
+        pose = self.surface.kinematics.forward(
+            inputs, np.broadcast_to(self.bones, (len(inputs), len(self.bones)))
+        )
         return self.surface.ends(pose, self.size, self.offset)
 
     def penetration_mm(self, inputs: Array) -> Array:
@@ -80,8 +87,13 @@ class Person:
         """The capsules (1, M) in mm, camera axes, of inputs (D,) of the whole body with their origin at (3,)."""
         ends = self.ends(inputs[None]) * self.unit_mm * mirror_of(side) + origin_mm
         radii = self.radii[None] * self.unit_mm
-        return Capsules(ends[:, self.surface.start], ends[:, self.surface.end], radii[..., 0], radii[..., 1],
-                        self.surface.facets)
+        return Capsules(
+            ends[:, self.surface.start],
+            ends[:, self.surface.end],
+            radii[..., 0],
+            radii[..., 1],
+            self.surface.facets,
+        )
 
     def worn(self, capsules: Capsules) -> Capsules:
         """The sleeve (1, 1) over the forearm of ``capsules``."""
@@ -110,7 +122,9 @@ def fingers_of(name: str, person: Person, sampler: BodySampler) -> Array:
 def poses(sampler: BodySampler) -> dict[str, dict[str, float]]:
     """The limbs of every pose on the skeleton's own body: inputs by DoF."""
     surface, unit_mm = sampler.surface, sampler.cube_mm / 2
-    person = Person(surface, surface.whole.bones, 1.0, surface.radii, 1.0, (1.0, 0.0), unit_mm, sampler.center)
+    person = Person(
+        surface, surface.whole.bones, 1.0, surface.radii, 1.0, (1.0, 0.0), unit_mm, sampler.center
+    )
     names = {int(d): sampler.skeleton.dof_names[int(d)] for d in sampler.limbs}
     found = {name: fingers_of(name, person, sampler) for name in sampler.poses}
     return {
@@ -122,7 +136,8 @@ def poses(sampler: BodySampler) -> dict[str, dict[str, float]]:
 # ---------------------------------------------------------------------------------------------- movements
 
 TOP_SPEED = 1.875  # top speed of a stroke, relative to its mean speed
-OVERLAP = 0.3  # share of the shorter of two strokes: their speeds together stay below the top speed of one
+# share of the shorter of two strokes: their speeds together stay below the top speed of one
+OVERLAP = 0.3
 
 
 def eased(part: Array) -> Array:
@@ -156,7 +171,9 @@ class Values:
 
     def move(self, begin: float, lasts: float, to: Any) -> None:
         """Add a stroke that begins and ends no earlier than the one before."""
-        assert lasts > 0 and (not self.begins or (begin >= self.begins[-1] and begin + lasts >= self.end))
+        assert lasts > 0 and (
+            not self.begins or (begin >= self.begins[-1] and begin + lasts >= self.end)
+        )
         self.begins.append(begin)
         self.lasts.append(lasts)
         self.keys.append(to)
@@ -181,7 +198,9 @@ class Turns(Values):
         whole = int(np.count_nonzero(done == 1))
         turned = self.keys[whole]
         for k in range(whole, int(np.count_nonzero(done > 0))):
-            turned = turned * Rotation.from_rotvec(done[k] * (self.keys[k].inv() * self.keys[k + 1]).as_rotvec())
+            turned = turned * Rotation.from_rotvec(
+                done[k] * (self.keys[k].inv() * self.keys[k + 1]).as_rotvec()
+            )
         return turned
 
 
@@ -196,8 +215,15 @@ class Movement:
     """
 
     def __init__(
-        self, sampler: BodySampler, person: Person, side: Side, camera: Camera, fingers: Array, palm: Rotation,
-        arm: Array, place: Array,
+        self,
+        sampler: BodySampler,
+        person: Person,
+        side: Side,
+        camera: Camera,
+        fingers: Array,
+        palm: Rotation,
+        arm: Array,
+        place: Array,
     ) -> None:
         self.sampler, self.person, self.side, self.camera = sampler, person, side, camera
         self.fingers, self.palm = Values(fingers), Turns(palm)
@@ -210,15 +236,23 @@ class Movement:
         inputs, bones = whole[: len(skeleton.initial)], person.bones[: len(skeleton.joint_names)]
         xyz = joints_of(skeleton, person.unit_mm, self.side, inputs, bones, origin)
         middle, capsules = self.camera.project(origin), person.capsules(whole, origin, self.side)
-        return TrackedHand(0, self.side, 1.0, 0.0, inputs, bones, origin, xyz, middle, CUBE_MM, capsules)
+        return TrackedHand(
+            0, self.side, 1.0, 0.0, inputs, bones, origin, xyz, middle, CUBE_MM, capsules
+        )
 
     def inputs_at(self, time: float) -> Array:
         """The inputs (D,) of the whole body, the forearm included."""
         fingers, palm, arm = self.fingers.at(time), self.palm.at(time), self.arm.at(time)
-        return np.asarray(posed(self.sampler, self.person, fingers[None], Rotation.concatenate([palm]), arm[None])[0])
+        return np.asarray(
+            posed(
+                self.sampler, self.person, fingers[None], Rotation.concatenate([palm]), arm[None]
+            )[0]
+        )
 
 
-def posed(sampler: BodySampler, person: Person, fingers: Array, palm: Rotation, arm: Array) -> Array:
+def posed(
+    sampler: BodySampler, person: Person, fingers: Array, palm: Rotation, arm: Array
+) -> Array:
     """The inputs (N, D) of the whole body that put the crops' centres at the origin.
 
     fingers  (N, D) of the skeleton

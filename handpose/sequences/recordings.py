@@ -52,7 +52,13 @@ class Script:
     poses: tuple[PoseParameter, ...] = ()
 
 
-_LIVELY = (Act("moving", 6), Act("rest", 1.5), Act("gestures", 6), Act("wave", 2.5), Act("rest", 1.5))
+_LIVELY = (
+    Act("moving", 6),
+    Act("rest", 1.5),
+    Act("gestures", 6),
+    Act("wave", 2.5),
+    Act("rest", 1.5),
+)
 SCRIPTS = {
     "rest": Script(10, {"right": (Act("rest", 10),)}),
     "gestures": Script(20, {"right": (Act("gestures", 16), Act("wave", 3), Act("rest", 1.5))}),
@@ -64,7 +70,14 @@ SCRIPTS = {
     "minute": Script(
         60,
         {
-            "right": (Act("rest", 2), Act("gestures", 10), Act("moving", 11), Act("away", 4), *_LIVELY, *_LIVELY),
+            "right": (
+                Act("rest", 2),
+                Act("gestures", 10),
+                Act("moving", 11),
+                Act("away", 4),
+                *_LIVELY,
+                *_LIVELY,
+            ),
             "left": (Act("away", 30), *_LIVELY, Act("away", 20)),
         },
         body=True,
@@ -82,11 +95,14 @@ NOWHERE_MM = 1e4  # beyond the range of any camera
 BEHIND_MM = 300.0  # from the farthest place of a hand to the middle between the shoulders
 SHOULDER_MM = 170.0  # from that middle
 BODY_FAR = 700.0  # mm: maximum distance of hands in front of a body
-MOSTLY, HARDLY = 0.9, 0.1  # share of the joints in the image: visible from the first on, lost up to the second
+# share of the joints in the image: visible from the first on, lost up to the second
+MOSTLY, HARDLY = 0.9, 0.1
 PERSON, HANDS, SURROUNDINGS, FAULTS, FRAMES = range(5)  # purposes of random numbers
 
 
-def draw_surroundings(rng: np.random.Generator, camera: Camera, farthest: float, body: bool) -> tuple[Floats, Array]:
+def draw_surroundings(
+    rng: np.random.Generator, camera: Camera, farthest: float, body: bool
+) -> tuple[Floats, Array]:
     """A wall, beyond the range of half of the cameras, and a body in front of it or none.
 
     Returns the image (height, width) in mm, with ``NOWHERE_MM`` for no reading, and the middle (3,) between the
@@ -96,11 +112,15 @@ def draw_surroundings(rng: np.random.Generator, camera: Camera, farthest: float,
     """
     middle = np.array([rng.uniform(-60, 60), rng.uniform(-120, 40), farthest + BEHIND_MM])
     wall = float(rng.uniform(middle[2] + 300, middle[2] + 1500))
-    image = np.full((camera.height, camera.width), wall if rng.random() < 0.5 else NOWHERE_MM, dtype=np.float32)
+    image = np.full(
+        (camera.height, camera.width), wall if rng.random() < 0.5 else NOWHERE_MM, dtype=np.float32
+    )
     if body:
         ends = np.array([(a, b) for a, b, _, _ in BODY], dtype=np.float64) + middle
         radii = np.array([(ra, rb) for _, _, ra, rb in BODY], dtype=np.float64)
-        trunk = in_front(Capsules(ends[None, :, 0], ends[None, :, 1], radii[None, :, 0], radii[None, :, 1]))
+        trunk = in_front(
+            Capsules(ends[None, :, 0], ends[None, :, 1], radii[None, :, 0], radii[None, :, 1])
+        )
         np.minimum(image, render_image(trunk, camera, np.inf)[0], out=image)
     return image, middle
 
@@ -133,12 +153,21 @@ class SyntheticRecording(Recording):
     rate: float
 
     def __init__(
-        self, script: Script | str, camera: Camera | View = NYU, *, rate: float = 30.0, seconds: float | None = None,
-        seed: int = 0, clean: bool = False, mirrored: bool = False,
+        self,
+        script: Script | str,
+        camera: Camera | View = NYU,
+        *,
+        rate: float = 30.0,
+        seconds: float | None = None,
+        seed: int = 0,
+        clean: bool = False,
+        mirrored: bool = False,
     ) -> None:
         self.script = SCRIPTS[script] if isinstance(script, str) else script
         if mirrored:
-            self.script = replace(self.script, acts={OTHER[side]: acts for side, acts in self.script.acts.items()})
+            self.script = replace(
+                self.script, acts={OTHER[side]: acts for side, acts in self.script.acts.items()}
+            )
         self.name = f"synthetic {script if isinstance(script, str) else 'script'}, seed {seed}"
         length = self.script.seconds if seconds is None else seconds
         if isinstance(camera, View):
@@ -146,8 +175,10 @@ class SyntheticRecording(Recording):
         elif not camera.width:
             camera = replace(camera, width=round(2 * camera.u0), height=round(2 * camera.v0))
         if not (0 < camera.width <= MAX_IMAGE_PX and 0 < camera.height <= MAX_IMAGE_PX):
-            raise DataError(f"camera {camera.name}: images of {camera.width} x {camera.height} pixels; expected 1 to "
-                            f"{MAX_IMAGE_PX} each way (u0 and v0 are taken for half of it)")
+            raise DataError(
+                f"camera {camera.name}: images of {camera.width} x {camera.height} pixels; expected 1 to "
+                f"{MAX_IMAGE_PX} each way (u0 and v0 are taken for half of it)"
+            )
         self.camera, self.rate, self.seed = camera, rate, seed
         self.count = max(1, round(length * rate))
         self.unit_mm = UNIT_MM.get(camera.name, 1.0)
@@ -161,11 +192,15 @@ class SyntheticRecording(Recording):
         self.person = Person.draw(self._numbers(PERSON, 0), self.sampler)
         volumes = [self._volume(side) for side in self.script.acts]
         self.movements: list[Movement] = []
-        for n, ((side, acts), (volume, outward)) in enumerate(zip(self.script.acts.items(), volumes)):
+        for n, ((side, acts), (volume, outward)) in enumerate(
+            zip(self.script.acts.items(), volumes)
+        ):
             actor = Actor(self._numbers(HANDS, n), self.sampler, self.person, side, volume, outward)
             self.movements.append(actor.act(acts, length))
         farthest = max(volume.far for volume, _ in volumes)
-        self._behind, self._middle = draw_surroundings(self._numbers(SURROUNDINGS), camera, farthest, self.script.body)
+        self._behind, self._middle = draw_surroundings(
+            self._numbers(SURROUNDINGS), camera, farthest, self.script.body
+        )
         self._unseen = functools.cache(self._unseen_at)
 
     # ------------------------------------------------------------------------------------------ the scene
@@ -185,9 +220,15 @@ class SyntheticRecording(Recording):
         for movement in self.movements:
             hand = movement.pose_at(time)
             assert hand.capsules is not None
-            layers.append(render_image(in_front(hand.capsules.chosen(~limbs)), self.camera, NOWHERE_MM)[0])
+            layers.append(
+                render_image(in_front(hand.capsules.chosen(~limbs)), self.camera, NOWHERE_MM)[0]
+            )
             forearm = hand.capsules.chosen(limbs)
-            arms += [forearm, self.person.worn(hand.capsules), self._upper_arm(forearm.b[:, -1:], hand.hand)]
+            arms += [
+                forearm,
+                self.person.worn(hand.capsules),
+                self._upper_arm(forearm.b[:, -1:], hand.hand),
+            ]
         layers.append(render_image(in_front(joined(arms)), self.camera, NOWHERE_MM)[0])
         return np.asarray(np.minimum.reduce(layers))
 
@@ -216,7 +257,9 @@ class SyntheticRecording(Recording):
     @property
     def header(self) -> TrackHeader:
         """The header of the truth."""
-        return TrackHeader(self.name, self.camera, self.sampler.skeleton, CUBE_MM / 2, smoothed=False)
+        return TrackHeader(
+            self.name, self.camera, self.sampler.skeleton, CUBE_MM / 2, smoothed=False
+        )
 
     def truths(self) -> Iterator[TrackedFrame]:
         """The truth of each frame."""
@@ -233,7 +276,9 @@ class SyntheticRecording(Recording):
             if not unseen:
                 hands.append(replace(movement.pose_at(time), id=id))
                 continue
-            last = next((n / self.rate for n in range(number - 1, -1, -1) if not self._unseen(id, n)), None)
+            last = next(
+                (n / self.rate for n in range(number - 1, -1, -1) if not self._unseen(id, n)), None
+            )
             if last is not None or unseen == PARTLY:
                 lost.append(LostHand(id, movement.side, time if last is None else last, unseen))
         return TrackedFrame(number, time, tuple(hands), tuple(lost))

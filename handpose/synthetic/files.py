@@ -35,16 +35,21 @@ def generate(
     """
     numbers = range(start // BLOCK, -(-(start + count) // BLOCK))
     with no_interrupt():
-        blocks = map(generator.block, numbers) if pool is None else pool.map(generator.block, numbers)
+        blocks = (
+            map(generator.block, numbers) if pool is None else pool.map(generator.block, numbers)
+        )
     try:
         for frames in blocks:
             first = int(frames.index[0])
             yield frames.rows(slice(max(start - first, 0), start + count - first))
     except BrokenProcessPool:
-        raise DataError("a worker process was killed, perhaps for want of memory; try fewer workers") from None
+        raise DataError(
+            "a worker process was killed, perhaps for want of memory; try fewer workers"
+        ) from None
 
 
 # ---------------------------------------------------------------------------------------------- processes
+
 
 @contextlib.contextmanager
 def processes(workers: int) -> Iterator[ProcessPoolExecutor | None]:
@@ -101,7 +106,9 @@ class DataSet:
     Raises DataError where data of another origin or kind would be replaced, and if the disk is full.
     """
 
-    def __init__(self, out: Path, sources: Sequence[tuple[Generator, int]], force: bool = False) -> None:
+    def __init__(
+        self, out: Path, sources: Sequence[tuple[Generator, int]], force: bool = False
+    ) -> None:
         parts.check_space(out, [(count, generator.columns()) for generator, count in sources])
         self.lists: dict[Path, str] = {}
         every: dict[Part, Generator] = {}
@@ -109,12 +116,16 @@ class DataSet:
             own = parts.parts_of(out, generator.split, count, MADE_FROM, generator.made_from)
             every |= dict.fromkeys(own, generator)
             self.lists[out / f"{generator.split}.txt"] = parts.list_text(part.path for part in own)
-        self.missing = {part: every[part] for part in parts.missing_of(list(every), list(self.lists), force)}
+        self.missing = {
+            part: every[part] for part in parts.missing_of(list(every), list(self.lists), force)
+        }
 
     @property
     def is_whole(self) -> bool:
         """True if nothing is left to be written."""
-        return not self.missing and all(atomic.text_of(path) == text for path, text in self.lists.items())
+        return not self.missing and all(
+            atomic.text_of(path) == text for path, text in self.lists.items()
+        )
 
     @property
     def missing_frames(self) -> int:
@@ -137,7 +148,12 @@ class DataSet:
             atomic.replace_text(path, text)
 
 
-def _write(part: Part, generator: Generator, pool: ProcessPoolExecutor | None, advance: Callable[[int], None]) -> None:
+def _write(
+    part: Part,
+    generator: Generator,
+    pool: ProcessPoolExecutor | None,
+    advance: Callable[[int], None],
+) -> None:
     """Write one part."""
 
     def rows() -> Iterator[Columns]:
@@ -145,4 +161,6 @@ def _write(part: Part, generator: Generator, pool: ProcessPoolExecutor | None, a
             yield frames.arrays()
             advance(len(frames))
 
-    parts.write_part(part, part.rows, rows(), {"seed": generator.seed, "description": generator.description})
+    parts.write_part(
+        part, part.rows, rows(), {"seed": generator.seed, "description": generator.description}
+    )

@@ -36,10 +36,16 @@ class FinderScenes(Layer):
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         """Read the seed. Raises LayerError."""
         if len(top) != 6:
-            raise self.fail(f"has {len(top)} tops, expected 6: frame, class, heat, vote, own, right")
+            raise self.fail(
+                f"has {len(top)} tops, expected 6: frame, class, heat, vote, own, right"
+            )
         if not self.param_str.isdecimal():
-            raise self.fail(f"param_str {self.param_str!r}, expected a seed, a whole number from 0 on")
-        self.generator = SceneGenerator(int(self.param_str), "test" if self.phase == TEST else "train")
+            raise self.fail(
+                f"param_str {self.param_str!r}, expected a seed, a whole number from 0 on"
+            )
+        self.generator = SceneGenerator(
+            int(self.param_str), "test" if self.phase == TEST else "train"
+        )
         self.number = 0
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
@@ -75,11 +81,16 @@ def targets_of(scenes: Scenes) -> tuple[Array, Array, Array, Array, Array]:
     heat = np.zeros(depth.shape)
     for k in range(2):
         u, v = (np.round(scenes.middle_px[:, k, axis, None, None] / 4) for axis in (0, 1))
-        wide = np.clip(FOCAL_PX * WIDE_MM / np.maximum(scenes.middle[:, k, 2], 100) / 4, 0.7, 4)[:, None, None]
+        wide = np.clip(FOCAL_PX * WIDE_MM / np.maximum(scenes.middle[:, k, 2], 100) / 4, 0.7, 4)[
+            :, None, None
+        ]
         near = np.exp(-((column - u) ** 2 + (row - v) ** 2) / (2 * wide**2))
         heat = np.where(scenes.present[:, k, None, None], np.maximum(heat, near), heat)
         heat = np.where(scenes.doubtful[:, k, None, None] & (near > 0.05), UNKNOWN, heat)
-    points = np.concatenate([scenes.slopes[:, ::4, ::4], np.ones((*depth.shape, 1))], axis=-1) * depth[..., None]
+    points = (
+        np.concatenate([scenes.slopes[:, ::4, ::4], np.ones((*depth.shape, 1))], axis=-1)
+        * depth[..., None]
+    )
     frame, hand = np.arange(len(depth))[:, None, None], np.maximum(which - 1, 0)
     vote = (scenes.middle[frame, hand] - points) / VOTE_MM
     own = (which > 0) & (depth > 0) & (np.linalg.norm(vote, axis=-1) < LONGEST_VOTE)

@@ -41,7 +41,8 @@ from netlib.blob import Array
 Split = Literal["train", "test"]
 
 BLOCK = 64  # frames that share a random generator
-VERSION = 5  # increase if the code (in this folder, or crops.py), not a number of a recipe, changes frames
+# increase if the code (in this folder, or crops.py), not a number of a recipe, changes frames
+VERSION = 5
 
 
 class View(NamedTuple):
@@ -112,8 +113,16 @@ class Generator:
         scene = self.scene(number)
         index = np.arange(number * BLOCK, (number + 1) * BLOCK)
         own = len(self.sampler.skeleton.joint_names)
-        return Frames.of(scene.depth, scene.bodies.joints, scene.center_uvd, scene.camera, scene.cube_mm / 2,
-                         index, scene.bodies.inputs, scene.bodies.bones[:, :own])
+        return Frames.of(
+            scene.depth,
+            scene.bodies.joints,
+            scene.center_uvd,
+            scene.camera,
+            scene.cube_mm / 2,
+            index,
+            scene.bodies.inputs,
+            scene.bodies.bones[:, :own],
+        )
 
     def scene(self, number: int) -> Scene:
         """The bodies, crops and labels of a block."""
@@ -124,8 +133,16 @@ class Generator:
         bodies = sampler.draw(rng, BLOCK)
         center_uvd = sampler.centers(rng, BLOCK, camera)
         center = camera.unproject(center_uvd)
-        capsules = draw_capsules(rng, self.recipe.flesh, sampler.surface, bodies.inputs, bodies.bones, bodies.scale,
-                                 half, center)
+        capsules = draw_capsules(
+            rng,
+            self.recipe.flesh,
+            sampler.surface,
+            bodies.inputs,
+            bodies.bones,
+            bodies.scale,
+            half,
+            center,
+        )
         depth = render_crop(capsules, center_uvd, cube_mm, camera)
         if sensor is not None:
             pixel = SIZE * center_uvd[:, 2] / (cube_mm * camera.fx)
@@ -138,8 +155,16 @@ class Generator:
         """Arrays without rows, of the shapes and types of the frames'."""
         K, D = len(self.sampler.skeleton.joint_names), len(self.sampler.skeleton.dof_names)
         none = np.zeros(0)
-        return Frames.of(np.zeros((0, SIZE, SIZE)), np.zeros((0, K, 3)), np.zeros((0, 3)), NYU, none,
-                         np.zeros(0, np.int64), np.zeros((0, D)), np.zeros((0, K))).arrays()
+        return Frames.of(
+            np.zeros((0, SIZE, SIZE)),
+            np.zeros((0, K, 3)),
+            np.zeros((0, 3)),
+            NYU,
+            none,
+            np.zeros(0, np.int64),
+            np.zeros((0, D)),
+            np.zeros((0, K)),
+        ).arrays()
 
     def made_from(self, *rows: int) -> dict[str, object]:
         """Everything that the frames depend on, as JSON values; the same for all ``rows``."""
@@ -153,7 +178,9 @@ class Generator:
     def _another(self, subject: Subject) -> BodySampler:
         """Draws another person."""
         skeleton, rng = self.sampler.skeleton, np.random.Generator(np.random.SFC64(subject.seed))
-        differ = 1 + subject.bone_std * cut_normal(rng, skeleton.bones.shape, self.recipe.prior.scale_clip)
+        differ = 1 + subject.bone_std * cut_normal(
+            rng, skeleton.bones.shape, self.recipe.prior.scale_clip
+        )
         other = skeleton.with_numbers(skeleton.param.dof, skeleton.bones * differ)
         return BodySampler(self.recipe.prior, subject.cube_mm, other)
 

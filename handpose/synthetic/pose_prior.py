@@ -42,7 +42,10 @@ class BodySampler:
     """
 
     def __init__(
-        self, prior: PosePrior | None = None, cube_mm: float | None = None, skeleton: Skeleton | None = None
+        self,
+        prior: PosePrior | None = None,
+        cube_mm: float | None = None,
+        skeleton: Skeleton | None = None,
     ) -> None:
         self.prior = prior = prior or prior_file.load()
         self.cube_mm = cube_mm or prior.cube_mm
@@ -52,7 +55,9 @@ class BodySampler:
         self.rotation = self._dofs(turn.dof for turn in prior.turn)
         self.translation = self._translation()
         self._bent = [[self._dofs(chain.dof) for chain in bend.chain] for bend in prior.bend]
-        self._proportions = [[self.skeleton.joint_names.index(name) for name in p.joint] for p in prior.proportion]
+        self._proportions = [
+            [self.skeleton.joint_names.index(name) for name in p.joint] for p in prior.proportion
+        ]
         self._spread = [self._dofs(spread.dof) for spread in prior.spread]
         self._between = [self._dofs(between.dof) for between in prior.between]
         drawn = [dofs for chains in self._bent for dofs in chains] + self._spread + self._between
@@ -61,10 +66,19 @@ class BodySampler:
 
     def draw(self, rng: np.random.Generator, count: int) -> Bodies:
         """Draw ``count`` bodies in poses without collisions of their parts."""
-        p, sk, surface, kinematics = self.prior, self.skeleton, self.surface, self.surface.kinematics
+        p, sk, surface, kinematics = (
+            self.prior,
+            self.skeleton,
+            self.surface,
+            self.surface.kinematics,
+        )
         scale = p.scale_mean + p.scale_std * cut_normal(rng, (count,), p.scale_clip)
         own = surface.whole.bones
-        bones = own * scale[:, None] * (1 + p.bone_std * cut_normal(rng, (count, len(own)), p.scale_clip))
+        bones = (
+            own
+            * scale[:, None]
+            * (1 + p.bone_std * cut_normal(rng, (count, len(own)), p.scale_clip))
+        )
         for group, own_bones in zip(p.proportion, self._proportions):
             bones[:, own_bones] *= 1 + group.std * cut_normal(rng, (count, 1), p.scale_clip)
         inputs = np.zeros((count, len(surface.whole.initial)))
@@ -75,7 +89,9 @@ class BodySampler:
             trial = inputs[todo]
             self._draw_limbs(rng, trial)
             ends = surface.ends(kinematics.forward(trial, bones[todo]), scale[todo])
-            found = surface.penetration(ends, surface.radii * scale[todo, None, None]) * (self.cube_mm / 2)
+            found = surface.penetration(ends, surface.radii * scale[todo, None, None]) * (
+                self.cube_mm / 2
+            )
             better = found < depth[todo]
             inputs[todo[better]] = trial[better]
             depth[todo[better]] = found[better]
@@ -115,12 +131,18 @@ class BodySampler:
             values = spread.noise * rng.standard_normal((N, len(d))) * (upper - lower)[d]
             inputs[:, d] = np.clip(values, lower[d], upper[d])
         for between, d in zip(self.prior.between, self._between):
-            inputs[:, d] = lower[d] + rng.beta(between.a, between.b, (N, len(d))) * (upper - lower)[d]
+            inputs[:, d] = (
+                lower[d] + rng.beta(between.a, between.b, (N, len(d))) * (upper - lower)[d]
+            )
         if self.prior.blend:
             self._blend(rng, inputs)
 
     def _bend(
-        self, rng: np.random.Generator, inputs: Array, bend: BendParameter, chains: list[NDArray[np.int_]]
+        self,
+        rng: np.random.Generator,
+        inputs: Array,
+        bend: BendParameter,
+        chains: list[NDArray[np.int_]],
     ) -> None:
         """Set the DoFs of a ``bend``."""
         N, dofs = len(inputs), np.concatenate(chains)
@@ -128,7 +150,9 @@ class BodySampler:
         shared = rng.beta(bend.shared.a, bend.shared.b, (N, 1))
         part = np.where(rng.random((N, 1)) < bend.independent, own, shared)
         each = np.repeat(part, [len(d) for d in chains], axis=1)
-        inputs[:, dofs] = self._bent_by(bend, dofs, np.clip(each + bend.noise * rng.standard_normal(each.shape), 0, 1))
+        inputs[:, dofs] = self._bent_by(
+            bend, dofs, np.clip(each + bend.noise * rng.standard_normal(each.shape), 0, 1)
+        )
 
     def _blend(self, rng: np.random.Generator, inputs: Array) -> None:
         """Set the limbs of some bodies between two named poses."""
@@ -148,11 +172,18 @@ class BodySampler:
         if p.center is None:
             return
         wide = rng.random((len(inputs), 1)) < p.wide
-        jitter = rng.standard_normal((len(inputs), 3)) * np.where(wide, p.center_jitter_wide, p.center_jitter)
+        jitter = rng.standard_normal((len(inputs), 3)) * np.where(
+            wide, p.center_jitter_wide, p.center_jitter
+        )
         joint = self.skeleton.joint_names.index(p.center.joint)
-        frame = self.surface.kinematics.rotation_of(self.surface.kinematics.forward(inputs, bones), joint)
+        frame = self.surface.kinematics.rotation_of(
+            self.surface.kinematics.forward(inputs, bones), joint
+        )
         own = (p.center.x, p.center.y, p.center.z)
-        center = np.einsum("nij,j->ni", frame, own) * (scale[:, None] * (self.cube_mm / p.cube_mm)) + jitter
+        center = (
+            np.einsum("nij,j->ni", frame, own) * (scale[:, None] * (self.cube_mm / p.cube_mm))
+            + jitter
+        )
         inputs[:, self.translation] = -center / half - self.skeleton.initial[self.translation]
 
     def _inputs_of(self, pose: PoseParameter) -> Array:

@@ -68,7 +68,8 @@ class TurnParameter:
     mean: Double = 0.0
     std: Double = 0.0
     any: Double | None = None  # this fraction of bodies: any angle ...
-    evenly: bool = False  # ... from -90 to 90 with a uniform sine: as the second of three turns that are any, every
+    # ... from -90 to 90 with a uniform sine: as the second of three turns that are any, every
+    evenly: bool = False
     # direction is then as likely as any other
     most: Double = np.inf  # largest absolute value
 
@@ -164,19 +165,23 @@ class PosePrior:
     spread: tuple[SpreadParameter, ...] = ()
     between: tuple[BetweenParameter, ...] = ()
     pose: tuple[PoseParameter, ...] = ()
-    blend: Double = 0.0  # this fraction of bodies is between two poses, at a uniform part of the way ...
+    # this fraction of bodies is between two poses, at a uniform part of the way ...
+    blend: Double = 0.0
     blend_noise: Double = 0.0  # ... but for this: normal, of each DoF's range
     penetration: Double = np.inf  # maximum penetration of parts; deeper ones are drawn again
     redraws: int = 8  # maximum number of draws
     scale_mean: Double = 1.0  # normal: the whole body, relative to the skeleton ...
     scale_std: Double = 0.0
-    proportion: tuple[ProportionParameter, ...] = ()  # ... groups of bones, relative to the body's size ...
+    # ... groups of bones, relative to the body's size ...
+    proportion: tuple[ProportionParameter, ...] = ()
     bone_std: Double = 0.0  # ... and each bone independently
     scale_clip: Double = 2.5  # all are clipped at this many standard deviations
 
     def turned(self, dof: str, **changes: float | None) -> PosePrior:
         """A copy with other numbers of one ``turn``."""
-        return self.but(turn=tuple(schema.changed(t, **changes) if t.dof == dof else t for t in self.turn))
+        return self.but(
+            turn=tuple(schema.changed(t, **changes) if t.dof == dof else t for t in self.turn)
+        )
 
     def but(self, **changes: Any) -> PosePrior:
         """A copy with other numbers."""
@@ -186,7 +191,9 @@ class PosePrior:
         """The skeleton. Raises PrototxtError, NetlibError."""
         place = schema.position_of(self, "skeleton")
         sibling = Path(place.source).parent / self.skeleton
-        return skeletons.load(sibling if self.skeleton and exists(sibling) else find(self.skeleton, place.source))
+        return skeletons.load(
+            sibling if self.skeleton and exists(sibling) else find(self.skeleton, place.source)
+        )
 
 
 def load(path: str | Path = NYU_PRIOR) -> PosePrior:
@@ -203,10 +210,19 @@ def _load(path: Path, whole_path: Path) -> PosePrior:
 
 # The numbers that fields of these names may have, in any message.
 _NUMBERS: dict[tuple[str, ...], tuple[Callable[[float], bool], str]] = {
-    ("std", "noise", "blend_noise", "scale_std", "bone_std", "center_jitter", "center_jitter_wide"): (
-        lambda value: 0 <= value <= MAX_DISTANCE_MM, f"0 or more, up to {MAX_DISTANCE_MM:g}"),
+    (
+        "std",
+        "noise",
+        "blend_noise",
+        "scale_std",
+        "bone_std",
+        "center_jitter",
+        "center_jitter_wide",
+    ): (lambda value: 0 <= value <= MAX_DISTANCE_MM, f"0 or more, up to {MAX_DISTANCE_MM:g}"),
     ("mean", "x", "y", "z"): (
-        lambda value: abs(value) <= MAX_DISTANCE_MM, f"a number between -{MAX_DISTANCE_MM:g} and {MAX_DISTANCE_MM:g}"),
+        lambda value: abs(value) <= MAX_DISTANCE_MM,
+        f"a number between -{MAX_DISTANCE_MM:g} and {MAX_DISTANCE_MM:g}",
+    ),
     ("most", "scale_clip"): (lambda value: value >= 0, "0 or more"),
     ("any", "independent", "wide", "blend"): (lambda value: 0 <= value <= 1, "a fraction, 0 to 1"),
     ("part",): (lambda value: 0 <= value <= 1, "a part of the range, 0 to 1"),
@@ -254,7 +270,10 @@ def _check_numbers(message: Any) -> None:
 
 def _check_sizes(prior: PosePrior, skeleton: Skeleton) -> None:
     """Check that no size or bone length can be drawn below 0."""
-    drawn: list[tuple[object, str, float]] = [(prior, "scale_std", prior.scale_mean), (prior, "bone_std", 1.0)]
+    drawn: list[tuple[object, str, float]] = [
+        (prior, "scale_std", prior.scale_mean),
+        (prior, "bone_std", 1.0),
+    ]
     for message, name, mean in (*drawn, *((group, "std", 1.0) for group in prior.proportion)):
         std = getattr(message, name)
         expected = "less than 1 / scale_clip, so that none is below 0"
@@ -285,7 +304,11 @@ def translations(skeleton: Skeleton, joint: int) -> dict[int, int]:
 def _check_dofs(prior: PosePrior, skeleton: Skeleton) -> None:
     """Check that every DoF exists and is drawn once, and that those that need limits have them."""
     chains = [chain for bend in prior.bend for chain in bend.chain]
-    several: list[ChainParameter | SpreadParameter | BetweenParameter] = [*chains, *prior.spread, *prior.between]
+    several: list[ChainParameter | SpreadParameter | BetweenParameter] = [
+        *chains,
+        *prior.spread,
+        *prior.between,
+    ]
     drawn: list[tuple[object, str]] = [(turn, turn.dof) for turn in prior.turn]
     drawn += [(message, dof) for message in several for dof in message.dof]
     seen: set[str] = set()
@@ -294,7 +317,10 @@ def _check_dofs(prior: PosePrior, skeleton: Skeleton) -> None:
         _expect(message, "dof", dof not in seen, f"DoF {dof!r} once")
         d = skeleton.dof_names.index(dof)
         _expect(message, "dof", not skeleton.fixed[d], f"no fixed DoF such as {dof!r}")
-        bounded = isinstance(message, TurnParameter) or np.isfinite([skeleton.lower[d], skeleton.upper[d]]).all()
+        bounded = (
+            isinstance(message, TurnParameter)
+            or np.isfinite([skeleton.lower[d], skeleton.upper[d]]).all()
+        )
         _expect(message, "dof", bool(bounded), f"limits of DoF {dof!r} in {prior.skeleton}")
         seen.add(dof)
 
@@ -305,11 +331,21 @@ def _check_poses(prior: PosePrior) -> None:
     drawn = [dof for spread in prior.spread for dof in spread.dof]
     drawn += [dof for between in prior.between for dof in between.dof]
     for n, pose in enumerate(prior.pose):
-        _expect(pose, "name", pose.name not in [other.name for other in prior.pose[:n]], f"pose {pose.name!r} once")
+        _expect(
+            pose,
+            "name",
+            pose.name not in [other.name for other in prior.pose[:n]],
+            f"pose {pose.name!r} once",
+        )
         for parts, known in ((pose.bend, chains), (pose.at, drawn)):
             for i, part in enumerate(parts):
                 _known(part, "of", part.of, known)
-                _expect(part, "of", part.of not in [other.of for other in parts[:i]], f"{part.of!r} once in a pose")
+                _expect(
+                    part,
+                    "of",
+                    part.of not in [other.of for other in parts[:i]],
+                    f"{part.of!r} once in a pose",
+                )
     _expect(prior, "blend", not prior.blend or bool(prior.pose), "a pose { ... } to be between")
 
 

@@ -19,13 +19,22 @@ from handpose.synthetic.surface_prior import PERSON_SURFACE, SurfacePrior
 from netlib.errors import NetlibError
 
 ONE_THICKNESS = SurfacePrior(thickness_std=0.0)
-SECOND = Subject(cube_mm=261.0, bone_std=0.04, seed=2)  # like NYU's second subject: smaller, with other proportions
+# like NYU's second subject: smaller, with other proportions
+SECOND = Subject(cube_mm=261.0, bone_std=0.04, seed=2)
 # Hands of all ages, seen from all sides; the surface of their skeleton has the median thickness. An arm may come from
 # the camera's side.
 PEOPLE_SURFACE = SurfacePrior(
-    thickness_std=0.1, trunk_std=0.08, radius_std=0.06, offsets=(0.4, 1.6), limb=(0.75, 1.2), towards_camera=0.7,
-    cut=0.3, sleeve=0.4,
+    thickness_std=0.1,
+    trunk_std=0.08,
+    radius_std=0.06,
+    offsets=(0.4, 1.6),
+    limb=(0.75, 1.2),
+    towards_camera=0.7,
+    cut=0.3,
+    sleeve=0.4,
 )
+
+
 def any_roll() -> PosePrior:
     """Hands in front of any camera: every roll, so that hands pointing down are as common as others, near and far."""
     wide = prior_file.load().turned("palm_rot_z", any=0.6).turned("palm_rot_x", std=36.0)
@@ -49,16 +58,29 @@ def like_nyu() -> PosePrior:
 
 def _people() -> Recipe:
     kinect, noisy = replace(KINECT, spread=(0.0, 1.5)), replace(NOISY_KINECT, spread=(0.0, 2.0))
-    time_of_flight = replace(TIME_OF_FLIGHT, spread=(0.0, 3.0), depth_noise=(0.5, 3.0), dropout=(0.0, 0.9))
+    time_of_flight = replace(
+        TIME_OF_FLIGHT, spread=(0.0, 3.0), depth_noise=(0.5, 3.0), dropout=(0.0, 0.9)
+    )
     coded_light = replace(CODED_LIGHT, spread=(0.0, 2.0), disparity_noise=(0.0, 0.08))
-    views = (View(NYU, kinect), View(NYU, noisy), View(KINECT2, time_of_flight), View(SR305, coded_light),
-             View(ICVL, time_of_flight), View(ICVL, coded_light))
+    views = (
+        View(NYU, kinect),
+        View(NYU, noisy),
+        View(KINECT2, time_of_flight),
+        View(SR305, coded_light),
+        View(ICVL, time_of_flight),
+        View(ICVL, coded_light),
+    )
     return Recipe(prior_file.load(prior_file.PEOPLE_PRIOR), PEOPLE_SURFACE, views)
 
 
 def _cameras() -> Recipe:
-    views = (View(), View(NYU, NOISY_KINECT), View(KINECT2, TIME_OF_FLIGHT), View(SR305, CODED_LIGHT),
-             View(ICVL, TIME_OF_FLIGHT))
+    views = (
+        View(),
+        View(NYU, NOISY_KINECT),
+        View(KINECT2, TIME_OF_FLIGHT),
+        View(SR305, CODED_LIGHT),
+        View(ICVL, TIME_OF_FLIGHT),
+    )
     return Recipe(any_roll(), PERSON_SURFACE, views)
 
 
@@ -67,7 +89,9 @@ _RECIPES: dict[str, Callable[[], Recipe]] = {
     "any_roll": lambda: Recipe(any_roll()),
     "cameras": _cameras,  # any person, any camera
     "people": _people,  # adults and children, seen from any side
-    "one_hand": lambda: Recipe(like_nyu().but(scale_std=0.0, bone_std=0.0), ONE_THICKNESS, others=(SECOND,)),
+    "one_hand": lambda: Recipe(
+        like_nyu().but(scale_std=0.0, bone_std=0.0), ONE_THICKNESS, others=(SECOND,)
+    ),
     "many_hands": lambda: Recipe(like_nyu()),
 }
 NAMES = tuple(_RECIPES)

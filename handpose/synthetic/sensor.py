@@ -35,47 +35,77 @@ class Sensor:
     weaker. Where there are two numbers, each frame draws its own between them, uniformly.
     """
 
-    pixel_shift: tuple[float, float] = (0.0, 0.3)  # px of the crop: standard deviation of the shift of a pixel
-    block_shift: tuple[float, float] = (0.2, 0.7)  # px of the crop: the same for 4 x 4 pixels together
+    # px of the crop: standard deviation of the shift of a pixel
+    pixel_shift: tuple[float, float] = (0.0, 0.3)
+    # px of the crop: the same for 4 x 4 pixels together
+    block_shift: tuple[float, float] = (0.2, 0.7)
     baseline: float = 75.0  # mm between projector and camera
     disparity_noise: tuple[float, float] = (0.0, 0.08)  # px of the image (deviation)
     disparity_step: float = 0.125  # px of the image: quantisation of the disparity
     depth_noise: tuple[float, float] = (0.0, 0.0)  # mm at 1 m, without a baseline (deviation)
     depth_step: float = 1.0  # mm: quantisation of the depth without a baseline
-    flying: tuple[float, float] = (0.0, 0.0)  # fraction of the pixels at an edge that read a depth between both sides
+    # fraction of the pixels at an edge that read a depth between both sides
+    flying: tuple[float, float] = (0.0, 0.0)
     edge: float = 15.0  # mm between neighbours that make an edge
-    dropout: tuple[float, float] = (0.0, 0.12)  # fraction of the pixels at an edge that are not read
-    holes: tuple[float, float] = (0.0, 0.006)  # fraction of the pixels at an edge round which 3 x 3 are not read
-    spread: tuple[float, float] = (0.0, 0.0)  # px of the image by which a surface extends beyond its edges
+    # fraction of the pixels at an edge that are not read
+    dropout: tuple[float, float] = (0.0, 0.12)
+    # fraction of the pixels at an edge round which 3 x 3 are not read
+    holes: tuple[float, float] = (0.0, 0.006)
+    # px of the image by which a surface extends beyond its edges
+    spread: tuple[float, float] = (0.0, 0.0)
 
     def settled(self, rng: np.random.Generator) -> Sensor:
         """One camera of this kind: what each frame draws is drawn once, and the same in all frames."""
         bounds: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
         if not self.spread[1]:
-            del bounds["spread"]  # draw nothing, so that recordings of sensors without it do not change
-        drawn = {name: (float(rng.uniform(*two)),) * 2 for name, two in bounds.items() if isinstance(two, tuple)}
+            # draw nothing, so that recordings of sensors without it do not change
+            del bounds["spread"]
+        drawn = {
+            name: (float(rng.uniform(*two)),) * 2
+            for name, two in bounds.items()
+            if isinstance(two, tuple)
+        }
         return replace(self, **{**bounds, **drawn})
 
 
 KINECT = Sensor()
 # Short-range coded light (RealSense SR300 and SR305): fine steps, torn edges, more holes.
 CODED_LIGHT = Sensor(
-    pixel_shift=(0.0, 0.5), block_shift=(0.0, 0.4), baseline=48.0, disparity_noise=(0.0, 0.15), disparity_step=0.03125,
-    flying=(0.0, 0.1), dropout=(0.0, 0.4), holes=(0.0, 0.02),
+    pixel_shift=(0.0, 0.5),
+    block_shift=(0.0, 0.4),
+    baseline=48.0,
+    disparity_noise=(0.0, 0.15),
+    disparity_step=0.03125,
+    flying=(0.0, 0.1),
+    dropout=(0.0, 0.4),
+    holes=(0.0, 0.02),
 )
 # Time of flight (Kinect v2, Azure Kinect): no blocks and no steps, noise of millimetres, flying pixels.
 TIME_OF_FLIGHT = Sensor(
-    pixel_shift=(0.0, 0.3), block_shift=(0.0, 0.0), baseline=0.0, depth_noise=(0.5, 5.0), flying=(0.1, 0.5),
-    dropout=(0.0, 0.3), holes=(0.0, 0.004),
+    pixel_shift=(0.0, 0.3),
+    block_shift=(0.0, 0.0),
+    baseline=0.0,
+    depth_noise=(0.5, 5.0),
+    flying=(0.1, 0.5),
+    dropout=(0.0, 0.3),
+    holes=(0.0, 0.004),
 )
 # A Kinect with large errors.
 NOISY_KINECT = Sensor(
-    pixel_shift=(0.2, 0.6), block_shift=(0.4, 1.2), disparity_noise=(0.05, 0.2), dropout=(0.05, 0.3), holes=(0.0, 0.015)
+    pixel_shift=(0.2, 0.6),
+    block_shift=(0.4, 1.2),
+    disparity_noise=(0.05, 0.2),
+    dropout=(0.05, 0.3),
+    holes=(0.0, 0.015),
 )
 
 
 def sense(
-    rng: np.random.Generator, depth: Floats, far: NDArray[np.floating], sensor: Sensor, camera: Camera,
+    rng: np.random.Generator,
+    depth: Floats,
+    far: NDArray[np.floating],
+    sensor: Sensor,
+    camera: Camera,
     pixel: ArrayLike = 1.0,
 ) -> Floats:
     """Depth (N, H, W) in mm as ``sensor`` measures it.
@@ -109,10 +139,14 @@ def _draw(rng: np.random.Generator, bounds: tuple[float, float], count: int) -> 
 def _noise(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.int8]:
     """Random bytes, the cheapest random numbers."""
     count = int(np.prod(shape))
-    return rng.integers(0, 2**64, -(-count // 8), dtype=np.uint64).view(np.int8)[:count].reshape(shape)
+    return (
+        rng.integers(0, 2**64, -(-count // 8), dtype=np.uint64).view(np.int8)[:count].reshape(shape)
+    )
 
 
-def _spread(rng: np.random.Generator, depth: Floats, sensor: Sensor, pixel: NDArray[np.float64]) -> Floats:
+def _spread(
+    rng: np.random.Generator, depth: Floats, sensor: Sensor, pixel: NDArray[np.float64]
+) -> Floats:
     """Depth in which surfaces extend beyond their edges, as with matching windows and filters."""
     out = depth.copy()
     for n, radius in enumerate(rng.uniform(*sensor.spread, len(depth)) * pixel):
@@ -144,13 +178,16 @@ def _shift(rng: np.random.Generator, depth: Floats, sensor: Sensor) -> Floats:
     return np.asarray(depth.reshape(-1)[position[1].astype(np.int32)])
 
 
-def _measure(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor, focal_baseline: float) -> None:
+def _measure(
+    rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor, focal_baseline: float
+) -> None:
     """Noise and rounding of the disparity, in place."""
     deviation = np.broadcast_to(_draw(rng, sensor.disparity_noise, len(depth)), depth.shape)
     seen = np.flatnonzero(depth < far)
     disparity = np.float32(focal_baseline) / depth.reshape(-1)[seen]
     noise = _noise(rng, (2, len(seen)))
-    both = np.add(noise[0], noise[1], dtype=np.int16)  # the sum of two uniform numbers approximates a normal one
+    # the sum of two uniform numbers approximates a normal one
+    both = np.add(noise[0], noise[1], dtype=np.int16)
     disparity += both * (deviation.reshape(-1)[seen] * np.float32(1 / (_BYTE_STD * 2**0.5)))
     disparity *= np.float32(1 / sensor.disparity_step)
     np.rint(disparity, out=disparity)
@@ -178,9 +215,12 @@ def _fly(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) -
     row = np.clip(pixel // W + np.array([-1, 1, 0, 0])[step], 0, H - 1)
     column = np.clip(pixel % W + np.array([0, 0, -1, 1])[step], 0, W - 1)
     own, other = depth.reshape(-1)[where], depth[frame, row, column]
-    part = rng.random(len(where), dtype=np.float32) / 2  # the rest of the mixture is the neighbour's
+    # the rest of the mixture is the neighbour's
+    part = rng.random(len(where), dtype=np.float32) / 2
     mixed = own + part * (other - own)
-    depth.reshape(-1)[where] = np.where((own < far[frame, 0, 0]) & (other < far[frame, 0, 0]), mixed, own)
+    depth.reshape(-1)[where] = np.where(
+        (own < far[frame, 0, 0]) & (other < far[frame, 0, 0]), mixed, own
+    )
 
 
 def _at_edges(depth: Floats, sensor: Sensor) -> NDArray[np.int64]:
@@ -204,7 +244,9 @@ def _drop(rng: np.random.Generator, depth: Floats, far: Floats, sensor: Sensor) 
     holes = where[rng.random(len(where)) < _draw(rng, sensor.holes, len(depth))[frame, 0, 0]]
     n, row, column = (index[:, None] for index in np.unravel_index(holes, depth.shape))
     around = np.arange(9) // 3 - 1, np.arange(9) % 3 - 1
-    depth[n, np.clip(row + around[0], 0, H - 1), np.clip(column + around[1], 0, W - 1)] = far[n, 0, 0]
+    depth[n, np.clip(row + around[0], 0, H - 1), np.clip(column + around[1], 0, W - 1)] = far[
+        n, 0, 0
+    ]
     depth.reshape(-1)[dropped] = far[dropped // (H * W), 0, 0]
 
 
@@ -218,14 +260,28 @@ def sensor_of(camera: Camera) -> Sensor:
 FAR_MM = 8000.0  # the depth of pixels of a whole frame without a reading
 CLOSE_MM = 60.0  # surfaces nearer together are smoothed into one
 STEREO = Sensor(
-    pixel_shift=(0.0, 0.4), block_shift=(0.0, 0.7), baseline=50.0, disparity_noise=(0.0, 0.1), disparity_step=0.03125,
-    dropout=(0.0, 0.5), holes=(0.0, 0.01), spread=(0.0, 1.5),
+    pixel_shift=(0.0, 0.4),
+    block_shift=(0.0, 0.7),
+    baseline=50.0,
+    disparity_noise=(0.0, 0.1),
+    disparity_step=0.03125,
+    dropout=(0.0, 0.5),
+    holes=(0.0, 0.01),
+    spread=(0.0, 1.5),
 )
-KINDS = ((KINECT, False), (NOISY_KINECT, False), (CODED_LIGHT, False), (TIME_OF_FLIGHT, False),
-         (STEREO, True), (STEREO, True))  # and whether the camera smooths
+KINDS = (
+    (KINECT, False),
+    (NOISY_KINECT, False),
+    (CODED_LIGHT, False),
+    (TIME_OF_FLIGHT, False),
+    (STEREO, True),
+    (STEREO, True),
+)  # and whether the camera smooths
 
 
-def measure_frame(rng: np.random.Generator, depth: Floats, hand: NDArray[np.bool_], focal: float) -> Floats:
+def measure_frame(
+    rng: np.random.Generator, depth: Floats, hand: NDArray[np.bool_], focal: float
+) -> Floats:
     """A frame (H, W) in mm as a random camera measures it, 0 where it reads nothing.
 
     depth  infinite where there is no surface
@@ -257,7 +313,8 @@ def measure_frame(rng: np.random.Generator, depth: Floats, hand: NDArray[np.bool
 
 def _merged(depth: Floats, sigma: float) -> Floats:
     """Depth smoothed within surfaces that are close together, with the gaps between fingers filled."""
-    closed = cv2.morphologyEx(depth, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))  # far gaps take the near depth
+    # far gaps take the near depth
+    closed = cv2.morphologyEx(depth, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     filled = np.where(depth - closed < CLOSE_MM, np.minimum(depth, closed), depth)
     total, weight = np.zeros_like(filled), np.zeros_like(filled)
     reach = int(np.ceil(2 * sigma))

@@ -18,14 +18,18 @@ class SurfacePrior:
 
     thickness_mean: float = 1.0  # normal: all radii of a body together, relative to its size
     thickness_std: float = 0.08
-    trunk_mean: float = 1.0  # normal: additional scale of the radii of capsules that only the root moves
+    # normal: additional scale of the radii of capsules that only the root moves
+    trunk_mean: float = 1.0
     trunk_std: float = 0.0
     radius_std: float = 0.0  # normal: each radius independently
     clip: float = 2.5  # all are clipped at this many standard deviations
-    offsets: tuple[float, float] = (1.0, 1.0)  # uniform: factor of the file's offsets of capsules from their joints
+    # uniform: factor of the file's offsets of capsules from their joints
+    offsets: tuple[float, float] = (1.0, 1.0)
     limb: tuple[float, float] = (1.0, 1.0)  # uniform: radii of limbs, of the file's
-    towards_camera: float = 0.35  # maximum component of a limb's direction towards the camera, otherwise ...
-    redraws: int = 12  # ... its angles are drawn again this many times, from the file's deviations to ...
+    # maximum component of a limb's direction towards the camera, otherwise ...
+    towards_camera: float = 0.35
+    # ... its angles are drawn again this many times, from the file's deviations to ...
+    redraws: int = 12
     redraw_wider: float = 3.0  # ... this factor of those; the best of all draws is kept
     cut: float = 0.0  # this fraction of limbs ends early (outside the image, or masked) ...
     cut_at: tuple[float, float] = (0.1, 0.9)  # ... uniform: at this part of its length
@@ -42,8 +46,14 @@ PERSON_SURFACE = SurfacePrior(
 
 
 def draw_capsules(
-    rng: np.random.Generator, prior: SurfacePrior, surface: Surface, inputs: Array, bones: Array, scale: Array,
-    unit_mm: float, origin: Array,
+    rng: np.random.Generator,
+    prior: SurfacePrior,
+    surface: Surface,
+    inputs: Array,
+    bones: Array,
+    scale: Array,
+    unit_mm: float,
+    origin: Array,
 ) -> Capsules:
     """The capsules of N bodies and their limbs, in mm, camera axes.
 
@@ -56,7 +66,9 @@ def draw_capsules(
     N, M = len(inputs), len(surface.radii)
     offset = rng.uniform(*prior.offsets, N)
     ends = _least_towards_camera(rng, prior, surface, inputs, bones, scale, offset)
-    thickness = scale * (prior.thickness_mean + prior.thickness_std * cut_normal(rng, (N,), prior.clip))
+    thickness = scale * (
+        prior.thickness_mean + prior.thickness_std * cut_normal(rng, (N,), prior.clip)
+    )
     radii = surface.radii * thickness[:, None, None]
     if (prior.trunk_mean, prior.trunk_std) != (1.0, 0.0):
         thicker = prior.trunk_mean + prior.trunk_std * cut_normal(rng, (N, 1, 1), prior.clip)
@@ -74,15 +86,27 @@ def draw_capsules(
     for m in np.flatnonzero(surface.limbs):
         a[:, m], b[:, m], radii[:, m] = _piece(a[:, m], b[:, m], radii[:, m], np.zeros(N), cut)
         if prior.sleeve:
-            further.append(_piece(a[:, m], b[:, m], radii[:, m] + thicker[:, None], sleeve_from * worn, np.ones(N)))
+            further.append(
+                _piece(
+                    a[:, m], b[:, m], radii[:, m] + thicker[:, None], sleeve_from * worn, np.ones(N)
+                )
+            )
     for start, end, r in further:  # bodies without a sleeve have a second arm in the same place
-        a, b = np.concatenate([a, start[:, None]], axis=1), np.concatenate([b, end[:, None]], axis=1)
+        a, b = (
+            np.concatenate([a, start[:, None]], axis=1),
+            np.concatenate([b, end[:, None]], axis=1),
+        )
         radii = np.concatenate([radii, r[:, None]], axis=1)
     return in_front(Capsules(a, b, radii[:, :, 0], radii[:, :, 1], surface.facets))
 
 
 def _least_towards_camera(
-    rng: np.random.Generator, prior: SurfacePrior, surface: Surface, inputs: Array, bones: Array, scale: Array,
+    rng: np.random.Generator,
+    prior: SurfacePrior,
+    surface: Surface,
+    inputs: Array,
+    bones: Array,
+    scale: Array,
     offset: Array,
 ) -> Array:
     """Ends (N, K, 3) with drawn limbs: of the first draw that does not point at the camera, or the best."""
@@ -97,7 +121,9 @@ def _least_towards_camera(
         trial = posed[todo]
         drawn = wider * surface.deviation[free] * rng.standard_normal((len(todo), len(free)))
         trial[:, free] = np.clip(drawn, whole.lower[free], whole.upper[free])
-        ends = surface.ends(surface.kinematics.forward(trial, bones[todo]), scale[todo], offset[todo])
+        ends = surface.ends(
+            surface.kinematics.forward(trial, bones[todo]), scale[todo], offset[todo]
+        )
         limb = ends[:, surface.end[surface.limbs]] - ends[:, surface.start[surface.limbs]]
         towards = (-limb[..., 2] / np.linalg.norm(limb, axis=-1)).max(axis=1, initial=-1.0)
         better = towards < least[todo]
@@ -108,7 +134,9 @@ def _least_towards_camera(
     return best
 
 
-def _piece(a: Array, b: Array, radii: Array, first: Array, last: Array) -> tuple[Array, Array, Array]:
+def _piece(
+    a: Array, b: Array, radii: Array, first: Array, last: Array
+) -> tuple[Array, Array, Array]:
     """The capsule (N, 3), (N, 3), (N, 2) from the part ``first`` (N,) of its length to the part ``last``."""
     along, wider = b - a, radii[:, 1] - radii[:, 0]
     return (

@@ -30,13 +30,16 @@ HEIGHT, WIDTH = 128, 160
 BLOCK = 16  # scenes that share a random generator
 STREAM = 2  # apart from the random numbers of hands and of places
 
-MOST_HIDDEN = {"person": 0.35, "table": 0.5, "planes": 0.35, "things": 0.5}  # share of the first hand; else left out
+# share of the first hand; else left out
+MOST_HIDDEN = {"person": 0.35, "table": 0.5, "planes": 0.35, "things": 0.5}
 SEEN, SEEN_PX, FARTHEST_MM = 0.3, 25, 1800.0  # a hand counts if as much of it is visible and read
 TOLERANCE_MM = 4.0  # by which a hand wins against its own forearm, whose end covers the wrist
 TRIALS = 10  # arrangements of an arm, of which the best is taken
 ARM_MM, SHOULDER_MM = 290.0, 170.0  # upper arm; from the middle of the shoulders to one
 NEAR_MM = 60.0  # solids that begin nearer are left out
-SURFACE = SurfacePrior(thickness_std=0.1, trunk_std=0.08, radius_std=0.06, offsets=(0.4, 1.6), towards_camera=1.0)
+SURFACE = SurfacePrior(
+    thickness_std=0.1, trunk_std=0.08, radius_std=0.06, offsets=(0.4, 1.6), towards_camera=1.0
+)
 BODY = (  # right, up and forward of the middle of the shoulders: from, to; both radii
     ((-60, -60, 0), (-60, -420, 10), 95, 110),
     ((60, -60, 0), (60, -420, 10), 95, 110),
@@ -114,13 +117,20 @@ class Hands(NamedTuple):
 
     def placed(self, rotation: Array, place: Array) -> Hands:
         """The hands turned by (N, 3, 3) and moved by (N, 3)."""
+
         def turned(v: Array) -> Array:
             return np.einsum("nij,n...j->n...i", rotation, v)
 
         own = self.own._replace(a=turned(self.own.a), b=turned(self.own.b)).moved(place)
         directions = {name: turned(getattr(self, name)) for name in ("palmar", "across", "distal")}
-        return self._replace(own=own, wrist=turned(self.wrist) + place, elbow=turned(self.elbow) + place,
-                             tips=turned(self.tips) + place[:, None], middle=turned(self.middle) + place, **directions)
+        return self._replace(
+            own=own,
+            wrist=turned(self.wrist) + place,
+            elbow=turned(self.elbow) + place,
+            tips=turned(self.tips) + place[:, None],
+            middle=turned(self.middle) + place,
+            **directions,
+        )
 
 
 class Cameras(NamedTuple):
@@ -144,7 +154,9 @@ class Cameras(NamedTuple):
 
     def at(self, u: Array, v: Array, z: Array) -> Array:
         """The points (N, 3) at pixels and depths (N,)."""
-        return np.stack([(u - self.u0) / self.focal * z, (self.v0 - v) / self.focal * z, z], axis=-1)
+        return np.stack(
+            [(u - self.u0) / self.focal * z, (self.v0 - v) / self.focal * z, z], axis=-1
+        )
 
 
 class SceneGenerator:
@@ -158,19 +170,26 @@ class SceneGenerator:
         """Scenes ``number * BLOCK`` and following, as a camera measures them."""
         rng = numbers_of(self.seed, self.split, number, STREAM)
         scenes, focal = draw_scenes(rng, self.sampler, BLOCK)
-        depth = np.stack([measure_frame(rng, *scene) for scene in zip(scenes.depth, scenes.which > 0, focal)])
+        depth = np.stack(
+            [measure_frame(rng, *scene) for scene in zip(scenes.depth, scenes.which > 0, focal)]
+        )
         return _judged(scenes._replace(depth=depth))
 
 
 def draw_scenes(rng: np.random.Generator, sampler: BodySampler, count: int) -> tuple[Scenes, Array]:
     """Scenes without errors of a sensor (depth infinite where there is nothing), and their focal lengths (N,)."""
-    cameras = Cameras(FOCAL_PX * rng.uniform(0.93, 1.07, count), WIDTH / 2 + rng.uniform(-60, 60, count),
-                      HEIGHT / 2 + rng.uniform(-50, 50, count))
+    cameras = Cameras(
+        FOCAL_PX * rng.uniform(0.93, 1.07, count),
+        WIDTH / 2 + rng.uniform(-60, 60, count),
+        HEIGHT / 2 + rng.uniform(-50, 50, count),
+    )
     first, second, person, palms, shown = _people(rng, sampler, cameras)
     rays = cameras.rays()
     hands = [_only(_render(hand.own, rays), there) for hand, there in zip((first, second), shown.T)]
-    arms = [_arm(rng, hand, person, there | (rng.random(count) < extra))
-            for hand, there, extra in zip((first, second), shown.T, (0.0, 0.3))]
+    arms = [
+        _arm(rng, hand, person, there | (rng.random(count) < extra))
+        for hand, there, extra in zip((first, second), shown.T, (0.0, 0.3))
+    ]
     arm = np.minimum(*(_render(one, rays) for one in arms))
     body = _only(_render(_body(rng, person), rays), rng.random(count) < 0.75)
     near = np.where((rng.random(count) < 0.7)[:, None], palms[:, 0], palms[:, 1])
@@ -192,7 +211,9 @@ def draw_scenes(rng: np.random.Generator, sampler: BodySampler, count: int) -> t
     people = np.minimum(arm, groups["person"])
     hand = np.minimum(*hands)
     beyond = _solid_depth(_beyond(rng, near), rays)
-    depth = np.minimum.reduce([hand, people, held, groups["table"], groups["things"], groups["planes"], beyond])
+    depth = np.minimum.reduce(
+        [hand, people, held, groups["table"], groups["things"], groups["planes"], beyond]
+    )
     depth = np.where(depth < _range(rng, palms[:, 0])[:, None, None], depth, np.float32(np.inf))
     is_hand = np.isfinite(hand) & (hand <= depth + TOLERANCE_MM)
     is_person = np.isfinite(depth) & (people <= depth)
@@ -202,8 +223,11 @@ def draw_scenes(rng: np.random.Generator, sampler: BodySampler, count: int) -> t
         depth=depth,
         classes=np.select([is_hand, is_person], [HAND, PERSON], OTHER).astype(np.int8),
         which=np.where(is_hand, np.where(hands[1] < hands[0], 2, 1), 0).astype(np.int8),
-        middle=middles, middle_px=cameras.pixels(middles), side=np.stack([first.side, second.side], axis=1),
-        present=shown & np.stack([_mostly_seen(one, is_hand & (one == hand)) for one in hands], axis=1),
+        middle=middles,
+        middle_px=cameras.pixels(middles),
+        side=np.stack([first.side, second.side], axis=1),
+        present=shown
+        & np.stack([_mostly_seen(one, is_hand & (one == hand)) for one in hands], axis=1),
         doubtful=shown,
         slopes=np.stack(np.broadcast_arrays(x[:, None, :], -y[:, :, None]), axis=-1),
     )
@@ -218,20 +242,32 @@ def _draw_hands(rng: np.random.Generator, sampler: BodySampler, side: Array) -> 
     surface, count = sampler.surface, len(side)
     bodies, unit = sampler.draw(rng, count), sampler.cube_mm / 2
     far = np.tile((0.0, 0.0, 10 * sampler.cube_mm), (count, 1))  # so that none is cut at the camera
-    whole = draw_capsules(rng, SURFACE, surface, bodies.inputs, bodies.bones, bodies.scale, unit, far)
+    whole = draw_capsules(
+        rng, SURFACE, surface, bodies.inputs, bodies.bones, bodies.scale, unit, far
+    )
     row = {name: n for n, name in enumerate(sampler.skeleton.joint_names)}
     mirror = np.stack([side, np.ones(count), np.ones(count)], axis=1)
     palm = bodies.joints[:, row["palm"]] * unit
     whole = whole.moved(-far - palm).mirrored(mirror)
     joints = (bodies.joints * unit - palm[:, None]) * mirror[:, None]
-    wrist, index, little, middle = (joints[:, row[name]] for name in
-                                    ("wrist_middle", "index_mcp", "little_mcp", "middle_mcp"))
+    wrist, index, little, middle = (
+        joints[:, row[name]] for name in ("wrist_middle", "index_mcp", "little_mcp", "middle_mcp")
+    )
     palmar = -side[:, None] * _unit(np.cross(index - wrist, little - wrist))
     limb = int(np.flatnonzero(surface.limbs)[0])
-    return Hands(whole.chosen(~surface.limbs), whole.a[:, limb], whole.b[:, limb],
-                 np.stack([whole.radius_a[:, limb], whole.radius_b[:, limb]], axis=1), palmar, _unit(index - little),
-                 _unit(middle - wrist), joints[:, [row[f"{f}_tip"] for f in ("index", "middle", "ring", "little")]],
-                 joints[:, [not name.startswith("wrist") for name in row]].mean(1), bodies.scale, side)
+    return Hands(
+        whole.chosen(~surface.limbs),
+        whole.a[:, limb],
+        whole.b[:, limb],
+        np.stack([whole.radius_a[:, limb], whole.radius_b[:, limb]], axis=1),
+        palmar,
+        _unit(index - little),
+        _unit(middle - wrist),
+        joints[:, [row[f"{f}_tip"] for f in ("index", "middle", "ring", "little")]],
+        joints[:, [not name.startswith("wrist") for name in row]].mean(1),
+        bodies.scale,
+        side,
+    )
 
 
 def _people(
@@ -250,8 +286,11 @@ def _people(
     ahead = np.array([0.0, 0.0, 1.0])
     wearer_face = _unit(_across(ahead + 0.25 * rng.normal(size=(count, 3)) - 0.3 * up, up))
     wearer_right = np.cross(up, wearer_face)
-    wearer_middle = (-up * rng.uniform(60, 320, (count, 1)) + wearer_face * rng.uniform(-150, 60, (count, 1))
-                     + wearer_right * rng.uniform(-100, 100, (count, 1)))
+    wearer_middle = (
+        -up * rng.uniform(60, 320, (count, 1))
+        + wearer_face * rng.uniform(-150, 60, (count, 1))
+        + wearer_right * rng.uniform(-100, 100, (count, 1))
+    )
     wearer = Person(up, wearer_face, wearer_right, wearer_middle, size)
 
     turns = _rotations(rng, count, TRIALS)
@@ -265,11 +304,19 @@ def _people(
     first = first.placed(turns[np.arange(count), score.argmax(1)], place)
 
     fore = _unit(first.wrist - first.elbow)
-    face = np.where(on_head[:, None], wearer_face, _unit(_across(fore + 0.6 * rng.normal(size=(count, 3)), up)))
+    face = np.where(
+        on_head[:, None], wearer_face, _unit(_across(fore + 0.6 * rng.normal(size=(count, 3)), up))
+    )
     right = np.cross(up, face)
-    upper = _unit(-face * rng.uniform(-0.2, 1, (count, 1)) + up * rng.uniform(-0.3, 1.1, (count, 1))
-                  - side[:, None] * right * rng.uniform(-0.3, 0.6, (count, 1)) + 0.3 * rng.normal(size=(count, 3)))
-    shoulder = np.where(on_head[:, None], wearer.shoulder(side), first.elbow + ARM_MM * size * upper)
+    upper = _unit(
+        -face * rng.uniform(-0.2, 1, (count, 1))
+        + up * rng.uniform(-0.3, 1.1, (count, 1))
+        - side[:, None] * right * rng.uniform(-0.3, 0.6, (count, 1))
+        + 0.3 * rng.normal(size=(count, 3))
+    )
+    shoulder = np.where(
+        on_head[:, None], wearer.shoulder(side), first.elbow + ARM_MM * size * upper
+    )
     person = Person(up, face, right, shoulder - side[:, None] * right * SHOULDER_MM * size, size)
     second, other_place = _second(rng, sampler, cameras, person, place, side)
     some = rng.random(count) >= 0.07
@@ -278,7 +325,12 @@ def _people(
 
 
 def _second(
-    rng: np.random.Generator, sampler: BodySampler, cameras: Cameras, person: Person, place: Array, side: Array
+    rng: np.random.Generator,
+    sampler: BodySampler,
+    cameras: Cameras,
+    person: Person,
+    place: Array,
+    side: Array,
 ) -> tuple[Hands, Array]:
     """The other hand, usually of the same person, placed; and its place."""
     count = len(side)
@@ -287,8 +339,12 @@ def _second(
     hand = _draw_hands(rng, sampler, own_side)
     outwards = own_side[:, None] * person.right
     many = (count, TRIALS, 1)
-    upper = _unit(person.face[:, None] * rng.uniform(0, 1.2, many) - person.up[:, None] * rng.uniform(-0.3, 1, many)
-                  + outwards[:, None] * rng.uniform(-0.4, 0.6, many) + 0.3 * rng.normal(size=(count, TRIALS, 3)))
+    upper = _unit(
+        person.face[:, None] * rng.uniform(0, 1.2, many)
+        - person.up[:, None] * rng.uniform(-0.3, 1, many)
+        + outwards[:, None] * rng.uniform(-0.4, 0.6, many)
+        + 0.3 * rng.normal(size=(count, TRIALS, 3))
+    )
     elbows = person.shoulder(own_side)[:, None] + ARM_MM * person.size[:, None] * upper
     turns = _rotations(rng, count, TRIALS)
     places = elbows - np.einsum("nkij,nj->nki", turns, hand.elbow)
@@ -300,8 +356,11 @@ def _second(
     best = (3.0 * seen + rng.random(seen.shape) + 0.6 * ahead - 2.0 * too_close).argmax(1)
     rows = np.arange(count)
     near = place + _unit(rng.normal(size=(count, 3))) * rng.uniform(50, 200, (count, 1))
-    anywhere = cameras.at(rng.uniform(5, WIDTH - 5, count), rng.uniform(5, HEIGHT - 5, count),
-                          place[:, 2] * np.exp(rng.uniform(-0.5, 0.5, count)))
+    anywhere = cameras.at(
+        rng.uniform(5, WIDTH - 5, count),
+        rng.uniform(5, HEIGHT - 5, count),
+        place[:, 2] * np.exp(rng.uniform(-0.5, 0.5, count)),
+    )
     close = rng.random(count) < 0.15
     chosen = np.select([close[:, None], stranger[:, None]], [near, anywhere], places[rows, best])
     return hand.placed(turns[rows, best], chosen), chosen
@@ -310,14 +369,19 @@ def _second(
 def _upright(rng: np.random.Generator, on_head: NDArray[np.bool_]) -> Array:
     """The direction upwards (N, 3) of cameras on a head, or elsewhere: held in any way."""
     count = len(on_head)
-    pitch = np.deg2rad(np.where(on_head, rng.uniform(15, 85, count), rng.uniform(-25, 85, count)))  # downwards
+    # downwards
+    pitch = np.deg2rad(np.where(on_head, rng.uniform(15, 85, count), rng.uniform(-25, 85, count)))
     any_roll = rng.random(count) < np.where(on_head, 0.1, 0.4)
-    roll = np.deg2rad(np.where(any_roll, rng.uniform(-180, 180, count), 15 * rng.normal(size=count)))
+    roll = np.deg2rad(
+        np.where(any_roll, rng.uniform(-180, 180, count), 15 * rng.normal(size=count))
+    )
     across = np.cos(pitch)
     return np.stack([across * np.sin(roll), across * np.cos(roll), -np.sin(pitch)], axis=1)
 
 
-def _arm(rng: np.random.Generator, hand: Hands, person: Person, there: NDArray[np.bool_]) -> Capsules:
+def _arm(
+    rng: np.random.Generator, hand: Hands, person: Person, there: NDArray[np.bool_]
+) -> Capsules:
     """Forearm, sleeve and upper arm (N, 3 capsules); some arms end early."""
     count = len(there)
     cut = np.where(rng.random(count) < 0.12, rng.uniform(0.1, 0.9, count), 1.0)[:, None]
@@ -345,8 +409,14 @@ def _body(rng: np.random.Generator, person: Person) -> Capsules:
     wide = rng.uniform(0.85, 1.35, (count, 1))
     points = np.array([ends[:2] for ends in BODY], dtype=np.float64)
     hip = np.array([(side * 95.0, -470.0, 20.0) for side in (-1, 1)])
-    knee = np.stack([hip[:, 0] + np.array([-1, 1]) * rng.uniform(-60, 120, (count, 1)),
-                     hip[:, 1] + rng.uniform(-120, 60, (count, 2)), np.full((count, 2), 440.0)], axis=-1)
+    knee = np.stack(
+        [
+            hip[:, 0] + np.array([-1, 1]) * rng.uniform(-60, 120, (count, 1)),
+            hip[:, 1] + rng.uniform(-120, 60, (count, 2)),
+            np.full((count, 2), 440.0),
+        ],
+        axis=-1,
+    )
     places = [np.broadcast_to(points[:, n], (count, len(BODY), 3)) for n in (0, 1)]
     a = np.concatenate([places[0], np.broadcast_to(hip, (count, 2, 3))], axis=1)
     b = np.concatenate([places[1], knee], axis=1)
@@ -354,7 +424,7 @@ def _body(rng: np.random.Generator, person: Person) -> Capsules:
     ra = np.array([*(ra for _, _, ra, _ in BODY), 85, 85]) * person.size * wide
     rb = np.array([*(rb for _, _, _, rb in BODY), 62, 62]) * person.size * wide
     shown = np.ones((count, len(BODY) + 2), bool)
-    shown[:, len(BODY):] = rng.random((count, 1)) < 0.5
+    shown[:, len(BODY) :] = rng.random((count, 1)) < 0.5
     return _shown(Capsules(a, b, ra, rb), shown)
 
 
@@ -364,16 +434,30 @@ def _body(rng: np.random.Generator, person: Person) -> Capsules:
 def _table(rng: np.random.Generator, person: Person, near: Array) -> tuple[Solids, Array, Array]:
     """A board below ``near``, a point of its upper face, and its axes (N, 3, 3); the second is its normal."""
     count = len(near)
-    below = np.where(rng.random(count) < 0.35, rng.uniform(12, 60, count), rng.uniform(60, 350, count))[:, None]
+    below = np.where(
+        rng.random(count) < 0.35, rng.uniform(12, 60, count), rng.uniform(60, 350, count)
+    )[:, None]
     yaw = rng.uniform(0, 2 * np.pi, (count, 1))
     normal = _unit(person.up + 0.05 * rng.normal(size=(count, 3)))
     along = _unit(_across(person.right * np.cos(yaw) + person.face * np.sin(yaw), normal))
     axes = np.stack([along, normal, np.cross(along, normal)], axis=-1)
     top = near - normal * below
-    center = (top - 15 * normal + person.face * rng.uniform(-150, 450, (count, 1))
-              + person.right * rng.uniform(-400, 400, (count, 1)))
-    half = np.stack([rng.uniform(150, 900, count), np.full(count, 15.0), rng.uniform(150, 900, count)], axis=-1)
-    board = Solids(np.full((count, 1), BOX), center[:, None], axes[:, None], half[:, None], np.ones((count, 1), bool))
+    center = (
+        top
+        - 15 * normal
+        + person.face * rng.uniform(-150, 450, (count, 1))
+        + person.right * rng.uniform(-400, 400, (count, 1))
+    )
+    half = np.stack(
+        [rng.uniform(150, 900, count), np.full(count, 15.0), rng.uniform(150, 900, count)], axis=-1
+    )
+    board = Solids(
+        np.full((count, 1), BOX),
+        center[:, None],
+        axes[:, None],
+        half[:, None],
+        np.ones((count, 1), bool),
+    )
     return board, top, axes
 
 
@@ -385,7 +469,9 @@ def _things(
     kind = np.broadcast_to(np.repeat([BOX, CYLINDER, ELLIPSOID], (8, 8, 4)), (count, solids))
     half = np.exp(rng.uniform(np.log(12), np.log(160), (count, solids, 3)))
     radius = np.exp(rng.uniform(np.log(10), np.log(75), (count, solids)))
-    half = np.where((kind == CYLINDER)[..., None], np.stack([radius, half[..., 1], radius], axis=-1), half)
+    half = np.where(
+        (kind == CYLINDER)[..., None], np.stack([radius, half[..., 1], radius], axis=-1), half
+    )
     half = np.where((kind == ELLIPSOID)[..., None], np.minimum(half, 120), half)
     center, on = _put(rng, near, top, table, with_table, half[..., 1])
     yaw = rng.uniform(0, 2 * np.pi, (count, solids, 1))
@@ -406,19 +492,30 @@ def _things(
     length = np.exp(rng.uniform(np.log(20), np.log(250), (count, sticks, 1)))
     b = a + _unit(rng.normal(size=a.shape) + common) * length
     capsules = Capsules(a, b, thick, thick * rng.uniform(0.6, 1.2, thick.shape))
-    return (Solids(kind, center, axes, half, shown),
-            _shown(capsules, bundle | (rng.random((count, sticks)) < 0.4)))
+    return (
+        Solids(kind, center, axes, half, shown),
+        _shown(capsules, bundle | (rng.random((count, sticks)) < 0.4)),
+    )
 
 
 def _put(
-    rng: np.random.Generator, near: Array, top: Array, table: Array, with_table: NDArray[np.bool_], height: Array
+    rng: np.random.Generator,
+    near: Array,
+    top: Array,
+    table: Array,
+    with_table: NDArray[np.bool_],
+    height: Array,
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Middles (N, M, 3) of things whose half heights are (N, M), and which of them stand on the table."""
     shape = height.shape
     on = with_table[:, None] & (rng.random(shape) < 0.65)
     angle = rng.uniform(0, 2 * np.pi, (*shape, 1))
     flat = np.cos(angle) * table[:, None, :, 0] + np.sin(angle) * table[:, None, :, 2]
-    standing = (top[:, None] + flat * rng.uniform(40, 450, (*shape, 1)) + table[:, None, :, 1] * height[..., None])
+    standing = (
+        top[:, None]
+        + flat * rng.uniform(40, 450, (*shape, 1))
+        + table[:, None, :, 1] * height[..., None]
+    )
     free = near[:, None] + _unit(rng.normal(size=(*shape, 3))) * rng.uniform(90, 450, (*shape, 1))
     return np.where(on[..., None], standing, free), on
 
@@ -444,9 +541,13 @@ def _held(rng: np.random.Generator, hand: Hands, palm: Array, there: NDArray[np.
     wider = radius * rng.uniform(0.4, 2.0, count)
     top = np.stack([wider, rng.uniform(10, 60, count), wider], axis=-1)
     with_top = shown & (kind == CYLINDER) & (rng.random(count) < 0.5)
-    return Solids(np.stack([kind, np.full(count, CYLINDER)], axis=1),
-                  np.stack([center, center + axis * length[:, None]], axis=1), np.stack([axes, axes], axis=1),
-                  np.stack([half, top], axis=1), np.stack([shown, with_top], axis=1))
+    return Solids(
+        np.stack([kind, np.full(count, CYLINDER)], axis=1),
+        np.stack([center, center + axis * length[:, None]], axis=1),
+        np.stack([axes, axes], axis=1),
+        np.stack([half, top], axis=1),
+        np.stack([shown, with_top], axis=1),
+    )
 
 
 def _planes(
@@ -462,7 +563,11 @@ def _planes(
     beside *= -np.sign(beside[:, 2:])
     corner = palm - beside * rng.uniform(150, 2000, (count, 1))
     depth = np.full((count, HEIGHT, WIDTH), np.inf, np.float32)
-    for normal, point, share in ((person.up, floor, 0.6), (behind, wall, 0.6), (beside, corner, 0.35)):
+    for normal, point, share in (
+        (person.up, floor, 0.6),
+        (behind, wall, 0.6),
+        (beside, corner, 0.35),
+    ):
         plane = _plane_depth(normal, (normal * point).sum(1), rays)
         np.minimum(depth, _only(plane, rng.random(count) < share), out=depth)
     return depth
@@ -512,7 +617,9 @@ def _solid_depth(solids: Solids, rays: tuple[Floats, Floats]) -> Floats:
         if corners[:, 2].min() < NEAR_MM:
             continue
         slopes = corners[:, :2] / corners[:, 2:] * (1, -1)
-        columns, rows = (slice(*np.searchsorted(line[n], (s.min(), s.max()))) for line, s in zip(rays, slopes.T))
+        columns, rows = (
+            slice(*np.searchsorted(line[n], (s.min(), s.max()))) for line, s in zip(rays, slopes.T)
+        )
         part = depth[n, rows, columns]
         if part.size:
             entry = _entry(int(solids.kind[n, m]), center, axes, half, x[n, columns], y[n, rows])
@@ -533,8 +640,12 @@ def _entry(kind: int, center: Array, axes: Array, half: Array, x: Floats, y: Flo
             enter, leave = np.fmax(enter, np.fmin(one, two)), np.fmin(leave, np.fmax(one, two))
         if round_:
             dd, do = sum(d[k] * d[k] for k in round_), sum(d[k] * o[k] for k in round_)
-            root = np.sqrt(do * do - dd * (sum(o[k] * o[k] for k in round_) - 1))  # NaN where the ray misses
-            enter, leave = np.maximum(enter, (-do - root) / dd), np.minimum(leave, (-do + root) / dd)
+            # NaN where the ray misses
+            root = np.sqrt(do * do - dd * (sum(o[k] * o[k] for k in round_) - 1))
+            enter, leave = (
+                np.maximum(enter, (-do - root) / dd),
+                np.minimum(leave, (-do + root) / dd),
+            )
         return np.where(enter < leave, enter, np.float32(np.inf))
 
 
@@ -542,7 +653,9 @@ def _shown(capsules: Capsules, shown: NDArray[np.bool_]) -> Capsules:
     """Capsules of which those not shown (N, M) become invisible."""
     behind = np.array([0.0, 0.0, -1e4])  # in_front takes them away
     keep = shown[..., None]
-    return capsules._replace(a=np.where(keep, capsules.a, behind), b=np.where(keep, capsules.b, behind))
+    return capsules._replace(
+        a=np.where(keep, capsules.a, behind), b=np.where(keep, capsules.b, behind)
+    )
 
 
 def _only(depth: Floats, there: NDArray[np.bool_]) -> Floats:
@@ -563,8 +676,10 @@ def _judged(scenes: Scenes) -> Scenes:
     u, v = np.moveaxis(scenes.middle_px, -1, 0)
     z = scenes.middle[..., 2]
     inside = (u > 1) & (u < WIDTH - 2) & (v > 1) & (v < HEIGHT - 2)
-    seen, read = (np.stack([(part == hand).sum((1, 2)) for hand in (1, 2)], axis=1)
-                  for part in (scenes.which, np.where(scenes.depth > 0, scenes.which, 0)))
+    seen, read = (
+        np.stack([(part == hand).sum((1, 2)) for hand in (1, 2)], axis=1)
+        for part in (scenes.which, np.where(scenes.depth > 0, scenes.which, 0))
+    )
     present = scenes.present & inside & (z < FARTHEST_MM) & (read > SEEN_PX) & (read > 0.35 * seen)
     return scenes._replace(present=present, doubtful=scenes.doubtful & ~present & (seen > 0))
 
@@ -581,7 +696,9 @@ def _across(v: Array, direction: Array) -> Array:
 def _rotations(rng: np.random.Generator, *shape: int) -> Array:
     """Random rotation matrices (..., 3, 3), uniform."""
     w, x, y, z = np.moveaxis(_unit(rng.normal(size=(*shape, 4))), -1, 0)
-    rows = [[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]]
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
     return np.moveaxis(np.array(rows), (0, 1), (-2, -1))

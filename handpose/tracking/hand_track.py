@@ -30,10 +30,12 @@ MOST_FOUND = 8  # hands in a frame
 AHEAD_S = 0.4  # s by which a motion is extended at most
 KEPT = 0.7  # damping of the expected motion
 NEW = 0.6  # weight of the last two frames in the velocity
-MAX_JUMP_MM = 130.0  # 4 m/s at 30 frames per second: a pose that is found farther away is no motion of the hand
+# 4 m/s at 30 frames per second: a pose that is found farther away is no motion of the hand
+MAX_JUMP_MM = 130.0
 # The side is decided by the mean log-ratio of the costs of the fits as either side. On real recordings a single ratio
 # has the right sign in 64% to 100% of the frames, and the mean of the first second always.
-MIN_COMPARED_S, MAX_COMPARED_S, MIN_COMPARED = 1.0, 3.0, 6  # s of comparisons: at least, at most; minimum number
+# s of comparisons: at least, at most; minimum number
+MIN_COMPARED_S, MAX_COMPARED_S, MIN_COMPARED = 1.0, 3.0, 6
 CLEAR = 0.1  # mean ratio that decides before the maximum
 MAX_SIDE_CONFIDENCE = 0.99  # of a side that is not decided
 
@@ -63,7 +65,11 @@ class SideState:
         if estimate.is_tracked:
             new = self.estimate.body.step_to(estimate.body) / (time - self.time)
         elif np.linalg.norm(way) <= MAX_JUMP_MM:
-            new = np.zeros(6 + len(estimate.body.others)) if self.velocity is None else self.velocity.copy()
+            new = (
+                np.zeros(6 + len(estimate.body.others))
+                if self.velocity is None
+                else self.velocity.copy()
+            )
             new[:3] = way / (time - self.time)
         if new is not None:
             self.velocity = new if self.velocity is None else NEW * new + (1 - NEW) * self.velocity
@@ -79,7 +85,9 @@ class FrameHands:
     is_known      True once it has looked
     """
 
-    def __init__(self, finder: Finder, depth: NDArray[np.float32], camera: Camera, min_presence: float) -> None:
+    def __init__(
+        self, finder: Finder, depth: NDArray[np.float32], camera: Camera, min_presence: float
+    ) -> None:
         self.depth = depth
         self._find = functools.cache(lambda: finder.hands(depth, camera, min_presence, MOST_FOUND))
         self.is_known = False
@@ -114,8 +122,13 @@ class HandTrack:
     """
 
     def __init__(
-        self, estimator: PoseEstimator, estimates: Sequence[Hand], time: float, size: float | None = None,
-        side_prior: float = 0.0, presence: float = 1.0,
+        self,
+        estimator: PoseEstimator,
+        estimates: Sequence[Hand],
+        time: float,
+        size: float | None = None,
+        side_prior: float = 0.0,
+        presence: float = 1.0,
     ) -> None:
         """``side_prior``: prior evidence for a right hand (above 0) or a left one."""
         self.id, self.is_tracked = -1, True
@@ -194,7 +207,9 @@ class HandTrack:
             regions.append(region if asked else replace(region, moved_mm=seen.estimate.moved_mm))
         return regions
 
-    def other_regions(self, frame: FrameHands, estimates: Sequence[Hand], time: float) -> list[SearchRegion]:
+    def other_regions(
+        self, frame: FrameHands, estimates: Sequence[Hand], time: float
+    ) -> list[SearchRegion]:
         """Further search regions for a full fit, if the pose or the side is uncertain.
 
         They are about the palm that the network predicts from the finder's place, or from the crop without one; or else
@@ -208,10 +223,14 @@ class HandTrack:
         regions = []
         for estimate in estimates:
             side, near = estimate.hand, frame.near(estimate.center_mm)
-            start = estimate.center_uvd if near is None else self._estimator.camera.project(near.middle)
+            start = (
+                estimate.center_uvd if near is None else self._estimator.camera.project(near.middle)
+            )
             center = self._estimator.palm_at(frame.depth, start, side)
             regions.append(SearchRegion(center, side, self.sides[side].estimate.body, self.size))
-        return regions or [self._region(side, seen.estimate.body) for side, seen in self.sides.items()]
+        return regions or [
+            self._region(side, seen.estimate.body) for side, seen in self.sides.items()
+        ]
 
     def take(self, estimates: Sequence[Hand], others: Sequence[Hand], time: float) -> bool:
         """Add the poses found in its regions and in others, the best for each side; True if one is good enough."""
@@ -257,7 +276,10 @@ def _best(estimates: Sequence[Hand]) -> dict[Side, Hand]:
     """The best pose of each side."""
     best: dict[Side, Hand] = {}
     for estimate in estimates:
-        if estimate.hand not in best or estimate.selection_cost < best[estimate.hand].selection_cost:
+        if (
+            estimate.hand not in best
+            or estimate.selection_cost < best[estimate.hand].selection_cost
+        ):
             best[estimate.hand] = estimate
     return best
 

@@ -32,8 +32,10 @@ from handpose.tracking.reporting import SureHands
 from handpose.tracking.smoothing import PoseFilter
 from handpose.tracking.track import TrackedFrame, TrackedHand
 
-MAX_UNDECIDED_S, MAX_UNDECIDED = 4.0, 150  # s and frames that are held for a side; it is decided within 3 s
-LIKELY_SIDE = 0.69  # probability of a side that is reported at the end of a recording, before it was decided
+# s and frames that are held for a side; it is decided within 3 s
+MAX_UNDECIDED_S, MAX_UNDECIDED = 4.0, 150
+# probability of a side that is reported at the end of a recording, before it was decided
+LIKELY_SIDE = 0.69
 # Frames are released once this time, in s, or number of frames after them is known. Twice as much is held, so that
 # frames are filtered backwards twice at most. On two synthetic recordings (the scripts `gestures` and `left`, seeds 5
 # and 6), one second gives the jitter at rest of the whole recording, 0.33 and 0.16 mm; half a second 0.35 and 0.18 mm.
@@ -53,11 +55,14 @@ class LaterFrames(Generic[T]):
     at_once         release frames without waiting for later ones
     """
 
-    def __init__(self, model: CapsuleModel, min_confidence: float = 0.0, at_once: bool = False) -> None:
+    def __init__(
+        self, model: CapsuleModel, min_confidence: float = 0.0, at_once: bool = False
+    ) -> None:
         self._model, self._at_once, self.sure_hands = model, at_once, SureHands(min_confidence)
         self._held: list[tuple[T, TrackedFrame]] = []
         self._settled = 0  # number of frames held, from the first on, that do not wait for a side
-        self._judged: list[tuple[float, TrackedHand]] = []  # hands of these frames and of those shortly before
+        # hands of these frames and of those shortly before
+        self._judged: list[tuple[float, TrackedHand]] = []
 
     def add(self, item: T, frame: TrackedFrame) -> list[tuple[T, TrackedFrame]]:
         """Add the next frame. Returns those that need not be held any longer, in order, smoothed in both directions.
@@ -70,7 +75,9 @@ class LaterFrames(Generic[T]):
         for hand in frame.hands:
             if hand.known_side is not None:
                 self._decide(hand.id, hand.known_side)
-        while self._settled < len(self._held) and not self._waits(self._held[self._settled][1], frame):
+        while self._settled < len(self._held) and not self._waits(
+            self._held[self._settled][1], frame
+        ):
             self._settle()
         if not self._settled:
             return []
@@ -92,7 +99,10 @@ class LaterFrames(Generic[T]):
 
     def _waits(self, frame: TrackedFrame, newest: TrackedFrame) -> bool:
         """True while a side in a frame may still be decided."""
-        if newest.time - frame.time > MAX_UNDECIDED_S or len(self._held) - self._settled > MAX_UNDECIDED:
+        if (
+            newest.time - frame.time > MAX_UNDECIDED_S
+            or len(self._held) - self._settled > MAX_UNDECIDED
+        ):
             return False
         return any(hand.known_side is None for hand in frame.hands)
 
@@ -117,14 +127,23 @@ class LaterFrames(Generic[T]):
         sure = self._sure_ids()
         for n in range(self._settled - 1, -1, -1):
             item, frame = self._held[n]
-            poses = {(hand.id, hand.hand): hand.poses for hand in frame.hands if hand.poses is not None}
+            poses = {
+                (hand.id, hand.hand): hand.poses for hand in frame.hands if hand.poses is not None
+            }
             filters = {key: filters.get(key) or PoseFilter() for key in poses}
             # The times of a filter ascend.
-            backward = {key: filters[key](own.fitted, -frame.time, own.error_mm) for key, own in poses.items()}
+            backward = {
+                key: filters[key](own.fitted, -frame.time, own.error_mm)
+                for key, own in poses.items()
+            }
             if n < count:
-                hands = (self._between(hand, backward.get((hand.id, hand.hand))) for hand in frame.hands)
+                hands = (
+                    self._between(hand, backward.get((hand.id, hand.hand))) for hand in frame.hands
+                )
                 judged = tuple(self._judged_around(hand, frame.time) for hand in hands)
-                present = tuple(one._replace(is_sure=one.is_sure or one.id in sure) for one in frame.present)
+                present = tuple(
+                    one._replace(is_sure=one.is_sure or one.id in sure) for one in frame.present
+                )
                 released.append((item, frame._replace(hands=judged, present=present)))
         del self._held[:count]
         self._settled -= count
@@ -155,7 +174,9 @@ class LaterFrames(Generic[T]):
             inputs=model.inputs_of(x)[0],
             bones=model.skeleton.bones * float(np.exp(x[0, SIZE])),
             xyz=(model.joints(x)[0] + center) * mirror,
-            capsules=None if hand.capsules is None else model.capsules(x, center[None]).mirrored(mirror[None]),
+            capsules=None
+            if hand.capsules is None
+            else model.capsules(x, center[None]).mirrored(mirror[None]),
             poses=poses._replace(smoothed=body),
         )
 
@@ -163,10 +184,15 @@ class LaterFrames(Generic[T]):
         """The hand with the mean of its errors around this time; unchanged if it was not smoothed or not judged."""
         if hand.poses is None or np.isnan(hand.error_mm):
             return hand
-        around = [one for at, one in self._judged
-                  if abs(at - time) <= LASTING_S and (one.id, one.hand) == (hand.id, hand.hand)]
+        around = [
+            one
+            for at, one in self._judged
+            if abs(at - time) <= LASTING_S and (one.id, one.hand) == (hand.id, hand.hand)
+        ]
         confidence = min(hand.confidence, float(np.mean([one.confidence for one in around])))
-        error_mm = np.maximum(np.mean([one.error_mm for one in around]), least_error(np.array(confidence)))
+        error_mm = np.maximum(
+            np.mean([one.error_mm for one in around]), least_error(np.array(confidence))
+        )
         return replace(hand, confidence=confidence, error_mm=float(error_mm))
 
 
@@ -175,4 +201,6 @@ def _as(hand: TrackedHand, side: Side) -> TrackedHand:
     own = hand if hand.hand == side else hand.other
     if hand.known_side is not None or own is None:
         return hand
-    return replace(own, confidence=own.confidence / own.side_confidence, side_confidence=1.0, other=None)
+    return replace(
+        own, confidence=own.confidence / own.side_confidence, side_confidence=1.0, other=None
+    )

@@ -15,20 +15,31 @@ from handpose.tracking.track import TrackedHand, TrackedPoses
 from netlib.blob import Array
 
 
-def tracked_hand(track: HandTrack, model: CapsuleModel, *, smooth: bool, surface: bool) -> TrackedHand:
+def tracked_hand(
+    track: HandTrack, model: CapsuleModel, *, smooth: bool, surface: bool
+) -> TrackedHand:
     """A hand at its last pose.
 
     smooth   use the smoothed pose
     surface  include the surface
     """
-    others = [seen for side, seen in track.sides.items() if side != track.hand and seen.time == track.time]
+    others = [
+        seen for side, seen in track.sides.items() if side != track.hand and seen.time == track.time
+    ]
     chances = (track.side_confidence, 1 - track.side_confidence)
-    hand, *other = _as_sides(track, [track.best, *others], chances, model, smooth=smooth, surface=surface)
+    hand, *other = _as_sides(
+        track, [track.best, *others], chances, model, smooth=smooth, surface=surface
+    )
     return dataclasses.replace(hand, other=other[0]) if other else hand
 
 
 def _as_sides(
-    track: HandTrack, sides: Sequence[SideState], chances: Sequence[float], model: CapsuleModel, *, smooth: bool,
+    track: HandTrack,
+    sides: Sequence[SideState],
+    chances: Sequence[float],
+    model: CapsuleModel,
+    *,
+    smooth: bool,
     surface: bool,
 ) -> list[TrackedHand]:
     """The hand in the states of its sides, of these probabilities."""
@@ -39,13 +50,17 @@ def _as_sides(
     x = variables_of(model, [seen.smooth for seen in sides], center, track.size) if smooth else raw
     joints = model.joints(x)
     xyz = (joints + center[:, None]) * mirror[:, None]
-    raw_xyz = (model.joints(raw) + center[:, None]) * mirror[:, None] if smooth else [None] * len(found)
+    raw_xyz = (
+        (model.joints(raw) + center[:, None]) * mirror[:, None] if smooth else [None] * len(found)
+    )
     evidence = [hand.evidence for hand in found if hand.evidence is not None]
     if len(evidence) == len(found):  # the errors of the network were measured
         fitted = np.stack([hand.the_fit.joints[0] for hand in found])
         quality = judged(Evidence.concatenate(evidence).lagging(model, joints, fitted))
     else:
-        quality = Judged(*(np.array([getattr(hand, name) for hand in found]) for name in Judged._fields))
+        quality = Judged(
+            *(np.array([getattr(hand, name) for hand in found]) for name in Judged._fields)
+        )
     inputs = model.inputs_of(x)
     capsules = model.capsules(x, center).mirrored(mirror) if surface else None
     return [
@@ -64,14 +79,18 @@ def _as_sides(
             side_confidence=chances[n],
             finger_error_mm=quality.finger_error_mm[n],
             raw_xyz=raw_xyz[n],
-            poses=TrackedPoses(hand.body, seen.smooth, hand.error_mm, track.size) if smooth else None,
+            poses=TrackedPoses(hand.body, seen.smooth, hand.error_mm, track.size)
+            if smooth
+            else None,
             presence=np.fmax(track.presence, quality.confidence[n]),
         )
         for n, (hand, seen) in enumerate(zip(found, sides))
     ]
 
 
-def variables_of(model: CapsuleModel, poses: Sequence[WorldPose], center: Array, size: float | None) -> Array:
+def variables_of(
+    model: CapsuleModel, poses: Sequence[WorldPose], center: Array, size: float | None
+) -> Array:
     """The model's variables (N, V) of poses in crops with these centres (N, 3), of the known size if there is one."""
     x = np.stack([crop_variables(model, *pose) for pose in zip(poses, center)])
     if size is not None:

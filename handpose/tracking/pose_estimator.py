@@ -34,7 +34,8 @@ ARM_PLACES = 5  # along a forearm
 # frames of P1, P4 and P6 of which a part was not read.
 UNREAD, EXPLAINED = 0.15, 0.5
 AROUND_MM = 15.0  # pixels without a reading this close to it may be of it
-HIDING = 0.08  # minimum share of the expected surface behind nearer readings: fewer are reflections, mostly next to it
+# minimum share of the expected surface behind nearer readings: fewer are reflections, mostly next to it
+HIDING = 0.08
 
 
 class PoseEstimator:
@@ -50,7 +51,10 @@ class PoseEstimator:
         self._around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
 
     def estimate(
-        self, depth: Floats, regions: Sequence[SearchRegion], plan: Plan | None = None,
+        self,
+        depth: Floats,
+        regions: Sequence[SearchRegion],
+        plan: Plan | None = None,
         readings: Floats | None = None,
     ) -> list[Hand | None]:
         """The hand in each region; None if it is outside the image. Raises NetlibError.
@@ -64,7 +68,9 @@ class PoseEstimator:
             with contextlib.suppress(DataError):  # outside the image
                 candidates[i] = self._candidate(depth, region, readings)
         judging = depth if readings is None else readings
-        hands = self._pipeline.estimator.estimate(list(candidates.values()), self.camera, plan or self.plan, judging)
+        hands = self._pipeline.estimator.estimate(
+            list(candidates.values()), self.camera, plan or self.plan, judging
+        )
         found = dict(zip(candidates, hands))
         return [found.get(i) for i in range(len(regions))]
 
@@ -73,10 +79,14 @@ class PoseEstimator:
         shown = clear_crop(depth, region.center_uvd, self.cube_mm, self.camera)
         if readings is None or region.before is None:
             return Candidate(**vars(region), crop=shown)
-        crop = self._with_unknown(shown, readings, region, self._capsules(region.before, region.side))
+        crop = self._with_unknown(
+            shown, readings, region, self._capsules(region.before, region.side)
+        )
         return Candidate(**vars(region), crop=crop, shown=None if crop is shown else shown)
 
-    def _with_unknown(self, shown: Floats, readings: Floats, region: SearchRegion, body: Capsules) -> Floats:
+    def _with_unknown(
+        self, shown: Floats, readings: Floats, region: SearchRegion, body: Capsules
+    ) -> Floats:
         """A region's crop with the pixels at the near face that do not show what an expected body has there.
 
         These have readings of something in front of it, or none although the body was read.
@@ -89,13 +99,17 @@ class PoseEstimator:
         if missing and self._explained(shown, body, uvd) >= EXPLAINED:
             own = self._rendered(body.chosen(~limbs), uvd) < 1
             around = cv2.dilate(own.astype(np.uint8), self._around) > 0
-            crop = np.where(around & unread(readings, uvd, self.cube_mm, self.camera), np.float32(-1), crop)
+            crop = np.where(
+                around & unread(readings, uvd, self.cube_mm, self.camera), np.float32(-1), crop
+            )
         return crop
 
     def _explained(self, crop: Floats, body: Capsules, center_uvd: Array) -> float:
         """The share of a crop's readings that are on the surface of an expected body; 0 without any."""
         seen = crop < BACKGROUND
-        on = seen & (np.abs(crop - self._rendered(body, center_uvd)) <= APART_MM / (self.cube_mm / 2))
+        on = seen & (
+            np.abs(crop - self._rendered(body, center_uvd)) <= APART_MM / (self.cube_mm / 2)
+        )
         return float(on.sum() / max(seen.sum(), 1))
 
     def _rendered(self, capsules: Capsules, center_uvd: Array) -> Floats:
@@ -144,5 +158,7 @@ class PoseEstimator:
         x = np.zeros((1, model.variables))
         root = world_pose(model, x[0], far)
         uvd = self.camera.project(far)
-        center = recenter(model.joints(x)[0] / (self.cube_mm / 2), model.skeleton, uvd, self.cube_mm, self.camera)
+        center = recenter(
+            model.joints(x)[0] / (self.cube_mm / 2), model.skeleton, uvd, self.cube_mm, self.camera
+        )
         return np.asarray(root.rotation.T @ (self.camera.unproject(center) - root.place))

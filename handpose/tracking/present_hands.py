@@ -12,7 +12,8 @@ import numpy as np
 from handpose.estimate.finder import FoundHand
 from netlib.blob import Array
 
-SAME_MM = 110.0  # a hand this close to one that is followed, or to one of the search before, is the same
+# a hand this close to one that is followed, or to one of the search before, is the same
+SAME_MM = 110.0
 STILL = 0.5  # part of the minimum presence that is enough for a hand that was there before
 LOOK = 0.5  # weight of the last look in the mean presence
 # Seconds between two runs of a slow step: a search for another hand, a pose at a place, a full fit of an uncertain
@@ -79,12 +80,19 @@ class PresentHands:
 
     def see(self, hands: Sequence[FoundHand], taken: Sequence[Taken], time: float) -> None:
         """Take the finder's hands of a frame, but those that are ``taken``."""
-        before = [one for one in self.places if time < one.try_at + MAX_PAUSE and not _is_taken(one.hand, taken)]
+        before = [
+            one
+            for one in self.places
+            if time < one.try_at + MAX_PAUSE and not _is_taken(one.hand, taken)
+        ]
         self.places = []
         for hand in hands:
             if _is_taken(hand, taken):
                 continue
-            place = next((one for one in before if np.linalg.norm(one.hand.middle - hand.middle) < SAME_MM), None)
+            place = next(
+                (one for one in before if np.linalg.norm(one.hand.middle - hand.middle) < SAME_MM),
+                None,
+            )
             if place is not None:
                 before.remove(place)
                 place.hand, place.time = hand, time
@@ -109,5 +117,7 @@ class PresentHands:
 
 
 def _is_taken(hand: FoundHand, taken: Sequence[Taken]) -> bool:
-    return any(np.linalg.norm(hand.middle - place) < SAME_MM and hand.presence <= evidence
-               for place, evidence in taken)
+    return any(
+        np.linalg.norm(hand.middle - place) < SAME_MM and hand.presence <= evidence
+        for place, evidence in taken
+    )

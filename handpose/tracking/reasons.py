@@ -25,11 +25,17 @@ MIN_VISIBLE = 0.03  # minimum share of foreground in a crop
 # A reason is given from this share on: of the hand's own surface or its crop that is behind nearer objects or without a
 # reading, or of its joints that are outside the image.
 PART = 0.25
-LEAVING = 0.05  # share of the surface outside the image: what is not read of the hand may be there, too
+# share of the surface outside the image: what is not read of the hand may be there, too
+LEAVING = 0.05
 
 
 def reason(
-    depth: NDArray[np.float32], camera: Camera, xyz: Array, center_uvd: Array, cube_mm: float, support: Support,
+    depth: NDArray[np.float32],
+    camera: Camera,
+    xyz: Array,
+    center_uvd: Array,
+    cube_mm: float,
+    support: Support,
     confidence: float,
 ) -> str:
     """The reason why a hand was not found where it was expected, with joints (K, 3) in mm, camera axes.
@@ -67,7 +73,12 @@ def _edges_left(camera: Camera, xyz: Array, share: float = PART) -> str | None:
     if not before.all():
         return ""
     u, v, _ = camera.project(xyz).T
-    beyond = {"left": u < 0, "right": u > camera.width - 1, "upper": v < 0, "lower": v > camera.height - 1}
+    beyond = {
+        "left": u < 0,
+        "right": u > camera.width - 1,
+        "upper": v < 0,
+        "lower": v > camera.height - 1,
+    }
     if not np.any(list(beyond.values()), axis=0).mean() > share:
         return None
     edges = [edge for edge, joints in beyond.items() if joints.mean() > share / 2]

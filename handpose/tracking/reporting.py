@@ -48,7 +48,9 @@ class SureHands:
     @property
     def note(self) -> str:
         """How often a hand was taken out, as text; empty if never."""
-        below = f"{self.frames} frames have a hand with a confidence below {self.min_confidence:.0%}"
+        below = (
+            f"{self.frames} frames have a hand with a confidence below {self.min_confidence:.0%}"
+        )
         return f"{below}, whose joints are not given (--min-confidence)" if self.frames else ""
 
     def __call__(self, frame: TrackedFrame) -> TrackedFrame:
@@ -69,9 +71,15 @@ class SureHands:
                 continue
             x, y, z = hand.palm_mm.tolist()
             reason = uncertain(hand.confidence)
-            unsure.append(PresentHand(hand.id, side, hand.presence, hand.confidence, (x, y, z), reason))
+            unsure.append(
+                PresentHand(hand.id, side, hand.presence, hand.confidence, (x, y, z), reason)
+            )
         self.frames += len(hands) < len(frame.hands)
-        lost = [one._replace(since=self._given[one.id].time) for one in frame.lost if self._can_be_lost(one.id)]
+        lost = [
+            one._replace(since=self._given[one.id].time)
+            for one in frame.lost
+            if self._can_be_lost(one.id)
+        ]
         is_beside = hands or frame.time - self._posed <= RECENT_S
         present = [one for one in frame.present if one.is_sure or not is_beside]
         return frame._replace(hands=tuple(hands), lost=tuple(lost), present=(*present, *unsure))

@@ -26,7 +26,8 @@ FRAMES = 32  # number of poses collected
 BEST = 16  # number of the poses that are used, the least uncertain ones
 EVERY = 0.1  # s between poses, which must differ
 CONFIDENT = 0.5
-NEAR = np.linspace(-0.12, 0.12, 9)  # logarithms of the sizes tried, about the median of the single fits
+# logarithms of the sizes tried, about the median of the single fits
+NEAR = np.linspace(-0.12, 0.12, 9)
 POPULATION = 0.114  # deviation of the logarithm of the sizes of the recipe `people`
 STAGES = (Stage(15, 4), Stage(10, 3))
 
@@ -54,9 +55,14 @@ class SizeKeeper:
         self._time = time
         if len(self._estimates) < FRAMES:
             return None
-        estimates, estimator = sorted(self._estimates, key=lambda one: one.uncertainty)[:BEST], self._estimator
+        estimates, estimator = (
+            sorted(self._estimates, key=lambda one: one.uncertainty)[:BEST],
+            self._estimator,
+        )
         self._estimates = []
-        crops, uvd = (np.stack(values) for values in zip(*((s.crop, s.center_uvd) for s in estimates)))
+        crops, uvd = (
+            np.stack(values) for values in zip(*((s.crop, s.center_uvd) for s in estimates))
+        )
         hands = HandCrops.of_sides(crops, uvd, estimator.camera, estimator.cube_mm, estimate.hand)
         seen = hands.observe(FAST.points)
         x = np.stack([s.x for s in estimates])
@@ -65,7 +71,9 @@ class SizeKeeper:
         return size_of(estimator.fitter, seen, x, sizes=np.exp(middle + NEAR), deviation=POPULATION)
 
 
-def size_of(fitter: DepthFitter, seen: Observation, x: Array, sizes: Array, deviation: float = np.inf) -> float:
+def size_of(
+    fitter: DepthFitter, seen: Observation, x: Array, sizes: Array, deviation: float = np.inf
+) -> float:
     """The size, relative to the skeleton, of the hand in all frames, fitted as x (N, V).
 
     sizes      to be tried: at least three, with equal steps of their logarithms
@@ -73,12 +81,16 @@ def size_of(fitter: DepthFitter, seen: Observation, x: Array, sizes: Array, devi
                however many there are, because the model differs from a hand in the same way in all of them.
     """
     # Weak priors: strong ones about poses that were fitted with another size would keep that size.
-    objective = Objective(fitter.model, replace(fitter.objective.weights, size=0.0, limbs=0.1, rigid=100.0))
+    objective = Objective(
+        fitter.model, replace(fitter.objective.weights, size=0.0, limbs=0.1, rigid=100.0)
+    )
     left = np.zeros((len(sizes), len(x)))
     for costs, size in zip(left, sizes):
         start = x.copy()
         start[:, SIZE] = np.log(size)
-        _, cost = descend(objective, start, seen, objective.prior_of(start, fitter.precision), STAGES)
+        _, cost = descend(
+            objective, start, seen, objective.prior_of(start, fitter.precision), STAGES
+        )
         costs[:] = data_cost(cost.parts)
     least = left.min(axis=0)
     explained = left[:, least <= 3 * np.median(least)]  # frames that no size explains do not count

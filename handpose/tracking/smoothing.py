@@ -54,10 +54,12 @@ class Cutoff(NamedTuple):
 # Chosen on synthetic movements with three cameras that are in no reported result; the gaps on the real hands P1, P4 and
 # hpx, and on two synthetic recordings, whose jitter they raise by less than 2%.
 PLACE = Cutoff(least=0.5, slope=0.4, speed=2.7, noise=1.3, most=25.0)  # per mm/s
-ROTATION = Cutoff(least=0.8, slope=45.0, speed=4.0, noise=2.1, most=0.5, gap=200.0, least_gap=0.03)  # per rad/s, rad
+# per rad/s, rad
+ROTATION = Cutoff(least=0.8, slope=45.0, speed=4.0, noise=2.1, most=0.5, gap=200.0, least_gap=0.03)
 # the same, and of sizes their logarithm
 OTHERS = Cutoff(least=0.8, slope=15.0, speed=0.75, noise=1.05, most=0.4, gap=150.0, least_gap=0.06)
-GOOD_MM = 30.0  # expected error of a pose above which it is trusted less; smaller errors last, so smoothing only delays
+# expected error of a pose above which it is trusted less; smaller errors last, so smoothing only delays
+GOOD_MM = 30.0
 POWER = 3  # exponent of the ratio of the errors
 MIN_TRUST = 0.1  # minimum trust, because a hand may move meanwhile
 
@@ -92,16 +94,25 @@ class PoseFilter:
         if kept is None:
             still = np.zeros(6 + len(body.others))
             self._kept = _Kept(time, body, body, still, still, 1)
-            self._each = Cutoff(*np.repeat(np.array(self._cutoffs), (3, 3, len(body.others)), axis=0).T)  # (V,) each
+            # (V,) each
+            self._each = Cutoff(
+                *np.repeat(np.array(self._cutoffs), (3, 3, len(body.others)), axis=0).T
+            )
             return body
         seconds = time - kept.time
         if seconds <= 0:
             return kept.filtered
-        trust = 1.0 if math.isnan(error_mm) else max((GOOD_MM / max(error_mm, GOOD_MM)) ** POWER, MIN_TRUST)
+        trust = (
+            1.0
+            if math.isnan(error_mm)
+            else max((GOOD_MM / max(error_mm, GOOD_MM)) ** POWER, MIN_TRUST)
+        )
         now = kept.raw.step_to(body) / seconds
         speed = kept.speed + share(self._each.speed, seconds) * (now - kept.speed)
         scatter = np.log(np.maximum(_sizes(now - speed), NO_SPEED))
-        scatter = kept.scatter + max(share(SCATTER_HZ, seconds), 1 / kept.number) * (scatter - kept.scatter)
+        scatter = kept.scatter + max(share(SCATTER_HZ, seconds), 1 / kept.number) * (
+            scatter - kept.scatter
+        )
         gap = kept.filtered.step_to(body)
         hertz = self._hertz(_sizes(speed), np.exp(scatter), _sizes(gap), trust)
         filtered = kept.filtered.moved(share(hertz, seconds) * gap)

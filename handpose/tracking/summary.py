@@ -59,8 +59,10 @@ class HandSummary:
         if self.frames < MIN_FRAMES or not (is_small or is_large):
             return ""
         length, focal = ("shorter", "large") if is_small else ("longer", "small")
-        return (f"it has {LENGTH_MM * self.size:.0f} mm from the wrist to the tip of the middle finger, {length} than "
-                f"most hands of adults; if the real one is not, the focal lengths are 20% or more too {focal}")
+        return (
+            f"it has {LENGTH_MM * self.size:.0f} mm from the wrist to the tip of the middle finger, {length} than "
+            f"most hands of adults; if the real one is not, the focal lengths are 20% or more too {focal}"
+        )
 
 
 class Summary:
@@ -71,7 +73,8 @@ class Summary:
         self._bones = skeleton.bones[self._has_bone]
         self.frames = 0
         self.hands: dict[int, HandSummary] = {}
-        self.present: Counter[str] = Counter()  # number of hands without a sure pose by reason, without its figures
+        # number of hands without a sure pose by reason, without its figures
+        self.present: Counter[str] = Counter()
         self._first = self._last = 0.0
 
     @property
@@ -100,9 +103,20 @@ class Summary:
     @property
     def rows(self) -> list[list[str]]:
         """A table of the hands by their ids, as text, with a heading."""
-        return [["hand", "frames", "confidence", "size", "lost", "longest"], *(
-            [f"{id} {own.hand}", str(own.frames), own.sure, f"{own.size:.3f}", str(own.losses), f"{own.longest:.1f} s"]
-            for id, own in sorted(self.hands.items()))]
+        return [
+            ["hand", "frames", "confidence", "size", "lost", "longest"],
+            *(
+                [
+                    f"{id} {own.hand}",
+                    str(own.frames),
+                    own.sure,
+                    f"{own.size:.3f}",
+                    str(own.losses),
+                    f"{own.longest:.1f} s",
+                ]
+                for id, own in sorted(self.hands.items())
+            ),
+        ]
 
     @property
     def doubts(self) -> list[str]:

@@ -174,8 +174,15 @@ def side_name(side: Side | None) -> str:
 
 
 def joints_of(
-    skeleton: Skeleton, unit_mm: float, hand: Side, inputs: ArrayLike, bones: ArrayLike, origin_mm: ArrayLike
+    skeleton: Skeleton,
+    unit_mm: float,
+    hand: Side,
+    inputs: ArrayLike,
+    bones: ArrayLike,
+    origin_mm: ArrayLike,
 ) -> Array:
     """Joints (K, 3) in mm, camera axes, of a hand with the fields of ``TrackedHand``."""
-    posed = kinematics_of(skeleton).joints(np.asarray(inputs, np.float64)[None], np.asarray(bones, np.float64)[None])[0]
+    posed = kinematics_of(skeleton).joints(
+        np.asarray(inputs, np.float64)[None], np.asarray(bones, np.float64)[None]
+    )[0]
     return np.asarray(posed * unit_mm * mirror_of(hand) + np.asarray(origin_mm, np.float64))

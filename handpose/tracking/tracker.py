@@ -33,7 +33,15 @@ from handpose.frames.recording import DepthFrame
 from handpose.tracking.hand_track import AHEAD_S, ENOUGH, SURE, FrameHands, HandTrack
 from handpose.tracking.output import tracked_hand
 from handpose.tracking.pose_estimator import PoseEstimator
-from handpose.tracking.present_hands import LATER_S, SAME_MM, SOON_S, STILL, PresentHands, PresentPlace, Taken
+from handpose.tracking.present_hands import (
+    LATER_S,
+    SAME_MM,
+    SOON_S,
+    STILL,
+    PresentHands,
+    PresentPlace,
+    Taken,
+)
 from handpose.tracking.reasons import NO_POSE
 from handpose.tracking.reporting import RECENT_S, SureHands
 from handpose.tracking.sizing import checked
@@ -46,7 +54,8 @@ MAX_HANDS = 100  # larger numbers of hands are invalid
 # presence and confidence on: in twelve real recordings true hands begin with 0.31 or more, and all but a person's elbow
 # has up to 0.25. Beside a followed hand another one needs this confidence; the elbow has up to 0.64.
 ENOUGH_FIRST, ENOUGH_BOTH, BESIDE = ENOUGH / 3, 0.27, 0.7
-AGAIN = dataclasses.replace(ACCURATE, quarters=(0,))  # of a tracked hand: its last pose replaces the turned crops
+# of a tracked hand: its last pose replaces the turned crops
+AGAIN = dataclasses.replace(ACCURATE, quarters=(0,))
 
 
 def load_tracker(camera: Camera, *, fit: Fit = "fast", seed: int = 0, **options: object) -> Tracker:
@@ -69,8 +78,15 @@ class Tracker:
     """
 
     def __init__(
-        self, predictor: Predictor, *, hands: int = 2, smooth: bool = True, size: float | None = None,
-        surface: bool = False, min_confidence: float = MIN_CONFIDENCE, min_presence: float = MIN_PRESENCE,
+        self,
+        predictor: Predictor,
+        *,
+        hands: int = 2,
+        smooth: bool = True,
+        size: float | None = None,
+        surface: bool = False,
+        min_confidence: float = MIN_CONFIDENCE,
+        min_presence: float = MIN_PRESENCE,
     ) -> None:
         if predictor.fitter is None or predictor.finder is None:
             raise NetlibError("a tracker needs a predictor with a fit and a finder")
@@ -97,7 +113,9 @@ class Tracker:
 
     def header(self, source: str) -> TrackHeader:
         """The header of the track."""
-        return TrackHeader(source, self.camera, self.predictor.skeleton, self.predictor.cube_mm / 2, self.smooth)
+        return TrackHeader(
+            source, self.camera, self.predictor.skeleton, self.predictor.cube_mm / 2, self.smooth
+        )
 
     def follow(self, frames: Iterable[DepthFrame]) -> Iterator[TrackedFrame]:
         """The hands of all frames, in the order of their times. Raises DataError, NetlibError."""
@@ -130,7 +148,9 @@ class Tracker:
             check_unit(readings, np.inf)
             self._read = bool((readings > 0).any())
         if not time > self._time:
-            raise DataError(f"frame {frame.number} is of {time:g} s, after one of {self._time:g} s; times must ascend")
+            raise DataError(
+                f"frame {frame.number} is of {time:g} s, after one of {self._time:g} s; times must ascend"
+            )
         self._time = time
         readings = without_dropouts(readings)
         return readings, without_dropouts(self.camera.in_range(readings)), time
@@ -143,30 +163,45 @@ class Tracker:
         tracks, depth = self.tracks, found.depth
         regions = {track.id: track.regions(time) for track in tracks}
         estimates = self._estimates(depth, readings, regions)
-        others = {track.id: track.other_regions(found, estimates[track.id], time) for track in tracks}
+        others = {
+            track.id: track.other_regions(found, estimates[track.id], time) for track in tracks
+        }
         again = self._estimates(depth, readings, others, AGAIN)
         for track in tracks:
             seen, more = estimates[track.id], again[track.id]
             if not track.take(seen, more, time):
                 confidence = max((one.chance for one in [*seen, *more]), default=0.0)
-                track.reason = self.estimator.reason(readings, track.best.expected(time), track.hand, confidence)
+                track.reason = self.estimator.reason(
+                    readings, track.best.expected(time), track.hand, confidence
+                )
                 if track.credit <= 0:
                     track.end(track.reason)
 
     def _estimates(
-        self, depth: Floats, readings: Floats, regions: dict[int, list[SearchRegion]],
+        self,
+        depth: Floats,
+        readings: Floats,
+        regions: dict[int, list[SearchRegion]],
         plan: Plan | None = None,
     ) -> dict[int, list[Hand]]:
         """The poses in those regions of several hands, by their ids, that are in the image."""
         every = [region for own in regions.values() for region in own]
         estimates = iter(self.estimator.estimate(depth, every, plan, readings))
-        return {id: [one for one in itertools.islice(estimates, len(own)) if one] for id, own in regions.items()}
+        return {
+            id: [one for one in itertools.islice(estimates, len(own)) if one]
+            for id, own in regions.items()
+        }
 
     def _drop_doubles(self) -> None:
         """Drop one of two tracks at the same place: the one seen earlier, otherwise the worse one."""
-        for track in sorted(self.tracks, key=lambda one: (-one.time, one.best.estimate.selection_cost)):
+        for track in sorted(
+            self.tracks, key=lambda one: (-one.time, one.best.estimate.selection_cost)
+        ):
             for other in self.tracks if track.is_tracked else []:
-                if other is not track and np.linalg.norm(self._middle(track) - self._middle(other)) < APART_MM:
+                if (
+                    other is not track
+                    and np.linalg.norm(self._middle(track) - self._middle(other)) < APART_MM
+                ):
                     other.end("another hand is tracked at its position")
                     if track.decided == other.decided or None in (track.decided, other.decided):
                         self._merge(track, other)
@@ -193,8 +228,15 @@ class Tracker:
             place.wait(time, at_once=not self.tracks)
             seen = self._seen_at(place.hand, found.depth, readings, self.size)
             confidence = max((one.chance for one in seen), default=0.0)
-            if place.presence * confidence >= ENOUGH_BOTH and (confidence >= BESIDE or not self.tracks):
-                self._begin(HandTrack(self.estimator, seen, time, self.size, self._side_prior(), place.presence), place)
+            if place.presence * confidence >= ENOUGH_BOTH and (
+                confidence >= BESIDE or not self.tracks
+            ):
+                self._begin(
+                    HandTrack(
+                        self.estimator, seen, time, self.size, self._side_prior(), place.presence
+                    ),
+                    place,
+                )
 
     def _was_followed(self, place: PresentPlace, time: float) -> bool:
         """True if a hand was followed there until a moment ago."""
@@ -211,8 +253,13 @@ class Tracker:
         """The middles of tracked hands, and the places on their arms."""
         taken = []
         for track in self.tracks:
-            taken += [Taken(track.place, np.inf),
-                      *(Taken(place, track.evidence) for place in self.estimator.arm(track.best.estimate))]
+            taken += [
+                Taken(track.place, np.inf),
+                *(
+                    Taken(place, track.evidence)
+                    for place in self.estimator.arm(track.best.estimate)
+                ),
+            ]
         return taken
 
     def _drop_less_present(self) -> None:
@@ -224,7 +271,9 @@ class Tracker:
             if least.evidence < place.presence:
                 least.end("another hand is more present")
 
-    def _seen_at(self, hand: FoundHand, depth: Floats, readings: Floats, size: float | None) -> list[Hand]:
+    def _seen_at(
+        self, hand: FoundHand, depth: Floats, readings: Floats, size: float | None
+    ) -> list[Hand]:
         """The poses of a found hand as one of each side; none if a fast fit has little confidence."""
         try:
             start = self.camera.project(hand.middle)
@@ -247,13 +296,17 @@ class Tracker:
             track.since = time
             if track.is_decided:
                 track.size = track.size or track.sizes.take(track.best.estimate, time)
-            hands.append(tracked_hand(track, self.estimator.model, smooth=self.smooth, surface=self.surface))
+            hands.append(
+                tracked_hand(track, self.estimator.model, smooth=self.smooth, surface=self.surface)
+            )
         present = []
         likely = sorted(self.present.there, key=lambda place: not place.is_sure)
         for place in likely[: self.limit - len(self.tracks)]:
             side, (x, y, z) = place.hand.side, place.hand.middle.tolist()
             mask = place.hand.mask if place.time == time else None
-            hand = PresentHand(place.id, side, place.presence, 0.0, (x, y, z), NO_POSE, mask, place.is_sure)
+            hand = PresentHand(
+                place.id, side, place.presence, 0.0, (x, y, z), NO_POSE, mask, place.is_sure
+            )
             present.append(hand)
         return TrackedFrame(number, time, tuple(hands), tuple(lost), tuple(present))
 

@@ -27,7 +27,8 @@ class BiasParameter:
     """The ``bias_param { ... }`` block."""
 
     axis: int = numbered(1, 1)  # first axis of the bias in x
-    num_axes: int = numbered(2, 1)  # number of its axes; -1: all from ``axis`` on; 0: a single number
+    # number of its axes; -1: all from ``axis`` on; 0: a single number
+    num_axes: int = numbered(2, 1)
     filler: Filler = numbered(3, Filler())  # initial bias; default 0
 
 
@@ -48,7 +49,9 @@ class Broadcast(Layer):
         axis = self.canonical_axis(p.axis, x) if p.num_axes else 0
         end = len(x.shape) if p.num_axes == -1 else axis + p.num_axes
         if not axis <= end <= len(x.shape):
-            raise self.fail(f"axis {p.axis}, num_axes {p.num_axes} do not fit {x.shape}", "num_axes")
+            raise self.fail(
+                f"axis {p.axis}, num_axes {p.num_axes} do not fit {x.shape}", "num_axes"
+            )
         return self.new_param(name, x.shape[axis:end], p.filler)
 
     def _broadcast(self, name: str, shape: tuple[int, ...], x: Blob) -> None:
@@ -56,8 +59,10 @@ class Broadcast(Layer):
         self.axis = self.canonical_axis(self.param.axis, x) if shape else 0
         end = self.axis + len(shape)
         if x.shape[self.axis : end] != shape:
-            raise self.fail(f"{name} {shape} does not fit axes {self.axis} to {end} of bottom "
-                            f"{self.spec.bottom[0]!r} {x.shape}")
+            raise self.fail(
+                f"{name} {shape} does not fit axes {self.axis} to {end} of bottom "
+                f"{self.spec.bottom[0]!r} {x.shape}"
+            )
         self.wide = shape + (1,) * (len(x.shape) - end)
         self.others = tuple(i for i in range(len(x.shape)) if not self.axis <= i < end)
 

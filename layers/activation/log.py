@@ -36,7 +36,9 @@ class Log(Elementwise):
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         base = self.param.base
         if base != -1 and (base == 1 or not 0 < base < math.inf):
-            raise self.fail(f"base {base:g} must be positive, finite and not 1, or -1 for e", "base")
+            raise self.fail(
+                f"base {base:g} must be positive, finite and not 1, or -1 for e", "base"
+            )
         self.ln_base = 1.0 if base == -1 else math.log(base)
 
     def _write(self, x: Array, y: Array) -> None:

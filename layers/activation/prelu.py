@@ -49,7 +49,9 @@ class PReLU(Layer):
         if len(x) < 2:
             raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {x}, expected (N, C, ...)")
         if slope not in ((), x[1:2]):
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} has {x[1]} channels {x}, its slopes expect {slope[0]}")
+            raise self.fail(
+                f"bottom {self.spec.bottom[0]!r} has {x[1]} channels {x}, its slopes expect {slope[0]}"
+            )
         self.wide = slope + (1,) * (len(x) - 2)  # (C, 1, ...)
         self.others = tuple(i for i in range(len(x)) if i != 1 or not slope)
         top[0].reshape(x)
@@ -57,7 +59,8 @@ class PReLU(Layer):
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         self.x = bottom[0].data.copy() if bottom[0] is top[0] else bottom[0].data
         slope, y = self.slope.data.reshape(self.wide), top[0].data
-        is_larger = bool(((slope <= 1) & (slope != 0)).all())  # y is the larger one of x and slope x
+        # y is the larger one of x and slope x
+        is_larger = bool(((slope <= 1) & (slope != 0)).all())
         for items in blocks(len(y), max(BLOCK * len(y) // max(y.size, 1), 1)):
             x = self.x[items]
             if is_larger:

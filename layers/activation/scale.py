@@ -30,7 +30,8 @@ class ScaleParameter:
     """The ``scale_param { ... }`` block."""
 
     axis: int = numbered(1, 1)  # first axis of the gain in x
-    num_axes: int = numbered(2, 1)  # number of its axes; -1: all from ``axis`` on; 0: a single number
+    # number of its axes; -1: all from ``axis`` on; 0: a single number
+    num_axes: int = numbered(2, 1)
     filler: Filler = numbered(3, Filler(value=1.0))  # initial gain; default 1
     bias_term: bool = numbered(4, False)
     bias_filler: Filler = numbered(5, Filler())
@@ -53,7 +54,9 @@ class Scale(Broadcast):
         gain = self.gain.shape if self.learned else bottom[1].shape
         self._broadcast("gain", gain, bottom[0])
         if self.param.bias_term and self.bias.shape != gain:
-            raise self.fail(f"gain {self.spec.bottom[1]!r} {gain} does not fit the bias {self.bias.shape}")
+            raise self.fail(
+                f"gain {self.spec.bottom[1]!r} {gain} does not fit the bias {self.bias.shape}"
+            )
         top[0].reshape(bottom[0].shape)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:

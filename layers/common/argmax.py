@@ -26,7 +26,8 @@ from netlib.proto.schema import UInt, numbered
 class ArgMaxParameter:
     """The ``argmax_param { ... }`` block."""
 
-    out_max_val: bool = numbered(1, False)  # return the values too, or with ``axis`` instead of the indices
+    # return the values too, or with ``axis`` instead of the indices
+    out_max_val: bool = numbered(1, False)
     top_k: UInt = numbered(2, 1)  # number of indices
     axis: int | None = numbered(3, None)  # axis to search along; by default the whole item
 
@@ -44,7 +45,10 @@ class ArgMax(Layer):
         p, x = self.param, bottom[0]
         if p.axis is not None:
             self.axis = self.canonical_axis(p.axis, x)
-            values, what = x.shape[self.axis], f"the {x.shape[self.axis]} values along axis {self.axis}"
+            values, what = (
+                x.shape[self.axis],
+                f"the {x.shape[self.axis]} values along axis {self.axis}",
+            )
             shape = [*x.shape[: self.axis], p.top_k, *x.shape[self.axis + 1 :]]
         else:
             items = x.shape[self.canonical_axis(0, x, "first axis")]
@@ -52,13 +56,17 @@ class ArgMax(Layer):
             what = f"the {values} values of an item"
             shape = [items, 2 if p.out_max_val else 1, p.top_k] + [1] * (len(x.shape) - 3)
         if not 1 <= p.top_k <= values:
-            raise self.fail(f"top_k {p.top_k} must be from 1 to {what} of {self.spec.bottom[0]!r} {x.shape}", "top_k")
+            raise self.fail(
+                f"top_k {p.top_k} must be from 1 to {what} of {self.spec.bottom[0]!r} {x.shape}",
+                "top_k",
+            )
         top[0].reshape(shape)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         p, x, y = self.param, bottom[0].data, top[0].data
         x = x.reshape(len(x), -1) if p.axis is None else np.moveaxis(x, self.axis, -1)
-        places = np.argsort(x, axis=-1, kind="stable")[..., : -p.top_k - 1 : -1]  # reversed, so ties are too
+        # reversed, so ties are too
+        places = np.argsort(x, axis=-1, kind="stable")[..., : -p.top_k - 1 : -1]
         values = np.take_along_axis(x, places, axis=-1)
         if p.axis is not None:
             y[...] = np.moveaxis(values if p.out_max_val else places, -1, self.axis)

@@ -25,11 +25,15 @@ class Axpy(Layer):
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         a, x, y = (blob.shape for blob in bottom)
         if len(x) < 2 or a[:2] != x[:2] or bottom[0].count != x[0] * x[1]:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} {a} must have one number per item and channel of "
-                            f"{self.spec.bottom[1]!r} {x}")
+            raise self.fail(
+                f"bottom {self.spec.bottom[0]!r} {a} must have one number per item and channel of "
+                f"{self.spec.bottom[1]!r} {x}"
+            )
         if x != y:
-            raise self.fail(f"bottoms {self.spec.bottom[1]!r} {x} and {self.spec.bottom[2]!r} {y} "
-                            "must have the same shape")
+            raise self.fail(
+                f"bottoms {self.spec.bottom[1]!r} {x} and {self.spec.bottom[2]!r} {y} "
+                "must have the same shape"
+            )
         self.wide = (*x[:2], *(1,) * (len(x) - 2))  # shape of a for broadcasting
         top[0].reshape(x)
 

@@ -26,8 +26,10 @@ class BatchReindex(Layer):
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         x, index = bottom[0].shape, bottom[1].shape
         if not x or len(index) != 1:
-            raise self.fail(f"bottoms {self.spec.bottom[0]!r} {x} and {self.spec.bottom[1]!r} {index} "
-                            "must be items (N, ...) and their indices (M,)")
+            raise self.fail(
+                f"bottoms {self.spec.bottom[0]!r} {x} and {self.spec.bottom[1]!r} {index} "
+                "must be items (N, ...) and their indices (M,)"
+            )
         top[0].reshape(*index, *x[1:])
 
     def allow_force_backward(self, bottom_index: int) -> bool:
@@ -37,13 +39,17 @@ class BatchReindex(Layer):
         x, index = bottom[0].data, bottom[1].data
         wrong = index[~((index >= 0) & (index < len(x)))]
         if wrong.size:
-            raise self.fail(f"bottom {self.spec.bottom[1]!r} has index {wrong[0]:g}, but {self.spec.bottom[0]!r} "
-                            f"{x.shape} has items 0 to {len(x) - 1}")
+            raise self.fail(
+                f"bottom {self.spec.bottom[1]!r} has index {wrong[0]:g}, but {self.spec.bottom[0]!r} "
+                f"{x.shape} has items 0 to {len(x) - 1}"
+            )
         top[0].data[...] = x[_indices(bottom[1])]
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[1]:
-            raise self.fail(f"the indices {self.spec.bottom[1]!r} have no gradient; set propagate_down: false")
+            raise self.fail(
+                f"the indices {self.spec.bottom[1]!r} have no gradient; set propagate_down: false"
+            )
         if propagate_down[0]:
             bottom[0].diff[...] = 0
             np.add.at(bottom[0].diff, _indices(bottom[1]), top[0].diff)

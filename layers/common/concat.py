@@ -36,13 +36,20 @@ class Concat(Layer):
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         if self.param.concat_dim is not None and schema.is_given(self.param, "axis"):
-            raise self.fail("axis and concat_dim are the same option; expected only one of them", "concat_dim")
+            raise self.fail(
+                "axis and concat_dim are the same option; expected only one of them", "concat_dim"
+            )
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         p, first = self.param, bottom[0].shape
-        axis = self.axis = self.canonical_axis(p.axis if p.concat_dim is None else p.concat_dim, bottom[0])
+        axis = self.axis = self.canonical_axis(
+            p.axis if p.concat_dim is None else p.concat_dim, bottom[0]
+        )
         for name, shape in zip(self.spec.bottom, [x.shape for x in bottom]):
-            if len(shape) != len(first) or shape[:axis] + shape[axis + 1 :] != first[:axis] + first[axis + 1 :]:
+            if (
+                len(shape) != len(first)
+                or shape[:axis] + shape[axis + 1 :] != first[:axis] + first[axis + 1 :]
+            ):
                 raise self.fail(
                     f"bottom {name!r} {shape} and {self.spec.bottom[0]!r} {first} may differ only along axis {axis}"
                 )

@@ -41,7 +41,9 @@ class Dropout(Layer):
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         p = self.param.dropout_ratio
         if not 0 <= p < 1:
-            raise self.fail(f"dropout_ratio {p:g} must be at least 0 and less than 1", "dropout_ratio")
+            raise self.fail(
+                f"dropout_ratio {p:g} must be at least 0 and less than 1", "dropout_ratio"
+            )
         drops = self.phase == TRAIN or self.param.sample_weights_test
         self.active = drops and p > 0
         scales_now = drops or self.param.scale_train
@@ -54,7 +56,8 @@ class Dropout(Layer):
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         self.factor = self.in_test
         if self.active:
-            drawn = self.rng.integers(0, 1 << 16, bottom[0].shape, dtype=np.uint16)  # 16 bits: fast, and p to 1/65536
+            # 16 bits: fast, and p to 1/65536
+            drawn = self.rng.integers(0, 1 << 16, bottom[0].shape, dtype=np.uint16)
             least = min(round(self.param.dropout_ratio * (1 << 16)), (1 << 16) - 1)
             self.factor = (drawn >= least) * self.in_training
         top[0].data[...] = bottom[0].data * self.factor

@@ -30,7 +30,8 @@ class EltwiseParameter:
     """The ``eltwise_param { ... }`` block."""
 
     operation: Literal["PROD", "SUM", "MAX"] = numbered(1, "SUM")
-    coeff: tuple[float, ...] = numbered(2, ())  # SUM: one per bottom, default 1; accepted and ignored in MAX
+    # SUM: one per bottom, default 1; accepted and ignored in MAX
+    coeff: tuple[float, ...] = numbered(2, ())
     stable_prod_grad: bool = numbered(3, True)
 
 
@@ -56,8 +57,10 @@ class Eltwise(Layer):
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         for i, x in enumerate(bottom):
             if x.shape != bottom[0].shape:
-                raise self.fail(f"bottom {self.spec.bottom[i]!r} {x.shape} and {self.spec.bottom[0]!r} "
-                                f"{bottom[0].shape} must have the same shape")
+                raise self.fail(
+                    f"bottom {self.spec.bottom[i]!r} {x.shape} and {self.spec.bottom[0]!r} "
+                    f"{bottom[0].shape} must have the same shape"
+                )
         top[0].reshape(bottom[0].shape)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
@@ -86,6 +89,8 @@ class Eltwise(Layer):
             elif self.param.operation == "MAX":
                 x.diff[...] = dy * (self.winner == i)
             elif self.param.stable_prod_grad:
-                x.diff[...] = dy * reduce(np.multiply, [o.data for k, o in enumerate(bottom) if k != i])
+                x.diff[...] = dy * reduce(
+                    np.multiply, [o.data for k, o in enumerate(bottom) if k != i]
+                )
             else:
                 x.diff[...] = dy * (top[0].data / x.data)

@@ -58,15 +58,20 @@ class Embed(Layer):
         index, K = bottom[0].data, self.param.input_dim
         wrong = index[~((index >= 0) & (index < K) & (index == np.floor(index)))]
         if wrong.size:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} holds {wrong[0]:g}, expected whole numbers "
-                            f"from 0 to {K - 1} (input_dim {K})", "input_dim")
+            raise self.fail(
+                f"bottom {self.spec.bottom[0]!r} holds {wrong[0]:g}, expected whole numbers "
+                f"from 0 to {K - 1} (input_dim {K})",
+                "input_dim",
+            )
         top[0].data[...] = self.weight.data[index.astype(np.intp)]
         if self.param.bias_term:
             top[0].data[...] += self.bias.data
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
-            raise self.fail(f"the indices {self.spec.bottom[0]!r} have no gradient; set propagate_down: false")
+            raise self.fail(
+                f"the indices {self.spec.bottom[0]!r} have no gradient; set propagate_down: false"
+            )
         dy = top[0].diff
         np.add.at(self.weight.diff, bottom[0].data.astype(np.intp), dy)
         if self.param.bias_term:

@@ -29,17 +29,23 @@ class Filter(Layer):
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         if len(top) != len(bottom) - 1:
-            raise self.fail(f"has {len(bottom)} bottoms, the last of them the selector, and {len(top)} tops; "
-                            f"expected {len(bottom) - 1} tops")
+            raise self.fail(
+                f"has {len(bottom)} bottoms, the last of them the selector, and {len(top)} tops; "
+                f"expected {len(bottom) - 1} tops"
+            )
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         selector, name = bottom[-1].shape, self.spec.bottom[-1]
         if not selector or math.prod(selector[1:]) != 1:
-            raise self.fail(f"the selector {name!r} {selector} must have one value per item, (N,) or (N, 1, ...)")
+            raise self.fail(
+                f"the selector {name!r} {selector} must have one value per item, (N,) or (N, 1, ...)"
+            )
         for i, (x, y) in enumerate(zip(bottom, top)):
             if x.shape[:1] != selector[:1]:
-                raise self.fail(f"bottom {self.spec.bottom[i]!r} {x.shape} and the selector {name!r} {selector} "
-                                "must have the same number of items")
+                raise self.fail(
+                    f"bottom {self.spec.bottom[i]!r} {x.shape} and the selector {name!r} {selector} "
+                    "must have the same number of items"
+                )
             y.reshape(x.shape)
 
     def allow_force_backward(self, bottom_index: int) -> bool:
@@ -53,7 +59,9 @@ class Filter(Layer):
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[-1]:
-            raise self.fail(f"the selector {self.spec.bottom[-1]!r} has no gradient; set propagate_down: false")
+            raise self.fail(
+                f"the selector {self.spec.bottom[-1]!r} has no gradient; set propagate_down: false"
+            )
         for x, y, down in zip(bottom, top, propagate_down):
             if down:
                 x.diff[...] = 0

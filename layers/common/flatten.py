@@ -37,7 +37,9 @@ class Flatten(Layer):
         first = self.canonical_axis(self.param.axis, x)
         last = self.canonical_axis(self.param.end_axis, x, "end_axis")
         if last < first - 1:
-            raise self.fail(f"end_axis {self.param.end_axis} comes before axis {self.param.axis}", "end_axis")
+            raise self.fail(
+                f"end_axis {self.param.end_axis} comes before axis {self.param.axis}", "end_axis"
+            )
         joined = math.prod(x.shape[first : last + 1])
         top[0].reshape(*x.shape[:first], joined, *x.shape[last + 1 :])
 

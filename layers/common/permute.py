@@ -36,8 +36,11 @@ class Permute(Layer):
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         x, order = bottom[0].shape, self.param.order
         if len(set(order)) < len(order) or max(order, default=-1) >= len(x):
-            raise self.fail(f"order {list(order)} must name axes of {self.spec.bottom[0]!r} {x}, "
-                            f"0 to {len(x) - 1}, each at most once", "order")
+            raise self.fail(
+                f"order {list(order)} must name axes of {self.spec.bottom[0]!r} {x}, "
+                f"0 to {len(x) - 1}, each at most once",
+                "order",
+            )
         self.axes = (*order, *(axis for axis in range(len(x)) if axis not in order))
         top[0].reshape([x[axis] for axis in self.axes])
 

@@ -47,7 +47,9 @@ class Reduction(Layer):
         if self.param.operation == "MEAN":
             count = math.prod(bottom[0].shape[axis:])
             if count == 0:
-                raise self.fail(f"bottom {self.spec.bottom[0]!r} {bottom[0].shape} has no values, so no mean exists")
+                raise self.fail(
+                    f"bottom {self.spec.bottom[0]!r} {bottom[0].shape} has no values, so no mean exists"
+                )
             self.coeff /= self.dtype.type(count)
         top[0].reshape(bottom[0].shape[:axis])
 

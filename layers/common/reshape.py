@@ -40,21 +40,28 @@ class Reshape(Layer):
         first = p.axis if p.axis >= 0 else axes + p.axis + 1
         last = axes if p.num_axes < 0 else first + p.num_axes
         if p.num_axes < -1 or not 0 <= first <= last <= axes:
-            raise self.fail(f"axis {p.axis}, num_axes {p.num_axes} do not fit a bottom of shape {x.shape}", "axis")
+            raise self.fail(
+                f"axis {p.axis}, num_axes {p.num_axes} do not fit a bottom of shape {x.shape}",
+                "axis",
+            )
         dims = list(p.shape.dim)
         if dims.count(-1) > 1 or min(dims, default=0) < -1:
             raise self.fail(f"shape {dims} may contain one -1 and no smaller number", "shape")
         for i, dim in enumerate(dims):
             if dim == 0:
                 if first + i >= axes:
-                    raise self.fail(f"shape {dims}: 0 at index {i}, but the bottom has shape {x.shape}", "shape")
+                    raise self.fail(
+                        f"shape {dims}: 0 at index {i}, but the bottom has shape {x.shape}", "shape"
+                    )
                 dims[i] = x.shape[first + i]
         shape = [*x.shape[:first], *dims, *x.shape[last:]]
         if -1 in shape:
             known = math.prod(s for s in shape if s != -1)
             shape[shape.index(-1)] = x.count // known if known else 0
         if math.prod(shape) != x.count:
-            raise self.fail(f"cannot give {x.count} values {x.shape} the shape {tuple(shape)}", "shape")
+            raise self.fail(
+                f"cannot give {x.count} values {x.shape} the shape {tuple(shape)}", "shape"
+            )
         top[0].reshape(shape)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:

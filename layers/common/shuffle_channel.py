@@ -35,16 +35,24 @@ class ShuffleChannel(Layer):
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         shape, group = bottom[0].shape, self.param.group
         if len(shape) < 2:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {shape}, expected (N, C, ...)")
+            raise self.fail(
+                f"bottom {self.spec.bottom[0]!r} has shape {shape}, expected (N, C, ...)"
+            )
         if group < 1 or shape[1] % group:
-            raise self.fail(f"group is {group}; expected a divisor of the {shape[1]} channels", "group")
+            raise self.fail(
+                f"group is {group}; expected a divisor of the {shape[1]} channels", "group"
+            )
         self.by_group = (shape[0], group, shape[1] // group, *shape[2:])
         self.by_place = (shape[0], shape[1] // group, group, *shape[2:])
         top[0].reshape(shape)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        top[0].data.reshape(self.by_place)[...] = bottom[0].data.reshape(self.by_group).swapaxes(1, 2)
+        top[0].data.reshape(self.by_place)[...] = (
+            bottom[0].data.reshape(self.by_group).swapaxes(1, 2)
+        )
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
-            bottom[0].diff.reshape(self.by_group)[...] = top[0].diff.reshape(self.by_place).swapaxes(1, 2)
+            bottom[0].diff.reshape(self.by_group)[...] = (
+                top[0].diff.reshape(self.by_place).swapaxes(1, 2)
+            )

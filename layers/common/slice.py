@@ -37,7 +37,9 @@ class Slice(Layer):
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         if self.param.slice_dim is not None and schema.is_given(self.param, "axis"):
-            raise self.fail("axis and slice_dim are the same option; expected only one of them", "slice_dim")
+            raise self.fail(
+                "axis and slice_dim are the same option; expected only one of them", "slice_dim"
+            )
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         p, x = self.param, bottom[0]
@@ -48,9 +50,14 @@ class Slice(Layer):
         self.points = list(p.slice_point) or [part * i for i in range(1, len(top))]
         ends = [0, *self.points, size]
         parts = np.diff(ends)
-        if p.slice_point and (len(parts) != len(top) or min(parts[:-1]) < 1 or parts[-1] < 0 or len(top) > size):
-            raise self.fail(f"slice_point {self.points} must be {len(top) - 1} increasing numbers from 1 to {size}, "
-                            f"and {len(top)} tops at most {size}", "slice_point")
+        if p.slice_point and (
+            len(parts) != len(top) or min(parts[:-1]) < 1 or parts[-1] < 0 or len(top) > size
+        ):
+            raise self.fail(
+                f"slice_point {self.points} must be {len(top) - 1} increasing numbers from 1 to {size}, "
+                f"and {len(top)} tops at most {size}",
+                "slice_point",
+            )
         for y, a, b in zip(top, ends, ends[1:]):
             y.reshape(*x.shape[:axis], b - a, *x.shape[axis + 1 :])
 

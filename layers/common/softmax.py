@@ -19,7 +19,8 @@ from netlib.layer import Layer
 from netlib.proto.schema import Engine, numbered
 from netlib.system.memory import blocks
 
-BLOCK = 1 << 18  # values that stay in the cache; of 2^15 to 2^18 the fastest for 21 classes at 96 x 96 places
+# values that stay in the cache; of 2^15 to 2^18 the fastest for 21 classes at 96 x 96 places
+BLOCK = 1 << 18
 
 
 @dataclass(frozen=True)

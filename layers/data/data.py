@@ -31,10 +31,12 @@ class DataParameter:
 
     source: str = numbered(1)  # folder of the database
     batch_size: UInt = numbered(4)
-    backend: Literal["LEVELDB", "LMDB"] = numbered(8, "LEVELDB")  # Caffe's default; only LMDB is supported
+    # Caffe's default; only LMDB is supported
+    backend: Literal["LEVELDB", "LMDB"] = numbered(8, "LEVELDB")
     prefetch: UInt = numbered(10, 4)  # batches read ahead; accepted, ignored
     cache: bool = numbered(10001, False)  # keep all in memory (NVIDIA's Caffe); accepted, ignored
-    rand_skip: UInt = numbered(7, 0)  # this and the following are ignored, as in Caffe; see transform_param
+    # this and the following are ignored, as in Caffe; see transform_param
+    rand_skip: UInt = numbered(7, 0)
     force_encoded_color: bool = numbered(9, False)
     scale: float = numbered(2, 1.0)
     mean_file: str | None = numbered(3, None)
@@ -59,9 +61,12 @@ class Data(Reader):
         p = self.param
         self.batch_size = self.batch_of()
         if p.backend == "LEVELDB":
-            raise self.fail("backend LEVELDB, Caffe's default, is not supported; convert the database to LMDB (with "
-                            "Caffe's convert_imageset, from its images) and set backend: LMDB, or read the images with "
-                            "an ImageData layer", "backend")
+            raise self.fail(
+                "backend LEVELDB, Caffe's default, is not supported; convert the database to LMDB (with "
+                "Caffe's convert_imageset, from its images) and set backend: LMDB, or read the images with "
+                "an ImageData layer",
+                "backend",
+            )
         self.transformer = Transformer(self)
         self.path = find(p.source, self.source)
         database = Database(self.path)
@@ -71,7 +76,9 @@ class Data(Reader):
         self.key = self.cursor.key
         self.notes = [f"{self.entries} images in {p.source}"]
         warn_of_misplaced(self, "scale", "mean_file", "crop_size", "mirror")
-        warn_of_ignored(self, "force_encoded_color", advice="; write force_color in transform_param")
+        warn_of_ignored(
+            self, "force_encoded_color", advice="; write force_color in transform_param"
+        )
         warn_of_ignored(self, "rand_skip")
         image, _, what = self._entry()
         top[0].reshape(self.batch_size, *self.transformer.shape(image, what))

@@ -21,7 +21,8 @@ class DummyDataParameter:
 
     data_filler: tuple[Filler, ...] = numbered(1, ())  # default: constant 0
     shape: tuple[BlobShape, ...] = numbered(6, ())
-    num: tuple[UInt, ...] = numbered(2, ())  # older form of shape: four sizes, each once or once per top
+    # older form of shape: four sizes, each once or once per top
+    num: tuple[UInt, ...] = numbered(2, ())
     channels: tuple[UInt, ...] = numbered(3, ())
     height: tuple[UInt, ...] = numbered(4, ())
     width: tuple[UInt, ...] = numbered(5, ())
@@ -40,18 +41,26 @@ class DummyData(Layer):
         shapes: list[tuple[int, ...]] = [s.dim for s in p.shape]
         if any(older.values()):
             if shapes:
-                raise self.fail("has both shape and the older num, channels, height, width; expected one", "shape")
+                raise self.fail(
+                    "has both shape and the older num, channels, height, width; expected one",
+                    "shape",
+                )
             for what, sizes in older.items():
                 if len(sizes) not in (1, len(top)):
                     raise self.fail(f"has {len(top)} tops, but {len(sizes)} of {what}", what)
-            shapes = [tuple(sizes[i % len(sizes)] for sizes in older.values()) for i in range(len(top))]
+            shapes = [
+                tuple(sizes[i % len(sizes)] for sizes in older.values()) for i in range(len(top))
+            ]
         for what, given in (("shape", shapes), ("data_filler", p.data_filler)):
             if len(given) not in (0 if what == "data_filler" else 1, 1, len(top)):
                 raise self.fail(f"has {len(top)} tops, but {len(given)} of {what}", what)
         for shape in shapes:
             if min(shape, default=0) < 0:
                 raise self.fail(f"shape {tuple(shape)} has a negative size", "shape")
-        self.fillers = [p.data_filler[i % len(p.data_filler)] if p.data_filler else Filler() for i in range(len(top))]
+        self.fillers = [
+            p.data_filler[i % len(p.data_filler)] if p.data_filler else Filler()
+            for i in range(len(top))
+        ]
         for i, blob in enumerate(top):
             blob.reshape(shapes[i % len(shapes)])
             fill(blob.data, self.fillers[i], self.rng)

@@ -24,7 +24,8 @@ from netlib.files.hdf5 import File, read_list
 from netlib.layer import warn
 from netlib.proto.schema import UInt, numbered
 
-Cursor = tuple[int, int, int]  # number of the pass, index in the order of files, index in the order of rows
+# number of the pass, index in the order of files, index in the order of rows
+Cursor = tuple[int, int, int]
 
 
 @dataclass(frozen=True)
@@ -63,13 +64,20 @@ class HDF5Data(Reader):
         for file in self.files[1:]:
             for name, first, this in zip(self.spec.top, self.files[0].datasets, file.datasets):
                 if first.shape[1:] != this.shape[1:]:
-                    raise DataError(f"{file.path}: rows of {name!r} have shape {this.shape[1:]}, "
-                                    f"those in {self.files[0].path} {first.shape[1:]}")
+                    raise DataError(
+                        f"{file.path}: rows of {name!r} have shape {this.shape[1:]}, "
+                        f"those in {self.files[0].path} {first.shape[1:]}"
+                    )
         origin = ", ".join(sorted({file.made_from for file in self.files}))
-        self.notes = [f"{self.rows} rows in {len(self.files)} files of {source}, made from {origin}"]
+        self.notes = [
+            f"{self.rows} rows in {len(self.files)} files of {source}, made from {origin}"
+        ]
         step = self.batch_size * self.shard.count
         if step > self.rows:
-            warn(self, f"batch_size {step} is more than the {self.rows} rows of {source}; every batch repeats some")
+            warn(
+                self,
+                f"batch_size {step} is more than the {self.rows} rows of {source}; every batch repeats some",
+            )
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         for blob, dataset in zip(top, self.files[0].datasets):
@@ -115,7 +123,11 @@ class HDF5Data(Reader):
         if state.get("files") == self._identity():  # otherwise the position is meaningless
             turn, place, row = map(int, state["cursor"])
             self.cursor = (turn, place, row)
-            if turn < 0 or not 0 <= row < self.files[self.order(len(self.files), turn, 0)[place]].rows or place < 0:
+            if (
+                turn < 0
+                or not 0 <= row < self.files[self.order(len(self.files), turn, 0)[place]].rows
+                or place < 0
+            ):
                 raise ValueError(f"there is no row at {state['cursor']}")
 
     def reads(self) -> Any:

@@ -46,26 +46,39 @@ class HDF5Output(ZeroGradient):
         if not self.path.name or self.path.is_dir():
             raise self.fail(f"file_name {self.param.file_name!r} is not a file name", "file_name")
         if not self.path.parent.is_dir():
-            raise self.fail(f"file_name {self.param.file_name!r}: {self.path.parent} is not a folder", "file_name")
+            raise self.fail(
+                f"file_name {self.param.file_name!r}: {self.path.parent} is not a folder",
+                "file_name",
+            )
         if files.is_in_use(self.path):
-            raise self.fail(f"file_name {self.param.file_name!r} is read by a net; write to another file", "file_name")
+            raise self.fail(
+                f"file_name {self.param.file_name!r} is read by a net; write to another file",
+                "file_name",
+            )
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         for name, x in zip(self.spec.bottom, bottom):
             if len(x.shape) > 4:
                 raise self.fail(f"bottom {name!r} {x.shape} has more than four axes")
         if bottom[0].num != bottom[1].num:
-            raise self.fail(f"bottoms {self.spec.bottom[0]!r} {bottom[0].shape} and {self.spec.bottom[1]!r} "
-                            f"{bottom[1].shape} must have the same number of items")
+            raise self.fail(
+                f"bottoms {self.spec.bottom[0]!r} {bottom[0].shape} and {self.spec.bottom[1]!r} "
+                f"{bottom[1].shape} must have the same number of items"
+            )
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         if self.written:
-            raise self.fail(f"{self.path} holds the batch of the first forward; as in Caffe, it writes only one: "
-                            "run one iteration, with a batch of all items", "file_name")
+            raise self.fail(
+                f"{self.path} holds the batch of the first forward; as in Caffe, it writes only one: "
+                "run one iteration, with a batch of all items",
+                "file_name",
+            )
         try:
             with hdf5.created(self.path) as file:
                 for name, x in zip(NAMES, bottom):
                     file[name] = x.data.reshape(x.num, x.channels, x.height, x.width)
         except OSError as error:
-            raise DataError(f"{self.path}: cannot write the HDF5 file: {reason_of(error)}") from error
+            raise DataError(
+                f"{self.path}: cannot write the HDF5 file: {reason_of(error)}"
+            ) from error
         self.written = True

@@ -70,20 +70,26 @@ class ImageData(Reader):
         p = self.param
         self.batch_size = self.batch_of()
         if (p.new_height == 0) != (p.new_width == 0):
-            raise self.fail(f"new_height {p.new_height} and new_width {p.new_width} must be given together",
-                            "new_height" if p.new_height else "new_width")
+            raise self.fail(
+                f"new_height {p.new_height} and new_width {p.new_width} must be given together",
+                "new_height" if p.new_height else "new_width",
+            )
         self.transformer = Transformer(self)
         self.list = find(p.source, self.source)
         self.items, self.checksum = read_list(self.list)
         self.seed = int(self.rng.integers(2**62))
         skip = int(self.rng.integers(p.rand_skip)) if p.rand_skip else 0
         if skip >= len(self.items):
-            raise self.fail(f"rand_skip {p.rand_skip} would skip all {len(self.items)} images of {p.source}",
-                            "rand_skip")
+            raise self.fail(
+                f"rand_skip {p.rand_skip} would skip all {len(self.items)} images of {p.source}",
+                "rand_skip",
+            )
         self.cursor: Cursor = (0, skip)
         self.notes = [f"{len(self.items)} images in {p.source}"]
         warn_of_misplaced(self, "scale", "mean_file", "crop_size", "mirror")
-        warn_of_ignored(self, "force_color", "force_gray", block="transform_param", advice="; write is_color")
+        warn_of_ignored(
+            self, "force_color", "force_gray", block="transform_param", advice="; write is_color"
+        )
         first, _ = self.items[self._order(0)[skip]]
         top[0].reshape(self.batch_size, *self.transformer.shape(self._read(first), first))
         top[1].reshape(self.batch_size)
@@ -136,7 +142,12 @@ class ImageData(Reader):
     # ------------------------------------------------------------------------------------------ for resume
 
     def state(self) -> dict[str, Any]:
-        return {**super().state(), "seed": self.seed, "cursor": list(self.cursor), "list": self._identity()}
+        return {
+            **super().state(),
+            "seed": self.seed,
+            "cursor": list(self.cursor),
+            "list": self._identity(),
+        }
 
     def restore(self, state: dict[str, Any]) -> None:
         super().restore(state)
@@ -166,14 +177,22 @@ def read_list(path: Path) -> tuple[list[tuple[str, int]], int]:
             continue
         name, space, label = line.rpartition(" ")
         if not space and "\t" in line:
-            raise DataError(f"{path}:{number}: found a tab between path and label; expected a space, as in Caffe")
+            raise DataError(
+                f"{path}:{number}: found a tab between path and label; expected a space, as in Caffe"
+            )
         label = label.strip()
         if not space or not label:
-            raise DataError(f"{path}:{number}: {line.strip()!r} has no label; expected 'path label'")
+            raise DataError(
+                f"{path}:{number}: {line.strip()!r} has no label; expected 'path label'"
+            )
         if not re.fullmatch(r"[+-]?\d{1,10}", label):
-            raise DataError(f"{path}:{number}: the label {label!r} is not a whole number; expected 'path label'")
+            raise DataError(
+                f"{path}:{number}: the label {label!r} is not a whole number; expected 'path label'"
+            )
         if not -(2**31) <= int(label) < 2**31:
-            raise DataError(f"{path}:{number}: the label {label} does not fit into 32 bits, as Caffe's labels do")
+            raise DataError(
+                f"{path}:{number}: the label {label} does not fit into 32 bits, as Caffe's labels do"
+            )
         items.append((name, int(label)))
     if not items:
         raise DataError(f"{path}: the list of images is empty")

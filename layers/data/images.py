@@ -40,8 +40,12 @@ def resize_image(image: Array, height: int, width: int) -> Array:
     Raises DataError if the result exceeds the limit for images.
     """
     if height * width > pictures.MAX_PIXELS:
-        raise DataError(f"images resized to {width} x {height} pixels; expected at most {pictures.MAX_PIXELS}")
-    return cv2.resize(image, (width, height), interpolation=cv2.INTER_LINEAR).reshape(height, width, -1)
+        raise DataError(
+            f"images resized to {width} x {height} pixels; expected at most {pictures.MAX_PIXELS}"
+        )
+    return cv2.resize(image, (width, height), interpolation=cv2.INTER_LINEAR).reshape(
+        height, width, -1
+    )
 
 
 def planes(image: Array) -> Array:

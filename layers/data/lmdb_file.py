@@ -39,7 +39,8 @@ from netlib.files.paths import exists
 HEADER, OVERFLOW_HEADER = struct.Struct("<QHHHH"), struct.Struct("<QHHI")
 META, TREE = struct.Struct("<4sI16x48s48sQQ"), struct.Struct("<IHHQQQQQ")
 NODE, NUMBER = struct.Struct("<IHH"), struct.Struct("<Q")
-BRANCH, LEAF, OVERFLOW, META_PAGE, KIND = 1, 2, 4, 8, 0x6F  # KIND masks bits without a meaning in files
+# KIND masks bits without a meaning in files
+BRANCH, LEAF, OVERFLOW, META_PAGE, KIND = 1, 2, 4, 8, 0x6F
 ELSEWHERE = 1  # flag of a node in a leaf: the value is on separate pages
 MAGIC, VERSION = b"\xde\xc0\xef\xbe", 1
 PAGE_SIZES = [1 << n for n in range(9, 16)]  # up to LMDB's maximum, 32768 bytes
@@ -59,21 +60,29 @@ class Database:
         begin = self.source.read(0, min(self.source.size, 20))
         if begin[16:] != MAGIC:
             if MAGIC in begin or MAGIC[::-1] in begin:
-                raise DataError(f"{self.path}: written on a machine of 32 bits or of another byte order, expected "
-                                "64 bits, little endian; copy it with mdb_dump there and mdb_load here")
+                raise DataError(
+                    f"{self.path}: written on a machine of 32 bits or of another byte order, expected "
+                    "64 bits, little endian; copy it with mdb_dump there and mdb_load here"
+                )
             raise DataError(f"{self.path}: not an LMDB database")
         older = self._meta_page(0, 0)
         newer = max(older, self._meta_page(1, older[1]))
         transaction, self._page_size, flags, self.depth, pages, self.entries, self._root = newer
         self._current = transaction % 2  # number of the current meta page
         if flags:
-            raise DataError(f"{self.path}: a database with flags {flags:#x}, expected none, as Caffe writes it: "
-                            "one value per key, keys in byte order")
+            raise DataError(
+                f"{self.path}: a database with flags {flags:#x}, expected none, as Caffe writes it: "
+                "one value per key, keys in byte order"
+            )
         if self.depth > MAX_DEPTH:
-            raise self.damaged(self._current, f"a depth of {self.depth}, expected at most {MAX_DEPTH}")
+            raise self.damaged(
+                self._current, f"a depth of {self.depth}, expected at most {MAX_DEPTH}"
+            )
         needed = pages * self._page_size  # pages that were never used may be missing
         if self.source.size < needed:
-            raise DataError(f"{self.path}: truncated: it has {self.source.size} bytes, expected at least {needed}")
+            raise DataError(
+                f"{self.path}: truncated: it has {self.source.size} bytes, expected at least {needed}"
+            )
 
     def damaged(self, number: int, what: str) -> DataError:
         """Return the error for a damaged page. Raises DataError if the file was changed while in use."""
@@ -91,7 +100,9 @@ class Database:
             raise DataError(f"{self.path}: version {version} of LMDB's format, expected {VERSION}")
         page_size, *_ = TREE.unpack(free)
         if page_size not in PAGE_SIZES:
-            raise self.damaged(number, f"pages of {page_size} bytes, expected a power of two from 512 to 32768")
+            raise self.damaged(
+                number, f"pages of {page_size} bytes, expected a power of two from 512 to 32768"
+            )
         _, flags, depth, *pages, count, root = TREE.unpack(entries)
         return transaction, page_size, flags, depth, 2 + sum(pages), count, root
 
@@ -101,13 +112,17 @@ class Database:
         A value is the bytes, or the number of the page where they start and their number.
         """
         count = 0
-        for entry in self._below(start, self._root, self.depth - 1, b"", None) if self.depth else ():
+        for entry in (
+            self._below(start, self._root, self.depth - 1, b"", None) if self.depth else ()
+        ):
             count += 1
             yield entry
         if not start and count != self.entries:
             raise self.damaged(self._current, f"{self.entries} entries, but there are {count}")
 
-    def _below(self, start: bytes, number: int, level: int, begin: bytes, end: bytes | None) -> Iterator[Any]:
+    def _below(
+        self, start: bytes, number: int, level: int, begin: bytes, end: bytes | None
+    ) -> Iterator[Any]:
         """Yield these entries of a page at a level above the leaves, with keys from ``begin`` up to ``end``."""
         keys, values = self._page(number, level, begin, end)
         first = max(bisect_right(keys, start) - 1, 0)
@@ -117,7 +132,9 @@ class Database:
             elif key >= start:
                 yield key, value
 
-    def _page(self, number: int, level: int, begin: bytes, end: bytes | None) -> tuple[list[bytes], list[Any]]:
+    def _page(
+        self, number: int, level: int, begin: bytes, end: bytes | None
+    ) -> tuple[list[bytes], list[Any]]:
         """Read a page: its keys, and the numbers of the pages below it, or the values of its entries."""
         raw = self._read(number, 1, 0, self._page_size)
         own, _, kind, lower, upper = HEADER.unpack_from(raw)
@@ -128,30 +145,45 @@ class Database:
             raise self.damaged(number, f"offsets up to byte {lower}, nodes from byte {upper} on")
         offsets = struct.unpack_from(f"<{(lower - HEADER.size) // 2}H", raw, HEADER.size)
         nodes = [NODE.unpack_from(raw, min(at, len(raw) - NODE.size)) for at in offsets]
-        rests = [0 if level else NUMBER.size if flags & ELSEWHERE else size for size, flags, _ in nodes]
-        stops = [at + NODE.size + length + rest for at, (_, _, length), rest in zip(offsets, nodes, rests)]
+        rests = [
+            0 if level else NUMBER.size if flags & ELSEWHERE else size for size, flags, _ in nodes
+        ]
+        stops = [
+            at + NODE.size + length + rest
+            for at, (_, _, length), rest in zip(offsets, nodes, rests)
+        ]
         if min(offsets) < lower or max(stops) > len(raw):
             raise self.damaged(number, "its nodes are outside the page")
         keys = [raw[at + NODE.size : stop - rest] for at, stop, rest in zip(offsets, stops, rests)]
         if level:
             keys[0] = begin
-        if keys[0] < begin or any(a >= b for a, b in pairwise(keys)) or (end is not None and keys[-1] >= end):
+        if (
+            keys[0] < begin
+            or any(a >= b for a, b in pairwise(keys))
+            or (end is not None and keys[-1] >= end)
+        ):
             raise self.damaged(number, "its keys are out of order, or belong to another page")
         if level:
             return keys, [low | high << 32 for low, high, _ in nodes]
         for key, (_, flags, _) in zip(keys, nodes):
             if flags & ~ELSEWHERE:
                 what = f"{key!r} is not an entry but a database within this one (flags {flags:#x})"
-                raise DataError(f"{self.path}: page {number}: {what}, which Caffe never writes, or the file is damaged")
-        return keys, [(*NUMBER.unpack(raw[stop - rest : stop]), size) if flags else raw[stop - rest : stop]
-                      for stop, rest, (size, flags, _) in zip(stops, rests, nodes)]
+                raise DataError(
+                    f"{self.path}: page {number}: {what}, which Caffe never writes, or the file is damaged"
+                )
+        return keys, [
+            (*NUMBER.unpack(raw[stop - rest : stop]), size) if flags else raw[stop - rest : stop]
+            for stop, rest, (size, flags, _) in zip(stops, rests, nodes)
+        ]
 
     def value(self, number: int, size: int) -> bytes:
         """Read a value stored in overflow pages from this one on."""
         pages = (HEADER.size - 1 + size) // self._page_size + 1
         own, _, kind, there = OVERFLOW_HEADER.unpack(self._read(number, pages, 0, HEADER.size))
         if own != number or kind & KIND != OVERFLOW or there < pages:
-            raise self.damaged(number, f"expected a value of {size} bytes, found page {own} of kind {kind:#x}")
+            raise self.damaged(
+                number, f"expected a value of {size} bytes, found page {own} of kind {kind:#x}"
+            )
         return self._read(number, pages, HEADER.size, size)
 
     def _read(self, number: int, pages: int, begin: int, size: int) -> bytes:
@@ -169,12 +201,15 @@ class Cursor:
     """
 
     def __init__(self, database: Database) -> None:
-        self._database, self._rest = database, database.entries_from(b"")  # the entries after this one
+        # the entries after this one
+        self._database, self._rest = database, database.entries_from(b"")
         self.key, self._value = b"", b""
 
     def value(self) -> bytes:
         """Value of the current entry. Raises DataError, also if the file was changed since it was opened."""
-        value = self._database.value(*self._value) if isinstance(self._value, tuple) else self._value
+        value = (
+            self._database.value(*self._value) if isinstance(self._value, tuple) else self._value
+        )
         self._database.source.check()
         return value
 

@@ -51,12 +51,18 @@ class MemoryData(Layer):
         self.arrays: tuple[Array, Array] | None = None
         self.items = self.position = 0
         if "transform_param" in self.spec.blocks:
-            warn(self, "MemoryData does not transform arrays; transform_param is ignored, as in Caffe")
+            warn(
+                self,
+                "MemoryData does not transform arrays; transform_param is ignored, as in Caffe",
+            )
 
     def set_input_arrays(self, data: ArrayLike, labels: ArrayLike) -> None:
         """Set the arrays to read: data (N, C, H, W), labels (N,) or (N, 1, 1, 1). Raises LayerError."""
         p, x, t = self.param, np.asarray(data), np.asarray(labels)
-        for what, array, shape in (("data", x, (p.channels, p.height, p.width)), ("labels", t, (1, 1, 1))):
+        for what, array, shape in (
+            ("data", x, (p.channels, p.height, p.width)),
+            ("labels", t, (1, 1, 1)),
+        ):
             if array.dtype.kind not in "fiub":
                 raise self.fail(f"the {what} must be numbers, found an array of {array.dtype}")
             if array.shape[1:] != shape and not (what == "labels" and array.ndim == 1):
@@ -65,7 +71,9 @@ class MemoryData(Layer):
         if len(x) != len(t):
             raise self.fail(f"found {len(x)} items of data, but {len(t)} labels")
         if len(x) == 0 or len(x) % p.batch_size:
-            raise self.fail(f"found {len(x)} items, expected a multiple of batch_size {p.batch_size}")
+            raise self.fail(
+                f"found {len(x)} items, expected a multiple of batch_size {p.batch_size}"
+            )
         self.arrays, self.items = (x, t.reshape(-1, 1, 1, 1)), len(x)
         self.reset()
 

@@ -45,7 +45,9 @@ class Transformer:
 
     def __init__(self, layer: Layer) -> None:
         self.layer = layer
-        self.param: TransformationParameter = layer.read_block("transform_param", TransformationParameter)
+        self.param: TransformationParameter = layer.read_block(
+            "transform_param", TransformationParameter
+        )
         self.mean = self._read_mean()
         if self.param.force_color and self.param.force_gray:
             raise self.fail("force_color and force_gray cannot both be set", "force_gray")
@@ -59,12 +61,17 @@ class Transformer:
             raise self.fail("mean_file and mean_value cannot both be given", "mean_value")
         mean = read_blob(find(p.mean_file, self.layer.source))
         if mean.ndim != 4 or len(mean) < 1:
-            raise self.fail(f"mean_file {p.mean_file!r} has shape {mean.shape}, expected (1, C, H, W)", "mean_file")
+            raise self.fail(
+                f"mean_file {p.mean_file!r} has shape {mean.shape}, expected (1, C, H, W)",
+                "mean_file",
+            )
         return mean[0].astype(dtype)
 
     def fail(self, message: str, field: str) -> LayerError:
         """Return an error with the position of a field of transform_param."""
-        return LayerError(f"{schema.position_of(self.param, field)}: error: layer {self.layer.name!r}: {message}")
+        return LayerError(
+            f"{schema.position_of(self.param, field)}: error: layer {self.layer.name!r}: {message}"
+        )
 
     @property
     def color(self) -> bool | None:
@@ -75,7 +82,10 @@ class Transformer:
         """Shape of the result for an image; ``what`` names it in messages. Raises LayerError."""
         (C, H, W), size = image.shape, self.param.crop_size
         if min(H, W) < size:
-            raise self.fail(f"{what}: the image (C, H, W) {image.shape} is smaller than crop_size {size}", "crop_size")
+            raise self.fail(
+                f"{what}: the image (C, H, W) {image.shape} is smaller than crop_size {size}",
+                "crop_size",
+            )
         return (C, size, size) if size else (C, H, W)
 
     def transform(self, image: Array, y: Array, what: str) -> None:
@@ -83,27 +93,39 @@ class Transformer:
         p, train, rng = self.param, self.layer.phase == TRAIN, self.layer.rng
         C, H, W = self.shape(image, what)
         if y.shape != (C, H, W):
-            raise self.fail(f"{what}: the image (C, H, W) {image.shape} gives {(C, H, W)}, the first of its batch "
-                            f"{y.shape}; expected the same number of channels, and without crop_size the same size",
-                            "crop_size")
+            raise self.fail(
+                f"{what}: the image (C, H, W) {image.shape} gives {(C, H, W)}, the first of its batch "
+                f"{y.shape}; expected the same number of channels, and without crop_size the same size",
+                "crop_size",
+            )
         self._check_mean(image, what)
         mirror = p.mirror and rng.integers(2) == 1
         top, left = (image.shape[1] - H) // 2, (image.shape[2] - W) // 2
         if p.crop_size and train:
-            top, left = int(rng.integers(image.shape[1] - H + 1)), int(rng.integers(image.shape[2] - W + 1))
+            top, left = (
+                int(rng.integers(image.shape[1] - H + 1)),
+                int(rng.integers(image.shape[2] - W + 1)),
+            )
         crop = np.s_[:, top : top + H, left : left + W]
-        mean = np.broadcast_to(self.mean, image.shape)[crop]  # the mean at the position before cropping
+        # the mean at the position before cropping
+        mean = np.broadcast_to(self.mean, image.shape)[crop]
         result = (image[crop].astype(y.dtype) - mean) * y.dtype.type(p.scale)
         y[...] = result[:, :, ::-1] if mirror else result
 
     def _check_mean(self, image: Array, what: str) -> None:
         p = self.param
         if p.mean_file is not None and self.mean.shape != image.shape:
-            raise self.fail(f"{what}: the image (C, H, W) is {image.shape}, mean_file {p.mean_file!r} "
-                            f"{self.mean.shape}; expected equal shapes before cropping", "mean_file")
+            raise self.fail(
+                f"{what}: the image (C, H, W) is {image.shape}, mean_file {p.mean_file!r} "
+                f"{self.mean.shape}; expected equal shapes before cropping",
+                "mean_file",
+            )
         if len(p.mean_value) not in (0, 1, len(image)):
-            raise self.fail(f"{what}: {len(image)} channels, but {len(p.mean_value)} mean_value; expected "
-                            "one for all, or one per channel", "mean_value")
+            raise self.fail(
+                f"{what}: {len(image)} channels, but {len(p.mean_value)} mean_value; expected "
+                "one for all, or one per channel",
+                "mean_value",
+            )
 
 
 def warn_of_misplaced(layer: Layer, *names: str) -> None:

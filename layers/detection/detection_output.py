@@ -53,14 +53,18 @@ class ResizeParameter:
     """How images were resized, for saved detections; ignored."""
 
     prob: float = numbered(1, 1.0)
-    resize_mode: OneBased[Literal["WARP", "FIT_SMALL_SIZE", "FIT_LARGE_SIZE_AND_PAD"]] = numbered(2, "WARP")
+    resize_mode: OneBased[Literal["WARP", "FIT_SMALL_SIZE", "FIT_LARGE_SIZE_AND_PAD"]] = numbered(
+        2, "WARP"
+    )
     height: UInt = numbered(3, 0)
     width: UInt = numbered(4, 0)
     height_scale: UInt = numbered(8, 0)
     width_scale: UInt = numbered(9, 0)
     pad_mode: OneBased[Literal["CONSTANT", "MIRRORED", "REPEAT_NEAREST"]] = numbered(5, "CONSTANT")
     pad_value: tuple[float, ...] = numbered(6, ())
-    interp_mode: tuple[OneBased[Literal["LINEAR", "AREA", "NEAREST", "CUBIC", "LANCZOS4"]], ...] = numbered(7, ())
+    interp_mode: tuple[OneBased[Literal["LINEAR", "AREA", "NEAREST", "CUBIC", "LANCZOS4"]], ...] = (
+        numbered(7, ())
+    )
 
 
 @dataclass(frozen=True)
@@ -109,24 +113,42 @@ class DetectionOutput(Layer):
         if p.num_classes == 0:
             raise self.fail("num_classes must be at least 1", "num_classes")
         if not nms.nms_threshold >= 0:
-            raise self.fail(f"nms_threshold {nms.nms_threshold:g} must not be negative", "nms_param")
+            raise self.fail(
+                f"nms_threshold {nms.nms_threshold:g} must not be negative", "nms_param"
+            )
         if not 0 < nms.eta <= 1:
             raise self.fail(f"eta {nms.eta:g} must be above 0 and at most 1", "nms_param")
         if p.visualize or (p.save_output_param and p.save_output_param.output_directory):
-            warn(self, "does not show or save detections: visualize and save_output_param are ignored")
+            warn(
+                self,
+                "does not show or save detections: visualize and save_output_param are ignored",
+            )
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         N, priors = bottom[0].shape[:1], bottom[2].shape
-        if len(priors) < 3 or priors[:2] != (1, 2) or priors[2] % 4 or bottom[2].count != 2 * priors[2]:
-            raise self.fail(f"bottom {self.spec.bottom[2]!r} has shape {priors}, expected (1, 2, 4 per prior)")
+        if (
+            len(priors) < 3
+            or priors[:2] != (1, 2)
+            or priors[2] % 4
+            or bottom[2].count != 2 * priors[2]
+        ):
+            raise self.fail(
+                f"bottom {self.spec.bottom[2]!r} has shape {priors}, expected (1, 2, 4 per prior)"
+            )
         self.priors, C = priors[2] // 4, self.param.num_classes
         each = 4 if self.param.share_location else 4 * C
         for index, what, numbers in ((0, "locations", each), (1, "confidences", C)):
             shape = bottom[index].shape
-            if not shape or shape[:1] != N or bottom[index].count != shape[0] * self.priors * numbers:
-                raise self.fail(f"bottom {self.spec.bottom[index]!r} has shape {shape}, expected "
-                                f"{numbers * self.priors} {what} per item: {numbers} for each of the "
-                                f"{self.priors} priors")
+            if (
+                not shape
+                or shape[:1] != N
+                or bottom[index].count != shape[0] * self.priors * numbers
+            ):
+                raise self.fail(
+                    f"bottom {self.spec.bottom[index]!r} has shape {shape}, expected "
+                    f"{numbers * self.priors} {what} per item: {numbers} for each of the "
+                    f"{self.priors} priors"
+                )
         top[0].reshape(1, 1, 1, 7)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
@@ -135,7 +157,10 @@ class DetectionOutput(Layer):
         confidences = bottom[1].data.reshape(N, self.priors, C)
         priors, variances = bottom[2].data.reshape(2, self.priors, 4)
         self._check(priors)
-        found = [self._detect(item, *each, priors, variances) for item, each in enumerate(zip(locations, confidences))]
+        found = [
+            self._detect(item, *each, priors, variances)
+            for item, each in enumerate(zip(locations, confidences))
+        ]
         rows = np.concatenate(found) if found else np.zeros((0, 7))
         if not len(rows):
             rows = np.full((N, 7), -1.0)
@@ -148,10 +173,14 @@ class DetectionOutput(Layer):
         if self.param.code_type != "CORNER":
             for i in np.flatnonzero(~(priors[:, 2:] > priors[:, :2]).all(axis=1))[:1]:
                 numbers = ", ".join(f"{value:g}" for value in priors[i])
-                raise self.fail(f"prior {i} of {self.spec.bottom[2]!r} is ({numbers}); "
-                                f"{self.param.code_type} needs xmin < xmax and ymin < ymax")
+                raise self.fail(
+                    f"prior {i} of {self.spec.bottom[2]!r} is ({numbers}); "
+                    f"{self.param.code_type} needs xmin < xmax and ymin < ymax"
+                )
 
-    def _detect(self, item: int, locations: Array, confidences: Array, priors: Array, variances: Array) -> Array:
+    def _detect(
+        self, item: int, locations: Array, confidences: Array, priors: Array, variances: Array
+    ) -> Array:
         """Rows of one item: (P, L, 4) and (P, C) -> (D, 7)."""
         p = self.param
         found = [np.zeros((0, 7), self.dtype)]
@@ -213,7 +242,10 @@ def suppress(boxes: Array, threshold: float, eta: float = 1) -> list[int]:
 
 def overlap(a: Array, b: Array) -> Array:
     """Intersection / union of each box of a (K, 4) with each of b (M, 4): (K, M); NaN if both are empty."""
-    (x1, y1, x2, y2), (u1, v1, u2, v2) = np.ascontiguousarray(a.T)[:, :, None], np.ascontiguousarray(b.T)
+    (x1, y1, x2, y2), (u1, v1, u2, v2) = (
+        np.ascontiguousarray(a.T)[:, :, None],
+        np.ascontiguousarray(b.T),
+    )
     w, h = np.minimum(x2, u2), np.minimum(y2, v2)
     w -= np.maximum(x1, u1)
     h -= np.maximum(y1, v1)

@@ -44,7 +44,8 @@ class PriorBoxParameter:
     aspect_ratio: tuple[float, ...] = numbered(3, ())  # width / height
     flip: bool = numbered(4, True)  # also use the inverse ratios
     clip: bool = numbered(5, False)  # limit the boxes to the image
-    variance: tuple[float, ...] = numbered(6, ())  # of x, y, width and height; or one for all; default 0.1
+    # of x, y, width and height; or one for all; default 0.1
+    variance: tuple[float, ...] = numbered(6, ())
     img_size: UInt | None = numbered(7, None)  # width and height of the image
     img_h: UInt | None = numbered(8, None)
     img_w: UInt | None = numbered(9, None)
@@ -65,24 +66,38 @@ class PriorBox(ZeroGradient):
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         p = self.param
         if not p.min_size or not all(size > 0 for size in p.min_size):
-            raise self.fail(f"min_size {list(p.min_size)} must be one or more sizes above 0", "min_size")
-        if len(p.max_size) not in (0, len(p.min_size)) or not all(m < M for m, M in zip(p.min_size, p.max_size)):
-            raise self.fail(f"max_size {list(p.max_size)} must have a larger size for each min_size "
-                            f"{list(p.min_size)}, or none", "max_size")
+            raise self.fail(
+                f"min_size {list(p.min_size)} must be one or more sizes above 0", "min_size"
+            )
+        if len(p.max_size) not in (0, len(p.min_size)) or not all(
+            m < M for m, M in zip(p.min_size, p.max_size)
+        ):
+            raise self.fail(
+                f"max_size {list(p.max_size)} must have a larger size for each min_size "
+                f"{list(p.min_size)}, or none",
+                "max_size",
+            )
         if not all(ratio > 0 for ratio in p.aspect_ratio):
             raise self.fail(f"aspect_ratio {list(p.aspect_ratio)} must be above 0", "aspect_ratio")
         if len(p.variance) not in (0, 1, 4) or not all(variance > 0 for variance in p.variance):
-            raise self.fail(f"variance {list(p.variance)} must be one or four numbers above 0", "variance")
+            raise self.fail(
+                f"variance {list(p.variance)} must be one or four numbers above 0", "variance"
+            )
         self.image = self._pair("img_size", "img_h", "img_w")
         self.step = self._pair("step", "step_h", "step_w")
 
     def _pair(self, both: str, height: str, width: str) -> tuple[float, float] | None:
         """The values of an option for height and width; None if it is not given. Raises LayerError."""
-        one, pair = getattr(self.param, both), (getattr(self.param, height), getattr(self.param, width))
+        one, pair = (
+            getattr(self.param, both),
+            (getattr(self.param, height), getattr(self.param, width)),
+        )
         if pair == (None, None):
             pair = (one, one)
         elif one is not None:
-            raise self.fail(f"{both} and {height}, {width} are the same option; expected only one of them", both)
+            raise self.fail(
+                f"{both} and {height}, {width} are the same option; expected only one of them", both
+            )
         if pair == (None, None):
             return None
         if not all(value is not None and value > 0 for value in pair):
@@ -103,7 +118,10 @@ class PriorBox(ZeroGradient):
 
 
 def prior_boxes(
-    p: PriorBoxParameter, map_size: Sequence[int], image: Sequence[float], step: tuple[float, float] | None
+    p: PriorBoxParameter,
+    map_size: Sequence[int],
+    image: Sequence[float],
+    step: tuple[float, float] | None,
 ) -> tuple[Array, Array]:
     """Return the boxes (H W P, 4) and their variances, of the same shape, in float64.
 
@@ -114,7 +132,12 @@ def prior_boxes(
     centre = np.empty((H, W, 1, 2))
     centre[..., 0] = ((np.arange(W) + p.offset) * step_w)[:, None]
     centre[..., 1] = ((np.arange(H) + p.offset) * step_h)[:, None, None]
-    boxes = np.concatenate([centre - sizes / 2, centre + sizes / 2], axis=-1) / (width, height, width, height)
+    boxes = np.concatenate([centre - sizes / 2, centre + sizes / 2], axis=-1) / (
+        width,
+        height,
+        width,
+        height,
+    )
     if p.clip:
         boxes = boxes.clip(0, 1)
     return boxes.reshape(-1, 4), np.broadcast_to(p.variance or 0.1, (boxes.size // 4, 4))

@@ -64,9 +64,13 @@ class HandAugment(Layer):
         depth, joint = bottom
         N, S = depth.num, depth.width
         if len(depth.shape) != 4 or depth.channels != 1 or depth.height != S:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {depth.shape}, expected crops (N, 1, S, S)")
+            raise self.fail(
+                f"bottom {self.spec.bottom[0]!r} has shape {depth.shape}, expected crops (N, 1, S, S)"
+            )
         if joint.num != N or joint.count % max(3 * N, 1):
-            raise self.fail(f"bottom {self.spec.bottom[1]!r} has shape {joint.shape}, expected joints ({N}, 3 K)")
+            raise self.fail(
+                f"bottom {self.spec.bottom[1]!r} has shape {joint.shape}, expected joints ({N}, 3 K)"
+            )
         for x, y in zip(bottom, top):
             y.reshape(x.shape)
 
@@ -81,7 +85,8 @@ class HandAugment(Layer):
             [[np.deg2rad(p.rotation)], [p.scale], [p.shift], [p.shift], [p.depth]]
         )
         s += 1
-        turn = np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]]).transpose(2, 0, 1)  # (column, row)
+        # (column, row)
+        turn = np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]]).transpose(2, 0, 1)
         move = np.stack([u, v], axis=1)
         self.move_joints(bottom[1].data, top[1].data, turn, s, move / (S / 2), d)
         self.move_crops(bottom[0].data[:, 0], top[0].data[:, 0], _source_of(turn, s, move, S), s, d)

@@ -64,7 +64,11 @@ class Kinematics:
         for j in sk.order:
             parent = sk.parents[j]
             p = pose.joints[:, parent] if parent >= 0 else np.zeros((len(theta), 3))
-            F = pose.frames[:, parent] if parent >= 0 else np.broadcast_to(np.eye(3), (len(theta), 3, 3))
+            F = (
+                pose.frames[:, parent]
+                if parent >= 0
+                else np.broadcast_to(np.eye(3), (len(theta), 3, 3))
+            )
             for motion in sk.motions[j]:
                 a = motion.sign * F[:, :, motion.axis]
                 if motion.row >= 0:
@@ -73,7 +77,8 @@ class Kinematics:
                     p = p + a * theta[:, motion.dof, None]
                 else:
                     F = F @ rotation(motion.axis, motion.sign * theta[:, motion.dof])
-            along_bone = F[:, :, sk.bone_axes[j]]  # a joint without a bone has length 0, so its axis has no effect
+            # a joint without a bone has length 0, so its axis has no effect
+            along_bone = F[:, :, sk.bone_axes[j]]
             pose.joints[:, j], pose.frames[:, j] = p + along_bone * lengths[:, j, None], F
         return pose
 

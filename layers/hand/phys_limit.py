@@ -56,7 +56,9 @@ class PhysLimit(Layer):
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         D = len(self.lower)
         if not bottom[0].shape or bottom[0].count != bottom[0].num * D:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, the skeleton has {D} DoFs")
+            raise self.fail(
+                f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, the skeleton has {D} DoFs"
+            )
         top[0].reshape(())
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:

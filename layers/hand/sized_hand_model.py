@@ -34,7 +34,8 @@ class SizedHandModel(HandModel):
         super().setup(bottom, top)
         body = self._moving_body()
         self.starts = body.initial * body.slides  # (D,) initial translations, which a factor scales
-        self.still = np.flatnonzero(self.skeleton.fixed & body.slides)  # fixed, so moved only by the factor
+        # fixed, so moved only by the factor
+        self.still = np.flatnonzero(self.skeleton.fixed & body.slides)
 
     def _moving_body(self) -> Skeleton:
         return self.skeleton.with_free_slides()
@@ -44,8 +45,10 @@ class SizedHandModel(HandModel):
         (N, *_), K, b = top[0].shape, len(self.skeleton.joint_names), bottom[1]
         self.is_factor = math.prod(b.shape[1:]) == 1
         if b.shape[:1] != (N,) or math.prod(b.shape[1:]) not in (1, K):
-            raise self.fail(f"bottom {self.spec.bottom[1]!r} has shape {b.shape}, expected ({N}, 1), a factor, or "
-                            f"({N}, {K}), the bone lengths of skeleton {self.skeleton.name!r}")
+            raise self.fail(
+                f"bottom {self.spec.bottom[1]!r} has shape {b.shape}, expected ({N}, 1), a factor, or "
+                f"({N}, {K}), the bone lengths of skeleton {self.skeleton.name!r}"
+            )
 
     def _body(self, bottom: Blobs) -> tuple[Array, ...]:
         [x], sk = super()._body(bottom), self.skeleton

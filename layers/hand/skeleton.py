@@ -69,7 +69,9 @@ class Skeleton:
     def __init__(self, param: SkeletonParameter) -> None:
         self.param, self.name = param, param.name
         if not param.joint:
-            raise PrototxtError(schema.position_of(param), "this file has no joints; expected a skeleton")
+            raise PrototxtError(
+                schema.position_of(param), "this file has no joints; expected a skeleton"
+            )
         self.dof_names = _unique([(d.name, d) for d in param.dof], "DoF")
         self.joint_names = _unique([(j.name, j) for j in param.joint], "joint")
         self.initial = np.array([d.initial for d in param.dof])
@@ -78,8 +80,12 @@ class Skeleton:
         self.fixed = np.array([d.fixed for d in param.dof], dtype=bool)
         self._check_numbers()
         joints = {name: i for i, name in enumerate(self.joint_names)}
-        self.parents = np.array([_index(j.parent, joints, j, "parent") for j in param.joint], dtype=int)
-        self.bones = np.array([_signed(j.bone.axis)[1] * j.bone.length if j.bone else 0.0 for j in param.joint])
+        self.parents = np.array(
+            [_index(j.parent, joints, j, "parent") for j in param.joint], dtype=int
+        )
+        self.bones = np.array(
+            [_signed(j.bone.axis)[1] * j.bone.length if j.bone else 0.0 for j in param.joint]
+        )
         self.bone_axes = np.array([_signed(j.bone.axis)[0] if j.bone else -1 for j in param.joint])
         depth = self._depths()
         self.order = sorted(range(len(depth)), key=lambda j: depth[j])
@@ -103,7 +109,9 @@ class Skeleton:
     @functools.cached_property
     def moves(self) -> Array:
         """(Q, K) bool: whether the free motion moves the joint."""
-        return np.asarray(self.descendants[self._moved].reshape(len(self._moved), len(self.parents)))
+        return np.asarray(
+            self.descendants[self._moved].reshape(len(self._moved), len(self.parents))
+        )
 
     def theta(self, inputs: Array) -> Array:
         """Values of the DoFs, (N, D) float64, for inputs (N, D)."""
@@ -121,22 +129,32 @@ class Skeleton:
     def scaled(self, scale: float) -> Skeleton:
         """Return the body scaled by a factor: bones, initial translations and surface."""
         dofs = [
-            replace(d, initial=d.initial * scale) if slides else d for d, slides in zip(self.param.dof, self.slides)
+            replace(d, initial=d.initial * scale) if slides else d
+            for d, slides in zip(self.param.dof, self.slides)
         ]
         longer = self.with_numbers(dofs, self.bones * scale).param
         return Skeleton(replace(longer, flesh=longer.flesh and longer.flesh.scaled(scale)))
 
     def with_free_slides(self) -> Skeleton:
         """Return the body with every DoF of a translation free."""
-        dofs = [replace(d, fixed=d.fixed and not slides) for d, slides in zip(self.param.dof, self.slides)]
+        dofs = [
+            replace(d, fixed=d.fixed and not slides)
+            for d, slides in zip(self.param.dof, self.slides)
+        ]
         return Skeleton(replace(self.param, dof=tuple(dofs)))
 
     def with_surface(self) -> Skeleton:
         """Return the body with the additional joints and DoFs of its surface appended."""
         flesh = self.param.flesh
         if flesh is None:
-            raise NetlibError(f"skeleton {self.name!r} has no flesh {{ ... }}; expected capsules around its bones")
-        return Skeleton(replace(self.param, dof=self.param.dof + flesh.dof, joint=self.param.joint + flesh.joint))
+            raise NetlibError(
+                f"skeleton {self.name!r} has no flesh {{ ... }}; expected capsules around its bones"
+            )
+        return Skeleton(
+            replace(
+                self.param, dof=self.param.dof + flesh.dof, joint=self.param.joint + flesh.joint
+            )
+        )
 
     def _check_numbers(self) -> None:
         for joint in self.param.joint:
@@ -145,18 +163,25 @@ class Skeleton:
                 raise PrototxtError(schema.position_of(joint.bone), found)
         for d in self.param.dof:
             if not abs(d.initial) <= MAX_VALUE:
-                raise PrototxtError(schema.position_of(d), f"{d.initial} is not a length or an angle")
+                raise PrototxtError(
+                    schema.position_of(d), f"{d.initial} is not a length or an angle"
+                )
             if d.lower > d.upper:
                 raise PrototxtError(
-                    schema.position_of(d), f"DoF {d.name!r}: lower limit {d.lower:g} is above {d.upper:g}"
+                    schema.position_of(d),
+                    f"DoF {d.name!r}: lower limit {d.lower:g} is above {d.upper:g}",
                 )
             lowest = -MAX_VALUE if d.lower == -np.inf else d.lower
             highest = MAX_VALUE if d.upper == np.inf else d.upper
             if not (abs(lowest) <= MAX_VALUE and abs(highest) <= MAX_VALUE):
                 where = schema.position_of(d, "upper" if abs(lowest) <= MAX_VALUE else "lower")
-                raise PrototxtError(where, f"DoF {d.name!r}: limits {d.lower:g} and {d.upper:g}; expected numbers")
+                raise PrototxtError(
+                    where, f"DoF {d.name!r}: limits {d.lower:g} and {d.upper:g}; expected numbers"
+                )
             if not d.deviation > 0:
-                raise PrototxtError(schema.position_of(d, "deviation"), f"deviation {d.deviation:g}; expected > 0")
+                raise PrototxtError(
+                    schema.position_of(d, "deviation"), f"deviation {d.deviation:g}; expected > 0"
+                )
 
     def _depths(self) -> dict[int, int]:
         """Number of joints from each joint up to its root. Raises PrototxtError if there is no root."""
@@ -167,7 +192,9 @@ class Skeleton:
             while at not in depth:
                 if at in way:
                     stuck = self.param.joint[at]
-                    raise PrototxtError(schema.position_of(stuck), f"joint {stuck.name!r} is its own ancestor")
+                    raise PrototxtError(
+                        schema.position_of(stuck), f"joint {stuck.name!r} is its own ancestor"
+                    )
                 way[at] = None
                 at = int(self.parents[at])
             for at in reversed(way):
@@ -186,7 +213,11 @@ class Skeleton:
                     dof = _index(param.dof, dofs, param, "dof")
                     row = -1 if self.fixed[dof] else rows
                     rows += row >= 0
-                    own.append(Motion("translate" if kind == "translate" else "rotate", axis, sign, dof, row))
+                    own.append(
+                        Motion(
+                            "translate" if kind == "translate" else "rotate", axis, sign, dof, row
+                        )
+                    )
             result.append(tuple(own))
         return result
 

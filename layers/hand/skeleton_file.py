@@ -114,13 +114,19 @@ class FleshParameter:
         """Return the surface of the body scaled by a factor."""
 
         def longer(joint: JointParameter) -> JointParameter:
-            return replace(joint, bone=joint.bone and replace(joint.bone, length=joint.bone.length * scale))
+            return replace(
+                joint, bone=joint.bone and replace(joint.bone, length=joint.bone.length * scale)
+            )
 
         return replace(
             self,
             joint=tuple(longer(joint) for joint in self.joint),
-            offset=tuple(replace(o, x=o.x * scale, y=o.y * scale, z=o.z * scale) for o in self.offset),
-            capsule=tuple(replace(c, radius=tuple(r * scale for r in c.radius)) for c in self.capsule),
+            offset=tuple(
+                replace(o, x=o.x * scale, y=o.y * scale, z=o.z * scale) for o in self.offset
+            ),
+            capsule=tuple(
+                replace(c, radius=tuple(r * scale for r in c.radius)) for c in self.capsule
+            ),
             wedge=tuple(replace(w, radius=tuple(r * scale for r in w.radius)) for w in self.wedge),
         )
 
@@ -160,8 +166,13 @@ def text_of(param: SkeletonParameter, name: str, comment: str) -> str:
 def _dof_lines(dofs: tuple[DofParameter, ...]) -> Iterator[str]:
     width = max((len(_quoted(d.name)) for d in dofs), default=0)
     for i, d in enumerate(dofs):
-        fields = [f"name: {_quoted(d.name).ljust(width)}", f"initial: {_number(d.initial).rjust(9)}"]
-        fields += ["fixed: true"] if d.fixed else [f"lower: {_number(d.lower)} upper: {_number(d.upper)}"]
+        fields = [
+            f"name: {_quoted(d.name).ljust(width)}",
+            f"initial: {_number(d.initial).rjust(9)}",
+        ]
+        fields += (
+            ["fixed: true"] if d.fixed else [f"lower: {_number(d.lower)} upper: {_number(d.upper)}"]
+        )
         fields += [f"deviation: {_number(d.deviation)}"] if np.isfinite(d.deviation) else []
         yield f"dof {{ {'  '.join(fields)} }}  # {i}"
 

@@ -43,7 +43,9 @@ class Accuracy(Layer):
         labels_of.check_shapes(self, bottom, places, same_items=False)
         self.classes = x.shape[self.axis]
         if self.param.top_k > self.classes:
-            raise self.fail(f"top_k {self.param.top_k} is more than the {self.classes} classes", "top_k")
+            raise self.fail(
+                f"top_k {self.param.top_k} is more than the {self.classes} classes", "top_k"
+            )
         top[0].reshape(())
         if len(top) > 1:
             top[1].reshape(self.classes)
@@ -53,7 +55,8 @@ class Accuracy(Layer):
         labels, counts = labels_of.read(self, bottom, self.classes, self.param.ignore_label)
         labels, scores = labels[counts], scores[counts]
         own = np.take_along_axis(scores, labels[:, None], 1)
-        right = (scores > own).sum(axis=1) + (scores == own).sum(axis=1) - 1 < self.param.top_k  # ties count as higher
+        # ties count as higher
+        right = (scores > own).sum(axis=1) + (scores == own).sum(axis=1) - 1 < self.param.top_k
         top[0].data[...] = right.mean() if len(right) else 0
         if len(top) > 1:
             total = np.bincount(labels, minlength=self.classes)

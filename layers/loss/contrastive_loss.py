@@ -36,7 +36,8 @@ class ContrastiveLossParameter:
     """The ``contrastive_loss_param { ... }`` block."""
 
     margin: float = numbered(1, 1.0)  # minimum distance of pairs that are not similar
-    legacy_version: bool = numbered(2, False)  # compare d² with the margin, as in Caffe's first version
+    # compare d² with the margin, as in Caffe's first version
+    legacy_version: bool = numbered(2, False)
 
 
 class ContrastiveLoss(Layer):
@@ -51,9 +52,13 @@ class ContrastiveLoss(Layer):
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         self.shape = items_and_values(self, Blobs(bottom[:2]))
         N = self.shape[0]
-        for blob, name, values in zip(bottom, self.spec.bottom, (bottom[0].channels, bottom[1].channels, 1)):
+        for blob, name, values in zip(
+            bottom, self.spec.bottom, (bottom[0].channels, bottom[1].channels, 1)
+        ):
             if blob.shape[:1] != (N,) or blob.count != N * values:
-                expected = "(N, C), two axes" if blob is not bottom[2] else f"({N},), one value per pair"
+                expected = (
+                    "(N, C), two axes" if blob is not bottom[2] else f"({N},), one value per pair"
+                )
                 raise self.fail(f"bottom {name!r} has shape {blob.shape}, expected {expected}")
         top[0].reshape(())
 

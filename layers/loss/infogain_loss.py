@@ -51,10 +51,16 @@ class InfogainLoss(LabelLoss):
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         self.loss_param: LossParameter = self.read_block("loss_param", LossParameter)
         if self.loss_param.normalize is not None:
-            raise self.fail("InfogainLoss does not support normalize; expected normalization: VALID or BATCH_SIZE")
+            raise self.fail(
+                "InfogainLoss does not support normalize; expected normalization: VALID or BATCH_SIZE"
+            )
         if len(bottom) < 3 and self.param.source is None:
-            raise self.fail("needs the matrix H, as a third bottom or as infogain_loss_param { source: ... }")
-        self.from_file = read_blob(find(self.param.source, self.source)) if len(bottom) < 3 else None
+            raise self.fail(
+                "needs the matrix H, as a third bottom or as infogain_loss_param { source: ... }"
+            )
+        self.from_file = (
+            read_blob(find(self.param.source, self.source)) if len(bottom) < 3 else None
+        )
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         x = bottom[0]
@@ -63,7 +69,9 @@ class InfogainLoss(LabelLoss):
         labels_of.check_shapes(self, bottom, x.shape[: self.axis] + x.shape[self.axis + 1 :])
         what, H = self._matrix(bottom)
         if H.size != self.classes**2:
-            raise self.fail(f"H {what!r} {H.shape} has {H.size} values, expected {self.classes} x {self.classes}")
+            raise self.fail(
+                f"H {what!r} {H.shape} has {H.size} values, expected {self.classes} x {self.classes}"
+            )
         top[0].reshape(())
         if len(top) > 1:
             top[1].reshape(x.shape)
@@ -80,14 +88,17 @@ class InfogainLoss(LabelLoss):
         self.p = np.moveaxis(softmax(bottom[0].data, self.axis), self.axis, -1)
         self.rows = (H[labels] * counts[:, None]).reshape(self.p.shape)  # 0 for ignored labels
         self.divisor = labels_of.divisor(self.loss_param.normalization, counts, self.items)
-        total = 0 - (self.rows * np.log(np.maximum(self.p, labels_of.MIN_PROBABILITY))).sum()  # 0 rather than -0
+        # 0 rather than -0
+        total = 0 - (self.rows * np.log(np.maximum(self.p, labels_of.MIN_PROBABILITY))).sum()
         top[0].data[...] = total / self.divisor
         if len(top) > 1:
             top[1].data[...] = np.moveaxis(self.p, -1, self.axis)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if any(propagate_down[1:]):
-            raise self.fail("has no gradient for its labels and for H; set propagate_down: false for them")
+            raise self.fail(
+                "has no gradient for its labels and for H; set propagate_down: false for them"
+            )
         if propagate_down[0]:
             dx = self.p * self.rows.sum(axis=-1, keepdims=True) - self.rows
             bottom[0].diff[...] = np.moveaxis(dx, -1, self.axis) * (top[0].diff / self.divisor)

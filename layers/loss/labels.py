@@ -51,15 +51,21 @@ def divisor(normalization: str, counts: Array, items: int) -> int:
     return max(1, by[normalization])
 
 
-def check_shapes(layer: Layer, bottom: Blobs, places: tuple[int, ...], same_items: bool = True) -> None:
+def check_shapes(
+    layer: Layer, bottom: Blobs, places: tuple[int, ...], same_items: bool = True
+) -> None:
     """Check that the second bottom has one label per position of the scores. Raises LayerError.
 
     ``same_items``: the first axis must agree too, as in Caffe's losses; later axes may have another layout.
     """
     x, labels = bottom[0].shape, bottom[1].shape
-    if math.prod(labels) != math.prod(places) or (same_items and places and labels[:1] != places[:1]):
-        raise layer.fail(f"labels {layer.spec.bottom[1]!r} {labels} do not fit scores {layer.spec.bottom[0]!r} {x}; "
-                         f"expected {places}")
+    if math.prod(labels) != math.prod(places) or (
+        same_items and places and labels[:1] != places[:1]
+    ):
+        raise layer.fail(
+            f"labels {layer.spec.bottom[1]!r} {labels} do not fit scores {layer.spec.bottom[0]!r} {x}; "
+            f"expected {places}"
+        )
 
 
 def rows(layer: Layer, bottom: Blobs) -> tuple[int, int]:
@@ -69,7 +75,9 @@ def rows(layer: Layer, bottom: Blobs) -> tuple[int, int]:
     """
     x = bottom[0]
     if not x.shape or not x.count:
-        raise layer.fail(f"scores {layer.spec.bottom[0]!r} have shape {x.shape}, expected (N, classes)")
+        raise layer.fail(
+            f"scores {layer.spec.bottom[0]!r} have shape {x.shape}, expected (N, classes)"
+        )
     check_shapes(layer, bottom, x.shape[:1])
     return x.shape[0], x.count // x.shape[0]
 
@@ -81,13 +89,17 @@ def counted(labels: Array, ignore: int | None) -> Array:
     return labels.astype(np.intp) != ignore  # NaN never equals ``ignore``
 
 
-def read(layer: Layer, bottom: Blobs, classes: int, ignore: int | None = None) -> tuple[Array, Array]:
+def read(
+    layer: Layer, bottom: Blobs, classes: int, ignore: int | None = None
+) -> tuple[Array, Array]:
     """Labels as a flat array (0 where ignored), and the mask of those that count. Raises LayerError if out of range."""
     labels = bottom[1].data.reshape(-1)
     counts = counted(labels, ignore)
     wrong = counts & ~((labels > -1) & (labels < classes))  # includes NaN
     if wrong.any():
-        raise layer.fail(f"label {labels[wrong][0]:.9g} in {layer.spec.bottom[1]!r}; expected 0 to {classes - 1}")
+        raise layer.fail(
+            f"label {labels[wrong][0]:.9g} in {layer.spec.bottom[1]!r}; expected 0 to {classes - 1}"
+        )
     return np.where(counts, labels, 0).astype(np.intp), counts
 
 

@@ -51,7 +51,9 @@ class SmoothL1Loss(Layer):
         self.slope = np.empty(0, self.dtype)
         self.sigma2 = self.dtype.type(self.param.sigma) ** 2
         if not (self.param.sigma > 0 and 0 < self.sigma2 < np.inf):
-            raise self.fail(f"sigma {self.param.sigma:g} must be above 0, with a finite square", "sigma")
+            raise self.fail(
+                f"sigma {self.param.sigma:g} must be above 0, with a finite square", "sigma"
+            )
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         shape = items_and_values(self, bottom)

@@ -51,7 +51,9 @@ class SoftmaxWithLoss(LabelLoss):
 
     def _labels(self, bottom: Blobs) -> tuple[Array, Array]:
         """Labels and the mask of those that count, both with a class axis of size 1."""
-        found = labels_of.read(self, bottom, bottom[0].shape[self.axis], self.loss_param.ignore_label)
+        found = labels_of.read(
+            self, bottom, bottom[0].shape[self.axis], self.loss_param.ignore_label
+        )
         labels, counts = (np.expand_dims(each.reshape(self.places), self.axis) for each in found)
         return labels, counts
 
@@ -60,7 +62,8 @@ class SoftmaxWithLoss(LabelLoss):
         labels, counts = self._labels(bottom)
         chosen = np.take_along_axis(self.p, labels, self.axis)
         tiny = np.finfo(np.float32).tiny  # as in Caffe, avoids the logarithm of zero
-        total = 0 - (np.log(np.maximum(chosen, tiny)) * counts).sum()  # 0, not -0, if all labels are ignored
+        # 0, not -0, if all labels are ignored
+        total = 0 - (np.log(np.maximum(chosen, tiny)) * counts).sum()
         top[0].data[...] = total / labels_of.divisor(self.normalization, counts, self.items)
         if len(top) > 1:
             top[1].data[...] = self.p
@@ -73,4 +76,6 @@ class SoftmaxWithLoss(LabelLoss):
             scale = top[0].diff / labels_of.divisor(self.normalization, counts, self.items)
             weight = (counts * scale).astype(self.dtype)
             dx = np.multiply(self.p, weight, out=bottom[0].diff)
-            np.put_along_axis(dx, labels, np.take_along_axis(dx, labels, self.axis) - weight, self.axis)
+            np.put_along_axis(
+                dx, labels, np.take_along_axis(dx, labels, self.axis) - weight, self.axis
+            )

@@ -41,7 +41,8 @@ from netlib.proto.schema import numbered
 class BatchNormParameter:
     """The ``batch_norm_param { ... }`` block."""
 
-    use_global_stats: bool | None = numbered(1, None)  # normalize by the sums; by default only in TEST
+    # normalize by the sums; by default only in TEST
+    use_global_stats: bool | None = numbered(1, None)
     moving_average_fraction: float = numbered(2, 0.999)  # decay of the sums per batch
     eps: float = numbered(3, 1e-5)  # added to the variance to avoid a division by zero
 
@@ -60,24 +61,32 @@ class BatchNorm(Layer):
         given = self.param.use_global_stats
         self.uses_sums = self.phase == TEST if given is None else given
         if len(bottom[0].shape) < 2:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, expected (N, C, ...)")
+            raise self.fail(
+                f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, expected (N, C, ...)"
+            )
         channels = bottom[0].shape[1]
         self.mean = self.new_param("mean", (channels,), Filler())
         self.variance = self.new_param("variance", (channels,), Filler())
         self.weight = self.new_param("weight", (1,), Filler())
         for i, param in enumerate(self.spec.param):
             if param.lr_mult != 0:
-                raise self.fail(f"param {i} has lr_mult {param.lr_mult:g}, but statistics are not learned: expected 0")
+                raise self.fail(
+                    f"param {i} has lr_mult {param.lr_mult:g}, but statistics are not learned: expected 0"
+                )
         frozen = (ParamSpec(lr_mult=0.0),) * (3 - len(self.spec.param))
         self.spec = schema.changed(self.spec, param=self.spec.param + frozen)
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         channels, shape = self.mean.count, bottom[0].shape
         if len(shape) < 2 or shape[1] != channels:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {shape}, its statistics are of "
-                            f"{channels} channels: expected (N, {channels}, ...)")
+            raise self.fail(
+                f"bottom {self.spec.bottom[0]!r} has shape {shape}, its statistics are of "
+                f"{channels} channels: expected (N, {channels}, ...)"
+            )
         if bottom[0].count == 0 and not self.uses_sums:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} {shape} has no values, so no mean exists")
+            raise self.fail(
+                f"bottom {self.spec.bottom[0]!r} {shape} has no values, so no mean exists"
+            )
         self.others = (0, *range(2, len(shape)))  # all axes but the channels
         self.wide = (channels, *(1,) * (len(shape) - 2))  # shape for broadcasting
         top[0].reshape(shape)

@@ -48,7 +48,8 @@ class BNParameter:
     bias_filler: Filler = numbered(2, Filler())
     momentum: float = numbered(3, 0.9)  # of the moving averages
     eps: float = numbered(4, 1e-5)
-    frozen: bool = numbered(5, False)  # use the moving averages in both phases, and do not learn scale and bias
+    # use the moving averages in both phases, and do not learn scale and bias
+    frozen: bool = numbered(5, False)
     engine: Engine = numbered(6, "DEFAULT")  # accepted, ignored
     scale_filler: Filler = numbered(1001, Filler())  # of SegNet's fork, whose numbers are 1 to 3
     shift_filler: Filler = numbered(1002, Filler())
@@ -66,15 +67,24 @@ class BN(Layer):
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         p = self.param
-        segnet, pspnet = ([name for name in names if schema.is_given(p, name)] for names in (SEGNET, PSPNET))
+        segnet, pspnet = (
+            [name for name in names if schema.is_given(p, name)] for names in (SEGNET, PSPNET)
+        )
         if bool(segnet) == bool(pspnet):
             found = f"found {segnet[0]} and {pspnet[0]}" if segnet else "found neither"
-            raise self.fail(f"expected options of SegNet's BN ({', '.join(SEGNET)}) or of PSPNet's "
-                            f"({', '.join(PSPNET)}), {found}", segnet[0] if segnet else None)
+            raise self.fail(
+                f"expected options of SegNet's BN ({', '.join(SEGNET)}) or of PSPNet's "
+                f"({', '.join(PSPNET)}), {found}",
+                segnet[0] if segnet else None,
+            )
         if pspnet and len(top) > 1:
-            raise self.fail(f"has {len(top)} tops, but only SegNet's BN has tops for mean and variance")
+            raise self.fail(
+                f"has {len(top)} tops, but only SegNet's BN has tops for mean and variance"
+            )
         if len(bottom[0].shape) != 4:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, expected (N, C, H, W)")
+            raise self.fail(
+                f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, expected (N, C, H, W)"
+            )
         self.averages = bool(pspnet)
         self.of_batch = not (p.frozen or self.phase == TEST) if pspnet else p.bn_mode == "LEARN"
         self.eps = p.eps if pspnet else 1e-9
@@ -83,18 +93,27 @@ class BN(Layer):
         self.bias = self.new_param("bias", shape, p.bias_filler if pspnet else p.shift_filler)
         if pspnet:
             self.mean = self.new_param("mean", shape, Filler())
-            self.variance = self.new_param("variance", shape, Filler(value=1.0 if p.frozen else 0.0))
+            self.variance = self.new_param(
+                "variance", shape, Filler(value=1.0 if p.frozen else 0.0)
+            )
             given = [*self.spec.param, *[ParamSpec()] * 4]
             fixed = ParamSpec(lr_mult=0.0, decay_mult=0.0)
-            learned = [schema.changed(one, lr_mult=0.0, decay_mult=0.0) if p.frozen else one for one in given[:2]]
+            learned = [
+                schema.changed(one, lr_mult=0.0, decay_mult=0.0) if p.frozen else one
+                for one in given[:2]
+            ]
             self.spec = schema.changed(self.spec, param=(*learned, fixed, fixed))
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         shape, (_, C, _, _) = bottom[0].shape, self.scale.shape
         if len(shape) != 4 or shape[1] != C:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {shape}, expected (N, {C}, H, W)")
+            raise self.fail(
+                f"bottom {self.spec.bottom[0]!r} has shape {shape}, expected (N, {C}, H, W)"
+            )
         if bottom[0].count == 0 and self.of_batch:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} {shape} has no values, so no mean exists")
+            raise self.fail(
+                f"bottom {self.spec.bottom[0]!r} {shape} has no values, so no mean exists"
+            )
         top[0].reshape(shape)
         for statistic in top[1:]:
             statistic.reshape(1, C, 1, 1)
@@ -124,5 +143,7 @@ class BN(Layer):
         if propagate_down[0]:
             g = self.scale.data * dy
             if self.of_batch:
-                g -= g.mean(axis=(0, 2, 3), keepdims=True) + z * (z * g).mean(axis=(0, 2, 3), keepdims=True)
+                g -= g.mean(axis=(0, 2, 3), keepdims=True) + z * (z * g).mean(
+                    axis=(0, 2, 3), keepdims=True
+                )
             bottom[0].diff[...] = g / self.s

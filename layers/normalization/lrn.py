@@ -46,8 +46,9 @@ class LRN(Layer):
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         p = self.param
         if p.local_size % 2 == 0:
-            raise self.fail(f"local_size {p.local_size} is even; expected an odd number",
-                            "local_size")
+            raise self.fail(
+                f"local_size {p.local_size} is even; expected an odd number", "local_size"
+            )
         across = p.norm_region == "ACROSS_CHANNELS"
         self.axes = (0,) if across else (1, 2)
         self.k = p.k if across else 1.0
@@ -56,7 +57,9 @@ class LRN(Layer):
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         if len(bottom[0].shape) != 4:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, expected (N, C, H, W)")
+            raise self.fail(
+                f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, expected (N, C, H, W)"
+            )
         top[0].reshape(bottom[0].shape)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
@@ -84,7 +87,8 @@ class LRN(Layer):
         for axis in self.axes:
             along = np.moveaxis(values / self.param.local_size, axis, 0)
             total = along.copy()
-            for i in range(1, min(self.param.local_size // 2 + 1, len(along))):  # beyond the edge there are only zeros
+            # beyond the edge there are only zeros
+            for i in range(1, min(self.param.local_size // 2 + 1, len(along))):
                 total[i:] += along[:-i]
                 total[:-i] += along[i:]
             values = np.moveaxis(total, 0, axis)

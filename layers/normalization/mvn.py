@@ -44,7 +44,9 @@ class MVN(Layer):
         x = bottom[0]
         if len(x.shape) > 4 or (len(x.shape) < 4 and top[0] is x):
             allowed = "at most 4 axes, in place 4"
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {x.shape}, expected {allowed}")
+            raise self.fail(
+                f"bottom {self.spec.bottom[0]!r} has shape {x.shape}, expected {allowed}"
+            )
         if not x.count:
             raise self.fail(f"bottom {self.spec.bottom[0]!r} {x.shape} is empty, so no mean exists")
         top[0].reshape(x.num, x.channels, x.height, x.width)

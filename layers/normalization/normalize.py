@@ -48,21 +48,28 @@ class Normalize(Layer):
         x = bottom[0].shape
         if len(x) < 2:
             raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {x}, expected (N, C, ...)")
-        self.scale = self.new_param("scale", () if self.param.channel_shared else x[1:2], self.param.scale_filler)
+        self.scale = self.new_param(
+            "scale", () if self.param.channel_shared else x[1:2], self.param.scale_filler
+        )
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         x, scale = bottom[0].shape, self.scale.shape
         if len(x) < 2 or scale not in ((), x[1:2]):
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {x}, its scale expects "
-                            f"{'(N, C, ...)' if scale == () else f'(N, {scale[0]}, ...)'}")
+            raise self.fail(
+                f"bottom {self.spec.bottom[0]!r} has shape {x}, its scale expects "
+                f"{'(N, C, ...)' if scale == () else f'(N, {scale[0]}, ...)'}"
+            )
         self.axes = tuple(range(1, len(x))) if self.param.across_spatial else (1,)
-        self.wide = scale + (1,) * (len(x) - 2) if scale else ()  # shape of the scale for broadcasting
+        # shape of the scale for broadcasting
+        self.wide = scale + (1,) * (len(x) - 2) if scale else ()
         self.others = tuple(axis for axis in range(len(x)) if axis != 1 or not scale)
         top[0].reshape(x)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x = bottom[0].data
-        self.s = np.sqrt(np.square(x).sum(axis=self.axes, keepdims=True) + self.dtype.type(self.param.eps))
+        self.s = np.sqrt(
+            np.square(x).sum(axis=self.axes, keepdims=True) + self.dtype.type(self.param.eps)
+        )
         self.u = x / self.s
         np.multiply(self.u, self.scale.data.reshape(self.wide), out=top[0].data)
 

@@ -46,7 +46,17 @@ class LSTM(Recurrent):
         y[0], c[0] = self._first_states(bottom)
         recurrent, products = np.empty((4, D, N), self.dtype), np.empty((2, D, N), self.dtype)
         product, (kept, added) = recurrent.reshape(4 * D, N), products
-        steps = zip(self._cont(bottom), y, y[1:], c[1:], rows[:, :4], rows[:, :3], rows[:, :2], rows[:, 3:], rows[:, 2])
+        steps = zip(
+            self._cont(bottom),
+            y,
+            y[1:],
+            c[1:],
+            rows[:, :4],
+            rows[:, :3],
+            rows[:, :2],
+            rows[:, 3:],
+            rows[:, 2],
+        )
         for cont, r, h, c_after, all_gates, sigmoids, i_and_f, g_and_c, o in steps:
             np.dot(w_h, r if cont is None else cont * r, out=product)
             np.add(all_gates, recurrent, out=all_gates)
@@ -69,7 +79,9 @@ class LSTM(Recurrent):
         T, D, N = dy.shape
         dz = np.empty((T, 4, D, N), self.dtype)
         w_h, (dh, dc, from_h) = self.w_h.data.T, np.zeros((3, D, N), self.dtype)
-        steps = zip(self._cont(bottom), dy, of_c, of_x, self.gate[:, 1], dz, dz.reshape(T, 4 * D, N))
+        steps = zip(
+            self._cont(bottom), dy, of_c, of_x, self.gate[:, 1], dz, dz.reshape(T, 4 * D, N)
+        )
         for cont, of_top, c_slope, x_slope, f, dx, of_product in reversed([*steps]):
             dh += of_top
             dc += np.multiply(dh, c_slope, out=from_h)

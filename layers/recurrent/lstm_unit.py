@@ -40,12 +40,16 @@ class LSTMUnit(Layer):
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         shape, names = bottom[0].shape, self.spec.bottom
         if len(shape) != 3 or shape[0] != 1:
-            raise self.fail(f"bottom {names[0]!r} has shape {shape}, expected (1, N, D), one step of N streams")
+            raise self.fail(
+                f"bottom {names[0]!r} has shape {shape}, expected (1, N, D), one step of N streams"
+            )
         N, D = shape[1:]
         for blob, name, wanted in zip(bottom[1:], names[1:], [(1, N, 4 * D), (1, N)]):
             if blob.shape != wanted:
-                raise self.fail(f"bottom {name!r} has shape {blob.shape}, expected {wanted} to match "
-                                f"{names[0]!r} {shape}")
+                raise self.fail(
+                    f"bottom {name!r} has shape {blob.shape}, expected {wanted} to match "
+                    f"{names[0]!r} {shape}"
+                )
         for y in top:
             y.reshape(shape)
 
@@ -61,7 +65,9 @@ class LSTMUnit(Layer):
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[2]:
-            raise self.fail(f"bottom {self.spec.bottom[2]!r} (cont) has no gradient; set propagate_down: false")
+            raise self.fail(
+                f"bottom {self.spec.bottom[2]!r} (cont) has no gradient; set propagate_down: false"
+            )
         of_c, of_x = slopes(bottom[0].data[0], top[0].data[0], self.gate)
         dh = top[1].diff[0]
         dc = top[0].diff[0] + dh * of_c

@@ -46,8 +46,10 @@ class RecurrentParameter:
     num_output: UInt = numbered(1, 0)  # D
     weight_filler: Filler = numbered(2, Filler())
     bias_filler: Filler = numbered(3, Filler())
-    debug_info: bool = numbered(4, False)  # debug_info of the net that Caffe unrolls; accepted, ignored
-    expose_hidden: bool = numbered(5, False)  # read initial states from bottoms and write final states to tops
+    # debug_info of the net that Caffe unrolls; accepted, ignored
+    debug_info: bool = numbered(4, False)
+    # read initial states from bottoms and write final states to tops
+    expose_hidden: bool = numbered(5, False)
 
 
 class Recurrent(Layer):
@@ -69,8 +71,11 @@ class Recurrent(Layer):
         if D == 0:
             raise self.fail("num_output must be at least 1", "num_output")
         if len(bottom) - exposed not in (2, 3) or len(top) != 1 + exposed:
-            raise self.fail(f"has {len(bottom)} bottoms and {len(top)} tops, expected {2 + exposed} or {3 + exposed} "
-                            f"and {1 + exposed}", "expose_hidden")
+            raise self.fail(
+                f"has {len(bottom)} bottoms and {len(top)} tops, expected {2 + exposed} or {3 + exposed} "
+                f"and {1 + exposed}",
+                "expose_hidden",
+            )
         self.has_static = len(bottom) - exposed == 3
         self.steps = bottom[0].shape[0] if bottom[0].shape else 0
         self.states: list[Array] = []
@@ -91,25 +96,35 @@ class Recurrent(Layer):
         """Check that T and N of all bottoms agree. Raises LayerError."""
         x, names = bottom[0].shape, self.spec.bottom
         if len(x) < 3 or x[0] != self.steps or self.steps == 0:
-            raise self.fail(f"bottom {names[0]!r} has shape {x}, expected ({self.steps or 'T'}, N, ...)")
+            raise self.fail(
+                f"bottom {names[0]!r} has shape {x}, expected ({self.steps or 'T'}, N, ...)"
+            )
         T, N = x[:2]
         if bottom[1].shape != (T, N):
-            raise self.fail(f"bottom {names[1]!r} has shape {bottom[1].shape}, expected ({T}, {N}) as steps, streams "
-                            f"of {names[0]!r} {x}")
+            raise self.fail(
+                f"bottom {names[1]!r} has shape {bottom[1].shape}, expected ({T}, {N}) as steps, streams "
+                f"of {names[0]!r} {x}"
+            )
         if self.has_static and (len(bottom[2].shape) < 2 or bottom[2].shape[0] != N):
-            raise self.fail(f"bottom {names[2]!r} has shape {bottom[2].shape}, expected ({N}, ...), the streams "
-                            f"of {names[0]!r} {x}")
+            raise self.fail(
+                f"bottom {names[2]!r} has shape {bottom[2].shape}, expected ({N}, ...), the streams "
+                f"of {names[0]!r} {x}"
+            )
         for i in range(3 if self.has_static else 2, len(bottom)):
             if bottom[i].shape != (1, N, self.param.num_output):
-                raise self.fail(f"bottom {names[i]!r} has shape {bottom[i].shape}, "
-                                f"expected (1, {N}, {self.param.num_output})")
+                raise self.fail(
+                    f"bottom {names[i]!r} has shape {bottom[i].shape}, "
+                    f"expected (1, {N}, {self.param.num_output})"
+                )
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         self._check_axes(bottom)
         for (blob, axes), features, index in zip(self._inputs(bottom), self.features, (0, 2)):
             if math.prod(blob.shape[axes:]) != features:
-                raise self.fail(f"bottom {self.spec.bottom[index]!r} has {math.prod(blob.shape[axes:])} features "
-                                f"{blob.shape}, its weights expect {features}")
+                raise self.fail(
+                    f"bottom {self.spec.bottom[index]!r} has {math.prod(blob.shape[axes:])} features "
+                    f"{blob.shape}, its weights expect {features}"
+                )
         T, N = bottom[1].shape
         for y, steps in zip(top, [T] + [1] * (len(top) - 1)):
             y.reshape(steps, N, self.param.num_output)
@@ -123,7 +138,9 @@ class Recurrent(Layer):
     def restore(self, state: dict[str, Any]) -> None:
         super().restore(state)
         D = self.param.num_output
-        self.states = [np.array(values, self.dtype).reshape(-1, D) for values in state.get("states", [])]
+        self.states = [
+            np.array(values, self.dtype).reshape(-1, D) for values in state.get("states", [])
+        ]
 
     # ------------------------------------------------------------------------------------------ for LSTM and RNN
 
@@ -133,7 +150,8 @@ class Recurrent(Layer):
         x, w_x, constant = bottom[0].data.reshape(T, N, -1), self.w_x.data, self.b.data[:, None]
         if self.has_static:
             constant = constant + self.w_s.data @ bottom[2].data.reshape(N, -1).T
-        z = w_x @ x.swapaxes(1, 2) if N > 1 else (x[:, 0] @ w_x.T)[..., None]  # the steps of one stream are one product
+        # the steps of one stream are one product
+        z = w_x @ x.swapaxes(1, 2) if N > 1 else (x[:, 0] @ w_x.T)[..., None]
         np.add(z.reshape(out.shape), constant.reshape(*out.shape[1:-1], -1), out=out)
 
     def _cont(self, bottom: Blobs) -> list[Array | None]:
@@ -144,7 +162,9 @@ class Recurrent(Layer):
     def _backward_z(self, dz: Array, r: Array, propagate_down: list[bool], bottom: Blobs) -> None:
         """Backpropagate dz (T, G, N) to the parameters, w_h by the states r (T, D, N), and to all bottoms."""
         if propagate_down[1]:
-            raise self.fail(f"bottom {self.spec.bottom[1]!r} (cont) has no gradient; set propagate_down: false")
+            raise self.fail(
+                f"bottom {self.spec.bottom[1]!r} (cont) has no gradient; set propagate_down: false"
+            )
         (T, _, N), x = dz.shape, bottom[0]
         flat = in_rows(dz)
         self.w_x.diff[...] += flat.T @ x.data.reshape(T * N, -1)

@@ -40,7 +40,12 @@ class RNN(Recurrent):
         self.b_o = self.new_param("b_o", (D,), self.param.bias_filler)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        (T, N), D, cont, w_h = bottom[1].shape, self.param.num_output, self._cont(bottom), self.w_h.data
+        (T, N), D, cont, w_h = (
+            bottom[1].shape,
+            self.param.num_output,
+            self._cont(bottom),
+            self.w_h.data,
+        )
         [h] = self._first_states(bottom)
         z, self.r, self.h = np.empty((3, T, D, N), self.dtype)
         self._write_z(bottom, z)

@@ -45,7 +45,9 @@ class Convolution(SlidingWindow):
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         if len(bottom) != len(top):
-            raise self.fail(f"has {len(bottom)} bottoms and {len(top)} tops, expected equal numbers of them")
+            raise self.fail(
+                f"has {len(bottom)} bottoms and {len(top)} tops, expected equal numbers of them"
+            )
         self._read_convolution(bottom[0])
         p = self.param
         self.weight = self.new_param("weight", self._weight_shape(), p.weight_filler)
@@ -67,7 +69,9 @@ class Convolution(SlidingWindow):
         counts = [(n + 2 * pad - extent) // stride + 1 for n, pad, extent, stride in sizes]
         if min(counts, default=1) < 1:
             name = self.spec.bottom[i]
-            raise self.fail(f"kernel {self._extent()} is larger than the padded bottom {name!r} {x.shape}")
+            raise self.fail(
+                f"kernel {self._extent()} is larger than the padded bottom {name!r} {x.shape}"
+            )
         return counts
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
@@ -87,7 +91,9 @@ class Convolution(SlidingWindow):
                 if self.param.bias_term:
                     self.bias.diff[...] += dy.sum(axis=2).reshape(-1)
                 if down:
-                    self.images(x.diff)[n] = self.col2im(w.swapaxes(1, 2) @ dy, image.shape, gradient.shape)
+                    self.images(x.diff)[n] = self.col2im(
+                        w.swapaxes(1, 2) @ dy, image.shape, gradient.shape
+                    )
 
     def images(self, array: Array) -> Array:
         """View of an array as (N, C, H, W); it may have more axes in front."""
@@ -100,7 +106,8 @@ class Convolution(SlidingWindow):
     def im2col(self, image: Array, y_shape: tuple[int, ...]) -> Array:
         """(C, H, W) → columns (K group, L): row (c, i, j) holds the values under element (i, j) of channel c."""
         padded = np.pad(image, [(0, 0), *((p, p) for p in self.pad)])
-        patches = np.stack([padded[part] for part in self.window_slices(y_shape)], axis=1)  # (C, kh kw, Ho, Wo)
+        # (C, kh kw, Ho, Wo)
+        patches = np.stack([padded[part] for part in self.window_slices(y_shape)], axis=1)
         return patches.reshape(-1, math.prod(y_shape[1:]))
 
     def col2im(self, columns: Array, x_shape: tuple[int, ...], y_shape: tuple[int, ...]) -> Array:

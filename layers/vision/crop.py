@@ -38,12 +38,18 @@ class Crop(ZeroGradient):
         axis, offsets = self.canonical_axis(self.param.axis, bottom[0]), self.param.offset or (0,)
         cut = len(x) - axis
         if len(offsets) not in (1, cut):
-            raise self.fail(f"{len(offsets)} values of offset for {cut} axes from axis {axis} of {x} on", "offset")
+            raise self.fail(
+                f"{len(offsets)} values of offset for {cut} axes from axis {axis} of {x} on",
+                "offset",
+            )
         starts = offsets if len(offsets) == cut else offsets * cut
         ends = [start + n for start, n in zip(starts, size[axis:])]
         if len(size) < len(x) or any(end > n for end, n in zip(ends, x[axis:])):
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} {x} does not contain {self.spec.bottom[1]!r} {size} "
-                            f"at offset {starts}, from axis {axis} on", "offset")
+            raise self.fail(
+                f"bottom {self.spec.bottom[0]!r} {x} does not contain {self.spec.bottom[1]!r} {size} "
+                f"at offset {starts}, from axis {axis} on",
+                "offset",
+            )
         self.part = (*[slice(None)] * axis, *map(slice, starts, ends))
         top[0].reshape(*x[:axis], *size[axis : len(x)])
 

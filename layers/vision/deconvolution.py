@@ -37,14 +37,19 @@ class Deconvolution(Convolution):
         sizes = zip(x.shape[self.axis + 1 :], self.stride, self._extent(), self.pad)
         out = [stride * (n - 1) + extent - 2 * pad for n, stride, extent, pad in sizes]
         if min(out, default=1) < 1:
-            raise self.fail(f"pad {self.pad} leaves no output of bottom {self.spec.bottom[i]!r} {x.shape}", "pad")
+            raise self.fail(
+                f"pad {self.pad} leaves no output of bottom {self.spec.bottom[i]!r} {x.shape}",
+                "pad",
+            )
         return out
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         w = self.by_group(self.weight.data)
         for x, y in zip(bottom, top):
             for image, out in zip(self.images(x.data), self.images(y.data)):
-                out[...] = self.col2im(w.swapaxes(1, 2) @ self.by_group(image), out.shape, image.shape)
+                out[...] = self.col2im(
+                    w.swapaxes(1, 2) @ self.by_group(image), out.shape, image.shape
+                )
                 if self.param.bias_term:
                     out += self.bias.data.reshape(-1, *(1,) * len(self.kernel))
 

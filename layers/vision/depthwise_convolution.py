@@ -31,7 +31,9 @@ class DepthwiseConvolution(Convolution):
         if p.group != channels:
             raise self.fail(
                 f"group is {p.group}, but bottom {self.spec.bottom[0]!r} has {channels} channels; expected "
-                f"group: {channels}, or the type Convolution", "group")
+                f"group: {channels}, or the type Convolution",
+                "group",
+            )
         super().setup(bottom, top)
 
 
@@ -43,12 +45,18 @@ class ConvolutionDepthwise(Convolution):
 
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         if len(bottom[0].shape) != 4:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, expected (N, C, H, W)")
+            raise self.fail(
+                f"bottom {self.spec.bottom[0]!r} has shape {bottom[0].shape}, expected (N, C, H, W)"
+            )
         channels = bottom[0].shape[1]
         for name in ("num_output", "group"):
             given = getattr(self.param, name)
             if schema.is_given(self.param, name) and given != channels:
-                warn(self, f"{self.type} ignores {name} {given}, as in Caffe's forks: it has a group and an output for "
-                           f"each of the {channels} channels", schema.position_of(self.param, name))
+                warn(
+                    self,
+                    f"{self.type} ignores {name} {given}, as in Caffe's forks: it has a group and an output for "
+                    f"each of the {channels} channels",
+                    schema.position_of(self.param, name),
+                )
         self.param = schema.changed(self.param, num_output=channels, group=channels, axis=1)
         super().setup(bottom, top)

@@ -29,13 +29,17 @@ class Im2col(Convolution):
         self._read_windows(bottom[0])
         warn_of_ignored(self, "num_output", "group", "bias_term", "weight_filler", "bias_filler")
         if not self.kernel:
-            raise self.fail(f"no spatial axis after axis {self.axis} of bottom {self.spec.bottom[0]!r} "
-                            f"{bottom[0].shape}")
+            raise self.fail(
+                f"no spatial axis after axis {self.axis} of bottom {self.spec.bottom[0]!r} "
+                f"{bottom[0].shape}"
+            )
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         x = bottom[0]
         self._check_axes(0, x)
-        top[0].reshape(*x.shape[: self.axis], x.shape[self.axis] * math.prod(self.kernel), *self._outputs(0, x))
+        top[0].reshape(
+            *x.shape[: self.axis], x.shape[self.axis] * math.prod(self.kernel), *self._outputs(0, x)
+        )
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         for image, out in zip(self.images(bottom[0].data), self.images(top[0].data)):

@@ -44,7 +44,8 @@ class InterpParameter:
     width: int = numbered(2, 0)
     zoom_factor: int = numbered(3, 1)
     shrink_factor: int = numbered(4, 1)
-    pad_beg: int = numbered(5, 0)  # rows and columns to add at the beginning; only 0 and negative numbers
+    # rows and columns to add at the beginning; only 0 and negative numbers
+    pad_beg: int = numbered(5, 0)
     pad_end: int = numbered(6, 0)
     use_blob_size: bool = numbered(7, False)  # of bottom[1], whatever the other options say
 
@@ -64,26 +65,40 @@ class Interp(ZeroGradient):
                 raise self.fail(f"{name} is {getattr(p, name)}, expected at least 1", name)
         for name in ("pad_beg", "pad_end"):
             if getattr(p, name) > 0:
-                raise self.fail(f"{name} is {getattr(p, name)}; as in Caffe's forks, only cropping is supported: "
-                                "expected 0 or less", name)
-        given = {name for name in ("height", "width", "zoom_factor", "shrink_factor") if schema.is_set(p, name)}
+                raise self.fail(
+                    f"{name} is {getattr(p, name)}; as in Caffe's forks, only cropping is supported: "
+                    "expected 0 or less",
+                    name,
+                )
+        given = {
+            name
+            for name in ("height", "width", "zoom_factor", "shrink_factor")
+            if schema.is_set(p, name)
+        }
         if len(given & {"height", "width"}) == 1:
             raise self.fail("needs both height and width", next(iter(given & {"height", "width"})))
         factors = given & {"zoom_factor", "shrink_factor"}
         self.by_factors = len(factors) == 1 or (bool(factors) and "height" not in given)
         if p.use_blob_size:
             if len(bottom) == 1:
-                raise self.fail("use_blob_size needs a second bottom with the size", "use_blob_size")
+                raise self.fail(
+                    "use_blob_size needs a second bottom with the size", "use_blob_size"
+                )
             if given:
                 warn_of_ignored(self, *sorted(given))
             given, self.by_factors = set(), False
         elif not given and len(bottom) == 1:
-            raise self.fail("needs height and width, zoom_factor, shrink_factor, or a second bottom with the size")
+            raise self.fail(
+                "needs height and width, zoom_factor, shrink_factor, or a second bottom with the size"
+            )
         if "height" in given and factors:
             names = ("height", "width") if self.by_factors else ("zoom_factor", "shrink_factor")
             warn_of_ignored(self, *names)
         if given and len(bottom) == 2:
-            warn(self, f"the size of bottom {self.spec.bottom[1]!r} is ignored, because {min(given)} is given")
+            warn(
+                self,
+                f"the size of bottom {self.spec.bottom[1]!r} is ignored, because {min(given)} is given",
+            )
         self.from_bottom = not given
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
@@ -94,15 +109,20 @@ class Interp(ZeroGradient):
         N, C, *whole = bottom[0].shape
         sizes = [n + p.pad_beg + p.pad_end for n in whole]
         if min(sizes) < 1:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} {bottom[0].shape} is empty after cropping by "
-                            f"pad_beg {p.pad_beg} and pad_end {p.pad_end}")
+            raise self.fail(
+                f"bottom {self.spec.bottom[0]!r} {bottom[0].shape} is empty after cropping by "
+                f"pad_beg {p.pad_beg} and pad_end {p.pad_end}"
+            )
         if self.by_factors:
             shrunk = [(n - 1) // p.shrink_factor + 1 for n in sizes]
             outputs = [(n - 1) * p.zoom_factor + 1 for n in shrunk]
         else:
             outputs = [*bottom[1].shape[2:]] if self.from_bottom else [p.height, p.width]
         if min(outputs) < 1:
-            raise self.fail(f"the size of the top is {outputs[0]} x {outputs[1]}, expected at least 1 x 1", "height")
+            raise self.fail(
+                f"the size of the top is {outputs[0]} x {outputs[1]}, expected at least 1 x 1",
+                "height",
+            )
         self.inside: tuple[Any, ...] = (..., *(slice(-p.pad_beg, -p.pad_beg + n) for n in sizes))
         self.rows, self.columns = (self._weights(n, count) for n, count in zip(sizes, outputs))
         top[0].reshape(N, C, *outputs)

@@ -34,8 +34,11 @@ class NearestUpsample(Layer):
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         for name in WITH_MASK:
             if schema.is_set(self.param, name):
-                raise self.fail(f"{name} needs the mask of a Pooling, its second top, as second bottom; "
-                                "with one bottom, Upsample reads only scale", name)
+                raise self.fail(
+                    f"{name} needs the mask of a Pooling, its second top, as second bottom; "
+                    "with one bottom, Upsample reads only scale",
+                    name,
+                )
         self.scale = 1 if self.param.scale is None else self.param.scale
         if self.scale < 1:
             raise self.fail("scale must be at least 1", "scale")
@@ -43,7 +46,9 @@ class NearestUpsample(Layer):
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         shape = bottom[0].shape
         if len(shape) < 2:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {shape}, expected (..., H, W)")
+            raise self.fail(
+                f"bottom {self.spec.bottom[0]!r} has shape {shape}, expected (..., H, W)"
+            )
         top[0].reshape(*shape[:-2], shape[-2] * self.scale, shape[-1] * self.scale)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:

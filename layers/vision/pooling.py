@@ -38,7 +38,10 @@ class Pooling(SlidingWindow):
     def setup(self, bottom: Blobs, top: Blobs) -> None:
         p = self.param
         if p.pool == "STOCHASTIC":
-            raise self.fail("STOCHASTIC pooling is not supported, as in Caffe on a CPU; expected MAX or AVE", "pool")
+            raise self.fail(
+                "STOCHASTIC pooling is not supported, as in Caffe on a CPU; expected MAX or AVE",
+                "pool",
+            )
         if len(top) > 1 and p.pool != "MAX":
             raise self.fail(f"has 2 tops, but only MAX pooling has a mask, not {p.pool}", "pool")
         self._read_pooling()
@@ -52,23 +55,34 @@ class Pooling(SlidingWindow):
         for y in top:
             y.reshape(N, C, self._outputs(0, H), self._outputs(1, W))
         # Clip the kernel to the padded image: with global bounds it would only add padding, possibly a lot.
-        self.kernel = tuple(min(k, n + 2 * p) for k, n, p in zip(self.whole_kernel, (H, W), self.pad))
+        self.kernel = tuple(
+            min(k, n + 2 * p) for k, n, p in zip(self.whole_kernel, (H, W), self.pad)
+        )
 
     def _outputs(self, i: int, size: int) -> int:
-        extent = size + 2 * self.pad[i] - self.whole_kernel[i]  # negative if the only window exceeds the image
-        count = (-(-extent // self.stride[i]) if self.param.round_mode == "CEIL" else extent // self.stride[i]) + 1
+        # negative if the only window exceeds the image
+        extent = size + 2 * self.pad[i] - self.whole_kernel[i]
+        count = (
+            -(-extent // self.stride[i])
+            if self.param.round_mode == "CEIL"
+            else extent // self.stride[i]
+        ) + 1
         if any(self.pad) and (count - 1) * self.stride[i] >= size + self.pad[i]:
             count -= 1
         if count < 1:
-            raise self.fail(f"kernel {self.whole_kernel[i]} is larger than the padded bottom "
-                            f"({size} + 2 * {self.pad[i]})")
+            raise self.fail(
+                f"kernel {self.whole_kernel[i]} is larger than the padded bottom "
+                f"({size} + 2 * {self.pad[i]})"
+            )
         return count
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         x, y = bottom[0].data, top[0].data
         self.winners = np.empty(y.shape, int)
         for n in range(len(x)):
-            windows = self.windows(self.padded(x[n], y.shape, -np.inf if self.is_max else 0), y.shape)
+            windows = self.windows(
+                self.padded(x[n], y.shape, -np.inf if self.is_max else 0), y.shape
+            )
             if self.is_max:
                 self.winners[n] = windows.argmax(axis=0)  # the first of equal values
                 y[n] = np.maximum(windows.max(axis=0), NOTHING)
@@ -96,7 +110,10 @@ class Pooling(SlidingWindow):
 
     def _index(self, n: int, W: int) -> Array:
         """(C, Ho, Wo): index of each winner of an image in its map."""
-        (_, h, w), (i, j) = np.indices(self.winners[n].shape), np.divmod(self.winners[n], self.kernel[1])
+        (_, h, w), (i, j) = (
+            np.indices(self.winners[n].shape),
+            np.divmod(self.winners[n], self.kernel[1]),
+        )
         return (h * self.stride[0] - self.pad[0] + i) * W + w * self.stride[1] - self.pad[1] + j
 
     def windows(self, padded: Array, y_shape: tuple[int, ...]) -> Array:

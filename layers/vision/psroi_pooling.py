@@ -51,8 +51,10 @@ class PSROIPooling(ZeroGradient):
         K, G = self.param.output_dim, self.param.group_size
         x, rois = (blob.shape for blob in bottom)
         if len(x) != 4 or x[1] != K * G * G:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {x}, expected (N, {K * G * G}, H, W) for "
-                            f"output_dim {K} and group_size {G}")
+            raise self.fail(
+                f"bottom {self.spec.bottom[0]!r} has shape {x}, expected (N, {K * G * G}, H, W) for "
+                f"output_dim {K} and group_size {G}"
+            )
         if rois[1:2] != (5,) or bottom[1].count != 5 * rois[0]:
             raise self.fail(f"bottom {self.spec.bottom[1]!r} has shape {rois}, expected (R, 5)")
         top[0].reshape(rois[0], K, G, G)
@@ -79,7 +81,9 @@ class PSROIPooling(ZeroGradient):
         grid = values.reshape(len(values), self.param.output_dim, G, G, H, W)
         scale = self.dtype.type(self.param.spatial_scale)
         for r, (n, corners) in enumerate(zip(rois[:, 0].astype(int), rounded(rois[:, 1:]))):
-            x1, y1, x2, y2 = (np.array([*corners[:2], *(corners[2:] + 1)]).astype(self.dtype) * scale).tolist()
+            x1, y1, x2, y2 = (
+                np.array([*corners[:2], *(corners[2:] + 1)]).astype(self.dtype) * scale
+            ).tolist()
             rows, columns = self._spans(y1, y2, H), self._spans(x1, x2, W)
             for i, j in np.ndindex(G, G):
                 maps = grid[n, :, i, j, rows[i], columns[j]]
@@ -92,4 +96,6 @@ class PSROIPooling(ZeroGradient):
         length = max(last - first, least) / self.dtype.type(self.param.group_size)
         number = np.arange(self.param.group_size + 1, dtype=self.dtype)  # rounding as in Caffe
         begins, ends = np.floor(number[:-1] * length + first), np.ceil(number[1:] * length + first)
-        return [slice(int(a), int(b)) for a, b in zip(np.clip(begins, 0, size), np.clip(ends, 0, size))]
+        return [
+            slice(int(a), int(b)) for a, b in zip(np.clip(begins, 0, size), np.clip(ends, 0, size))
+        ]

@@ -26,7 +26,8 @@ from layers.vision.windows import SlidingWindow
 from netlib.blob import Array, Blobs
 from netlib.proto.schema import Engine, UInt, numbered
 
-Bin = tuple[Array, Array, int]  # part of x or dx in a window (N, C, h, w), its y or dy (N, C), its area
+# part of x or dx in a window (N, C, h, w), its y or dy (N, C), its area
+Bin = tuple[Array, Array, int]
 
 
 @dataclass(frozen=True)
@@ -49,22 +50,32 @@ class SPP(SlidingWindow):
         if self.param.pyramid_height == 0:
             raise self.fail("pyramid_height must be at least 1", "pyramid_height")
         if self.param.pool == "STOCHASTIC":
-            raise self.fail("STOCHASTIC pooling is not supported, as in Caffe on a CPU; expected MAX or AVE", "pool")
+            raise self.fail(
+                "STOCHASTIC pooling is not supported, as in Caffe on a CPU; expected MAX or AVE",
+                "pool",
+            )
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         self._check_map(bottom[0])
         N, C, H, W = bottom[0].shape
         levels = range(self.param.pyramid_height)
-        self.windows = [(self._windows(H, 2**level), self._windows(W, 2**level)) for level in levels]
-        top[0].reshape((N, C, 1, 1) if len(levels) == 1 else (N, C * sum(4**level for level in levels)))
+        self.windows = [
+            (self._windows(H, 2**level), self._windows(W, 2**level)) for level in levels
+        ]
+        top[0].reshape(
+            (N, C, 1, 1) if len(levels) == 1 else (N, C * sum(4**level for level in levels))
+        )
 
     def _windows(self, size: int, bins: int) -> list[tuple[int, slice]]:
         """Along one axis: the length of every window, and the part of it on the map."""
         k = -(-size // bins)
         pad = (k * bins - size + 1) // 2
         if pad >= k:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} is too small for a level of {bins} x {bins} windows: "
-                            f"{size} in {bins} parts of {k} need a padding of {pad}", "pyramid_height")
+            raise self.fail(
+                f"bottom {self.spec.bottom[0]!r} is too small for a level of {bins} x {bins} windows: "
+                f"{size} in {bins} parts of {k} need a padding of {pad}",
+                "pyramid_height",
+            )
         return [(k, slice(max(i * k - pad, 0), min((i + 1) * k - pad, size))) for i in range(bins)]
 
     def _bins(self, x: Array, y: Array) -> Iterator[Bin]:
@@ -81,7 +92,11 @@ class SPP(SlidingWindow):
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         for window, y, area in self._bins(bottom[0].data, top[0].data):
-            y[...] = window.max(axis=(2, 3)) if self.param.pool == "MAX" else window.sum(axis=(2, 3)) / area
+            y[...] = (
+                window.max(axis=(2, 3))
+                if self.param.pool == "MAX"
+                else window.sum(axis=(2, 3)) / area
+            )
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if not propagate_down[0]:

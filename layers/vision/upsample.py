@@ -56,25 +56,34 @@ class Upsample(Layer):
         both = 2 if p.scale is None else p.scale
         self.scale = (both, both) if p.scale_h is None else (p.scale_h, p.scale_w)
         if min(self.size or self.scale) < 2:
-            raise self.fail(f"{'upsample_h and upsample_w' if self.size else 'scale'} must be at least 2")
+            raise self.fail(
+                f"{'upsample_h and upsample_w' if self.size else 'scale'} must be at least 2"
+            )
         for name, scale in zip(("pad_out_h", "pad_out_w"), self.scale):
             if self.size is None and getattr(p, name) and scale != 2:
-                raise self.fail(f"{name} is for scale 2, not {scale}; expected upsample_h and upsample_w", name)
+                raise self.fail(
+                    f"{name} is for scale 2, not {scale}; expected upsample_h and upsample_w", name
+                )
 
     def reshape(self, bottom: Blobs, top: Blobs) -> None:
         x, mask, p = bottom[0].shape, bottom[1].shape, self.param
         if len(x) != 4:
             raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {x}, expected (N, C, H, W)")
         if mask != x:
-            raise self.fail(f"bottoms {self.spec.bottom[0]!r} {x} and {self.spec.bottom[1]!r} {mask}, the mask of a "
-                            "Pooling, must have the same shape")
+            raise self.fail(
+                f"bottoms {self.spec.bottom[0]!r} {x} and {self.spec.bottom[1]!r} {mask}, the mask of a "
+                "Pooling, must have the same shape"
+            )
         less = (p.pad_out_h, p.pad_out_w)
-        top[0].reshape(*x[:2], *(self.size or (n * s - one for n, s, one in zip(x[2:], self.scale, less))))
+        top[0].reshape(
+            *x[:2], *(self.size or (n * s - one for n, s, one in zip(x[2:], self.scale, less)))
+        )
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
         y = top[0].data
         y[...] = 0
-        self._maps(y)[self._places(bottom, top)] = self._maps(bottom[0].data)  # the last of several values counts
+        # the last of several values counts
+        self._maps(y)[self._places(bottom, top)] = self._maps(bottom[0].data)
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         if propagate_down[0]:
@@ -82,7 +91,9 @@ class Upsample(Layer):
             number = np.broadcast_to(np.arange(places[1].shape[1]), places[1].shape)
             last = np.full(self._maps(top[0].diff).shape, -1)
             last[places] = number
-            self._maps(bottom[0].diff)[...] = self._maps(top[0].diff)[places] * (last[places] == number)
+            self._maps(bottom[0].diff)[...] = self._maps(top[0].diff)[places] * (
+                last[places] == number
+            )
         if propagate_down[1]:
             bottom[1].diff[...] = 0
 

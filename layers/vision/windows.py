@@ -60,7 +60,8 @@ class PoolingParameter:
     stride_w: UInt | None = numbered(8, None)
     global_pooling: bool = numbered(12, False)  # one window that covers the map
     round_mode: Literal["CEIL", "FLOOR"] = numbered(13, "CEIL")
-    ceil_mode: bool | None = numbered(14, None)  # of PyTorch's converters and some forks: true is CEIL, false is FLOOR
+    # of PyTorch's converters and some forks: true is CEIL, false is FLOOR
+    ceil_mode: bool | None = numbered(14, None)
     engine: Engine = numbered(11, "DEFAULT")  # accepted, ignored
 
 
@@ -89,12 +90,19 @@ class SlidingWindow(Layer):
         self.pad = self._each("pad", p.pad, (p.pad_h, p.pad_w), 0, len(sizes))
         self.dilation = self._each("dilation", p.dilation, (None, None), 1, len(sizes))
         if 0 in self.kernel:
-            raise self.fail("needs kernel_size, or kernel_h and kernel_w, of at least 1", "kernel_size")
+            raise self.fail(
+                "needs kernel_size, or kernel_h and kernel_w, of at least 1", "kernel_size"
+            )
         if 0 in self.stride + self.dilation:
             raise self.fail("stride and dilation must be at least 1")
 
     def _each(
-        self, name: str, given: tuple[int, ...], h_w: tuple[int | None, int | None], default: int, axes: int
+        self,
+        name: str,
+        given: tuple[int, ...],
+        h_w: tuple[int | None, int | None],
+        default: int,
+        axes: int,
     ) -> tuple[int, ...]:
         """Expand an option to one number per spatial axis. It can be given once, per axis, or not at all."""
         option = "kernel_size" if name == "kernel" else name
@@ -102,10 +110,14 @@ class SlidingWindow(Layer):
             if given:
                 raise self.fail(f"give either {option}, or {name}_h and {name}_w", option)
             if axes != 2:
-                raise self.fail(f"{name}_h and {name}_w are for 2 spatial axes, found {axes}; expected {option}")
+                raise self.fail(
+                    f"{name}_h and {name}_w are for 2 spatial axes, found {axes}; expected {option}"
+                )
             given = tuple(value or 0 for value in h_w)
             if default and 0 in given:
-                raise self.fail(f"{name}_h and {name}_w are ({given[0]}, {given[1]}); expected both, of at least 1")
+                raise self.fail(
+                    f"{name}_h and {name}_w are ({given[0]}, {given[1]}); expected both, of at least 1"
+                )
         if len(given) > 1 and len(given) != axes:
             raise self.fail(f"{len(given)} values of {option} for {axes} spatial axes", option)
         return given if len(given) > 1 else (given or (default,)) * axes
@@ -115,20 +127,29 @@ class SlidingWindow(Layer):
         self._read_windows(bottom)
         p, channels = self.param, self.channels
         if min(p.num_output, p.group) < 1:
-            raise self.fail("num_output and group must be at least 1", "num_output" if p.group else "group")
+            raise self.fail(
+                "num_output and group must be at least 1", "num_output" if p.group else "group"
+            )
         if channels == 0:
             raise self.fail(f"bottom {self.spec.bottom[0]!r} {bottom.shape} has no channels")
         if channels % p.group or p.num_output % p.group:
-            raise self.fail(f"group {p.group} must divide {channels} channels and num_output {p.num_output}", "group")
+            raise self.fail(
+                f"group {p.group} must divide {channels} channels and num_output {p.num_output}",
+                "group",
+            )
 
     def _check_axes(self, i: int, x: Blob, weight: Sequence[int] | None = None) -> None:
         """Check the number of spatial axes and of channels against those at setup. Raises LayerError."""
         if len(x.shape) != self.axis + 1 + len(self.kernel):
-            raise self.fail(f"bottom {self.spec.bottom[i]!r} has shape {x.shape}, "
-                            f"expected {len(self.kernel)} spatial axes after axis {self.axis}")
+            raise self.fail(
+                f"bottom {self.spec.bottom[i]!r} has shape {x.shape}, "
+                f"expected {len(self.kernel)} spatial axes after axis {self.axis}"
+            )
         if weight is not None and x.shape[self.axis] != self.channels:
-            raise self.fail(f"bottom {self.spec.bottom[i]!r} has {x.shape[self.axis]} channels {x.shape}, "
-                            f"its weights {weight} expect {self.channels}")
+            raise self.fail(
+                f"bottom {self.spec.bottom[i]!r} has {x.shape[self.axis]} channels {x.shape}, "
+                f"its weights {weight} expect {self.channels}"
+            )
 
     def _extent(self) -> tuple[int, ...]:
         """Size of the dilated kernel."""
@@ -140,9 +161,15 @@ class SlidingWindow(Layer):
         """Read the geometry from a ``pooling_param``; the kernel is (0, 0) for global pooling. Raises LayerError."""
         p, block = self.param, self.spec.blocks.get("pooling_param")
         for both, each in (("kernel_size", "kernel"), ("pad", "pad"), ("stride", "stride")):
-            one, two, three = (block is not None and bool(block.values(n)) for n in (both, f"{each}_h", f"{each}_w"))
-            if one and two != three and both == "kernel_size":  # the only pair of which Caffe accepts this
-                warn_of_ignored(self, "kernel_h", "kernel_w", advice="; kernel_size takes precedence")
+            one, two, three = (
+                block is not None and bool(block.values(n))
+                for n in (both, f"{each}_h", f"{each}_w")
+            )
+            # the only pair of which Caffe accepts this
+            if one and two != three and both == "kernel_size":
+                warn_of_ignored(
+                    self, "kernel_h", "kernel_w", advice="; kernel_size takes precedence"
+                )
             elif one and (two or three):
                 raise self.fail(f"give either {both}, or {each}_h and {each}_w", both)
             elif two != three:
@@ -150,18 +177,27 @@ class SlidingWindow(Layer):
         if p.ceil_mode is not None:
             rounded = "CEIL" if p.ceil_mode else "FLOOR"
             if schema.is_given(p, "round_mode") and p.round_mode != rounded:
-                raise self.fail(f"ceil_mode: {str(p.ceil_mode).lower()} is round_mode: {rounded}, but "
-                                f"round_mode: {p.round_mode} is given; expected one of them", "ceil_mode")
+                raise self.fail(
+                    f"ceil_mode: {str(p.ceil_mode).lower()} is round_mode: {rounded}, but "
+                    f"round_mode: {p.round_mode} is given; expected one of them",
+                    "ceil_mode",
+                )
             self.param = schema.changed(p, round_mode=rounded)
         if p.global_pooling and (p.kernel_size or p.kernel_h or p.kernel_w):
             raise self.fail("global_pooling does not allow a kernel size", "global_pooling")
         self.pad = (_or(p.pad_h, p.pad), _or(p.pad_w, p.pad))
         self.stride = (_or(p.stride_h, p.stride), _or(p.stride_w, p.stride))
-        self.kernel = (p.kernel_size,) * 2 if p.kernel_size is not None else (p.kernel_h or 0, p.kernel_w or 0)
+        self.kernel = (
+            (p.kernel_size,) * 2
+            if p.kernel_size is not None
+            else (p.kernel_h or 0, p.kernel_w or 0)
+        )
         if p.global_pooling and (self.pad, self.stride) != ((0, 0), (1, 1)):
             raise self.fail("global_pooling needs pad 0 and stride 1", "global_pooling")
         if not p.global_pooling and not all(self.kernel):
-            raise self.fail("needs kernel_size, or kernel_h and kernel_w, of at least 1", "kernel_size")
+            raise self.fail(
+                "needs kernel_size, or kernel_h and kernel_w, of at least 1", "kernel_size"
+            )
         if not all(self.stride):
             raise self.fail("stride must be at least 1", "stride")
         if not p.global_pooling and any(pad >= k for pad, k in zip(self.pad, self.kernel)):
@@ -170,13 +206,17 @@ class SlidingWindow(Layer):
     def _check_map(self, x: Blob) -> None:
         """Raise LayerError unless the bottom is a non-empty map with four axes."""
         if len(x.shape) != 4 or 0 in x.shape[2:]:
-            raise self.fail(f"bottom {self.spec.bottom[0]!r} has shape {x.shape}, expected (N, C, H, W)")
+            raise self.fail(
+                f"bottom {self.spec.bottom[0]!r} has shape {x.shape}, expected (N, C, H, W)"
+            )
 
     def padded(self, x: Array, y_shape: tuple[int, ...], value: float) -> Array:
         """Pad x (C, H, W), including the parts of windows that extend beyond the padding."""
         after = [
             max((outputs - 1) * s + k - n - p, p)
-            for outputs, s, k, n, p in zip(y_shape[2:], self.stride, self.kernel, x.shape[1:], self.pad)
+            for outputs, s, k, n, p in zip(
+                y_shape[2:], self.stride, self.kernel, x.shape[1:], self.pad
+            )
         ]
         return np.pad(x, [(0, 0), *zip(self.pad, after)], constant_values=value)
 

@@ -47,20 +47,30 @@ def create(
         cls = implementation(class_of(spec.type, len(spec.bottom)))
     else:
         advice = type_advice(spec.type, types)
-        raise PrototxtError(where, f"unknown layer type {spec.type!r}{advice}; docs/layers.md lists all; a layer of "
-                                   "your own has the type Python")
+        raise PrototxtError(
+            where,
+            f"unknown layer type {spec.type!r}{advice}; docs/layers.md lists all; a layer of "
+            "your own has the type Python",
+        )
     own = block_name(cls, spec.type)
     _check_blocks(spec, own)
     layer = _new(cls, spec, phase, rng, dtype)
     for name in cls.rejected_blocks.keys() & spec.blocks:
         raise layer.fail(cls.rejected_blocks[name], at=spec.blocks[name].position)
     for name in sorted(set(spec.blocks) - {own, *cls.other_blocks}):
-        schema.read(spec.blocks[name], option_blocks()[name], name)  # a mistake would show when weights are saved
-        warn(layer, f"{spec.type} does not read {name}; it is ignored, as in Caffe", spec.blocks[name].position)
+        # a mistake would show when weights are saved
+        schema.read(spec.blocks[name], option_blocks()[name], name)
+        warn(
+            layer,
+            f"{spec.type} does not read {name}; it is ignored, as in Caffe",
+            spec.blocks[name].position,
+        )
     return layer
 
 
-def _new(cls: type[Layer], spec: LayerParameter, phase: Phase, rng: np.random.Generator, dtype: DTypeLike) -> Layer:
+def _new(
+    cls: type[Layer], spec: LayerParameter, phase: Phase, rng: np.random.Generator, dtype: DTypeLike
+) -> Layer:
     """The layer; a Python layer's own ``__init__`` is called with one argument. Raises LayerError if that fails."""
     if spec.type != "Python":
         return cls(spec, phase, rng, dtype)

@@ -41,7 +41,9 @@ class Parameters:
     def enter(self, layer: Layer) -> list[Param]:
         """Register the parameters of a layer and return them, or their owners if shared. Raises LayerError."""
         if len(layer.spec.param) > len(layer.blobs):
-            raise layer.fail(f"has {len(layer.blobs)} parameters, but {len(layer.spec.param)} param blocks")
+            raise layer.fail(
+                f"has {len(layer.blobs)} parameters, but {len(layer.spec.param)} param blocks"
+            )
         entered = []
         for i, blob in enumerate(layer.blobs):
             spec = layer.spec.param[i] if i < len(layer.spec.param) else ParamSpec()
@@ -54,9 +56,13 @@ class Parameters:
                     self._named[spec.name] = owner
             else:
                 mine, theirs = blob.shape, owner.blob.shape
-                if blob.count != owner.blob.count or (spec.share_mode != "PERMISSIVE" and mine != theirs):
-                    raise layer.fail(f"parameter {i} {mine} cannot share {spec.name!r} with layer {owner.layer!r} "
-                                     f"parameter {owner.index} {theirs}")
+                if blob.count != owner.blob.count or (
+                    spec.share_mode != "PERMISSIVE" and mine != theirs
+                ):
+                    raise layer.fail(
+                        f"parameter {i} {mine} cannot share {spec.name!r} with layer {owner.layer!r} "
+                        f"parameter {owner.index} {theirs}"
+                    )
                 blob.share(owner.blob)
             _merge_multipliers(layer, spec, owner)
             entered.append(owner)

@@ -23,12 +23,21 @@ from netlib.layer import Layer
 from netlib.proto import schema
 from netlib.proto.messages import LayerParameter, PythonParameter
 
-OLD_NAMES = {"xrange": range, "unicode": str, "basestring": str, "long": int}  # Python 2 names in old layers
+# Python 2 names in old layers
+OLD_NAMES = {"xrange": range, "unicode": str, "basestring": str, "long": int}
 
 PYTHON_2_MODULES = {
-    "ConfigParser": "configparser", "Queue": "queue", "StringIO": "io", "cStringIO": "io", "cPickle": "pickle",
-    "urllib2": "urllib.request", "urlparse": "urllib.parse", "__builtin__": "builtins", "commands": "subprocess",
-    "Tkinter": "tkinter", "cv": "cv2",
+    "ConfigParser": "configparser",
+    "Queue": "queue",
+    "StringIO": "io",
+    "cStringIO": "io",
+    "cPickle": "pickle",
+    "urllib2": "urllib.request",
+    "urlparse": "urllib.parse",
+    "__builtin__": "builtins",
+    "commands": "subprocess",
+    "Tkinter": "tkinter",
+    "cv": "cv2",
 }
 # The messages of Python 3 about the syntax of Python 2: print and exec without parentheses, "except E, e", 0777, 10L,
 # mixed tabs, <>, backquotes, and "raise E, text".
@@ -70,7 +79,9 @@ def find_class(spec: LayerParameter) -> type[Layer]:
     """Return the class that a layer of type Python names. Raises PrototxtError."""
     block = spec.blocks.get("python_param")
     if block is None:
-        raise PrototxtError(schema.position_of(spec), f"layer {spec.name!r} of type 'Python' needs a python_param")
+        raise PrototxtError(
+            schema.position_of(spec), f"layer {spec.name!r} of type 'Python' needs a python_param"
+        )
     param = schema.read(block, PythonParameter, "python_param")
     if "" not in sys.path:
         sys.path.append("")  # the working directory, as in pycaffe
@@ -86,10 +97,14 @@ def find_class(spec: LayerParameter) -> type[Layer]:
         vars(module).setdefault(name, value)
     cls = getattr(module, param.layer, None)
     if not (isinstance(cls, type) and issubclass(cls, Layer)):
-        found = f"{param.module}.{param.layer} is not a subclass of netlib.Layer, which is caffe.Layer"
+        found = (
+            f"{param.module}.{param.layer} is not a subclass of netlib.Layer, which is caffe.Layer"
+        )
         if cls is None and own_modules.is_ours(module):
-            found = (f"{param.module}.{param.layer} was looked for in this project's own package ({where}); expected a "
-                     f"module {param.module!r} with it in the working directory or on PYTHONPATH")
+            found = (
+                f"{param.module}.{param.layer} was looked for in this project's own package ({where}); expected a "
+                f"module {param.module!r} with it in the working directory or on PYTHONPATH"
+            )
         elif cls is None:
             classes = [name for name, value in vars(module).items() if isinstance(value, type)]
             found = f"{where} has no class {param.layer!r}{did_you_mean(param.layer, classes)}"
@@ -110,7 +125,9 @@ def python_2_advice(error: BaseException) -> str:
     """What to do about an error of a file for Python 2; empty for others."""
     if isinstance(error, ModuleNotFoundError) and error.name in PYTHON_2_MODULES:
         return f"; it was written for Python 2: {error.name} is now {PYTHON_2_MODULES[error.name]} ({CONVERT})"
-    if isinstance(error, SyntaxError) and PYTHON_2_SYNTAX.search(f"{error.msg}: {(error.text or '').strip()}"):
+    if isinstance(error, SyntaxError) and PYTHON_2_SYNTAX.search(
+        f"{error.msg}: {(error.text or '').strip()}"
+    ):
         return f"; it was written for Python 2: convert it to Python 3 ({CONVERT})"
     return ""
 
@@ -125,7 +142,11 @@ def _import(name: str, wanted: str) -> tuple[ModuleType, str]:
         install_as_caffe()
     top, _, inner = name.partition(".")
     is_shared = top in own_modules.NAMES
-    if is_shared and hasattr(sys.modules.get(name), wanted) and not own_modules.is_ours(sys.modules[top]):
+    if (
+        is_shared
+        and hasattr(sys.modules.get(name), wanted)
+        and not own_modules.is_ours(sys.modules[top])
+    ):
         return sys.modules[name], name  # imported by the user's script
     with own_modules.in_place() if is_shared else contextlib.nullcontext():
         if (own(top) / "__init__.py").is_file():

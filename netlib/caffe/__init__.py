@@ -12,5 +12,16 @@ from netlib.caffe.classifier import Classifier
 from netlib.caffe.net_spec import NetSpec, layers, params, to_proto
 
 __version__ = _caffe.__version__
-__all__ = ["TEST", "TRAIN", "Classifier", "NetSpec", "_caffe", "io", "layers", "params", "proto", "to_proto"]
+__all__ = [
+    "TEST",
+    "TRAIN",
+    "Classifier",
+    "NetSpec",
+    "_caffe",
+    "io",
+    "layers",
+    "params",
+    "proto",
+    "to_proto",
+]
 __all__ += _caffe.__all__

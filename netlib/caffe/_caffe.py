@@ -38,15 +38,38 @@ BoolVec = DtypeVec = IntVec = LayerVec = NetVec = StringVec = list
 __version__ = "1.0.0"  # version of Caffe whose interface this is
 
 __all__ = [  # the names that are also those of the package caffe
-    "NCCL", "AdaDeltaSolver", "AdaGradSolver", "AdamSolver", "Layer", "NesterovSolver", "Net", "RMSPropSolver",
-    "SGDSolver", "Solver", "Timer", "get_solver", "has_nccl", "init_log", "layer_type_list", "log", "set_device",
-    "set_mode_cpu", "set_mode_gpu", "set_multiprocess", "set_random_seed", "set_solver_count", "set_solver_rank",
-    "solver_count", "solver_rank",
+    "NCCL",
+    "AdaDeltaSolver",
+    "AdaGradSolver",
+    "AdamSolver",
+    "Layer",
+    "NesterovSolver",
+    "Net",
+    "RMSPropSolver",
+    "SGDSolver",
+    "Solver",
+    "Timer",
+    "get_solver",
+    "has_nccl",
+    "init_log",
+    "layer_type_list",
+    "log",
+    "set_device",
+    "set_mode_cpu",
+    "set_mode_gpu",
+    "set_multiprocess",
+    "set_random_seed",
+    "set_solver_count",
+    "set_solver_rank",
+    "solver_count",
+    "solver_rank",
 ]
 
 _log = logging.getLogger("netlib")
 _LEVELS = (logging.INFO, logging.WARNING, logging.ERROR, logging.CRITICAL)  # glog's levels 0 to 3
-_ADVICE = "run several solvers as processes of mpiexec, with ranks=MPIRanks(...): docs/distributed.md"
+_ADVICE = (
+    "run several solvers as processes of mpiexec, with ranks=MPIRanks(...): docs/distributed.md"
+)
 
 
 def _is_shown(record: logging.LogRecord) -> bool:
@@ -145,5 +168,7 @@ class NCCL:
     @staticmethod
     def new_uid() -> str:
         """Not supported. Raises NotImplementedError."""
-        raise NotImplementedError("NCCL needs GPUs, but netlib runs on the CPU; use MPI to train with several "
-                                  "processes: docs/distributed.md")
+        raise NotImplementedError(
+            "NCCL needs GPUs, but netlib runs on the CPU; use MPI to train with several "
+            "processes: docs/distributed.md"
+        )

@@ -35,20 +35,31 @@ class Classifier(Net):
     ) -> None:
         super().__init__(model_file, TEST, weights=pretrained_file)
         if not self.inputs:
-            raise NetlibError(f"net {self.name!r} has no input for images; expected a deployment net with an Input "
-                              "layer")
+            raise NetlibError(
+                f"net {self.name!r} has no input for images; expected a deployment net with an Input "
+                "layer"
+            )
         name, given = self.inputs[0], self.blobs[self.inputs[0]].data.shape
         self.transformer = io.Transformer({name: given})
         self.transformer.set_transpose(name, (2, 0, 1))
-        settings = {"mean": mean, "input_scale": input_scale, "raw_scale": raw_scale, "channel_swap": channel_swap}
+        settings = {
+            "mean": mean,
+            "input_scale": input_scale,
+            "raw_scale": raw_scale,
+            "channel_swap": channel_swap,
+        }
         for setting, value in settings.items():
             if value is not None:
                 getattr(self.transformer, f"set_{setting}")(name, value)
         self.crop_dims = np.array(given[2:])
-        self.image_dims: io.Size = self.crop_dims if image_dims is None or not len(image_dims) else image_dims
+        self.image_dims: io.Size = (
+            self.crop_dims if image_dims is None or not len(image_dims) else image_dims
+        )
         if len(self.image_dims) != 2 or (np.array(self.image_dims) < self.crop_dims).any():
-            raise io.ShapeError(f"image_dims {io.plain(self.image_dims)} are smaller than the net's input, "
-                                f"{io.plain(self.crop_dims)}; expected a height and a width")
+            raise io.ShapeError(
+                f"image_dims {io.plain(self.image_dims)} are smaller than the net's input, "
+                f"{io.plain(self.crop_dims)}; expected a height and a width"
+            )
 
     def predict(self, inputs: Sequence[Array], oversample: bool = True) -> NDArray[np.float32]:
         """Predict the net's first output for each image (H, W, K); returns (N, ...).
@@ -57,12 +68,16 @@ class Classifier(Net):
         the centre crop is used. Raises ShapeError.
         """
         if not len(inputs) or len({np.shape(image)[2:] for image in inputs}) > 1:
-            raise io.ShapeError("predict takes images (H, W, K) with the same K, found "
-                                f"{[np.shape(image) for image in inputs]}")
+            raise io.ShapeError(
+                "predict takes images (H, W, K) with the same K, found "
+                f"{[np.shape(image) for image in inputs]}"
+            )
         images = np.stack([io.resize_image(image, self.image_dims) for image in inputs])
         h, w = self.crop_dims
         y, x = (images.shape[1] - h) // 2, (images.shape[2] - w) // 2
-        crops = io.oversample(images, self.crop_dims) if oversample else images[:, y : y + h, x : x + w]
+        crops = (
+            io.oversample(images, self.crop_dims) if oversample else images[:, y : y + h, x : x + w]
+        )
         name = self.inputs[0]
         items = np.stack([self.transformer.preprocess(name, crop) for crop in crops])
         predictions: NDArray[np.float32] = self.forward_all(**{name: items})[self.outputs[0]]

@@ -19,9 +19,29 @@ from netlib.errors import NetlibError
 Map: TypeAlias = "tuple[int | None, Array | float, Array | float]"
 IDENTITY: Map = (None, 1, 0)
 
-PASS_THROUGH_LAYERS = ["AbsVal", "BatchNorm", "Bias", "BNLL", "Dropout", "Eltwise", "ELU", "Log", "LRN", "Exp", "MVN",
-                       "Power", "ReLU", "PReLU", "Scale", "Sigmoid", "Split", "TanH", "Threshold",
-                       "Clip", "Swish"]
+PASS_THROUGH_LAYERS = [
+    "AbsVal",
+    "BatchNorm",
+    "Bias",
+    "BNLL",
+    "Dropout",
+    "Eltwise",
+    "ELU",
+    "Log",
+    "LRN",
+    "Exp",
+    "MVN",
+    "Power",
+    "ReLU",
+    "PReLU",
+    "Scale",
+    "Sigmoid",
+    "Split",
+    "TanH",
+    "Threshold",
+    "Clip",
+    "Swish",
+]
 _LEGACY = {f"{what}_{side}" for what in ("pad", "kernel", "stride") for side in "hw"}
 
 
@@ -51,9 +71,17 @@ def conv_params(fn: Function) -> tuple[int, Array, Array, Array]:
             "write kernel_size, stride and pad, as lists if the axes differ"
         )
     if "kernel_size" not in params:
-        raise UndefinedMapException(f"a {fn.type_name} layer without kernel_size has no coordinate map")
-    kernel, dilation = np.array(params["kernel_size"], ndmin=1), np.array(params.get("dilation", 1), ndmin=1)
-    stride, pad = np.array(params.get("stride", 1), ndmin=1), np.array(params.get("pad", 0), ndmin=1)
+        raise UndefinedMapException(
+            f"a {fn.type_name} layer without kernel_size has no coordinate map"
+        )
+    kernel, dilation = (
+        np.array(params["kernel_size"], ndmin=1),
+        np.array(params.get("dilation", 1), ndmin=1),
+    )
+    stride, pad = (
+        np.array(params.get("stride", 1), ndmin=1),
+        np.array(params.get("pad", 0), ndmin=1),
+    )
     return params.get("axis", 1), stride, (kernel - 1) * dilation + 1, pad
 
 
@@ -84,7 +112,9 @@ def compose(base_map: Map, next_map: Map) -> Map:
     axis1, a1, b1 = base_map
     axis2, a2, b2 = next_map
     if axis1 is not None and axis2 is not None and axis1 != axis2:
-        raise AxisMismatchException(f"a map from axis {axis1} on cannot follow one from axis {axis2} on")
+        raise AxisMismatchException(
+            f"a map from axis {axis1} on cannot follow one from axis {axis2} on"
+        )
     return axis2 if axis1 is None else axis1, a1 * a2, a1 * b2 + b1
 
 
@@ -103,7 +133,9 @@ def coord_map_from_to(top_from: Top, top_to: Top) -> Map:
     for top, to_map in above_to.items():
         if top in above_from:
             return compose(to_map, inverse(above_from[top]))
-    raise UnconnectedError("Could not compute map between tops; are they connected by spatial layers?")
+    raise UnconnectedError(
+        "Could not compute map between tops; are they connected by spatial layers?"
+    )
 
 
 def _ancestors(top: Top) -> dict[Top, Map]:
@@ -112,7 +144,8 @@ def _ancestors(top: Top) -> dict[Top, Map]:
     waiting = deque([top])
     while waiting:
         at = waiting.popleft()
-        bottoms = at.fn.inputs[:1] if at.fn.type_name == "Crop" else at.fn.inputs  # the second only gives a size
+        # the second only gives a size
+        bottoms = at.fn.inputs[:1] if at.fn.type_name == "Crop" else at.fn.inputs
         try:
             step = coord_map(at.fn) if bottoms else IDENTITY
         except UndefinedMapException:
@@ -132,10 +165,16 @@ def crop(top_from: Top, top_to: Top) -> Any:
     """
     axis, a, b = coord_map_from_to(top_from, top_to)
     if not np.all(a == 1):
-        raise CropError(f"scale mismatch on crop (a = {a}): strides and kernels must undo each other")
+        raise CropError(
+            f"scale mismatch on crop (a = {a}): strides and kernels must undo each other"
+        )
     if not np.all(b <= 0):
-        raise CropError(f"cannot crop negative offset (b = {b}): the top to be cropped is too small")
+        raise CropError(
+            f"cannot crop negative offset (b = {b}): the top to be cropped is too small"
+        )
     if not np.all(np.round(b) == b):
         raise CropError(f"cannot crop noninteger offset (b = {b})")
     offset = [int(-x) for x in np.ravel(b)]
-    return layers.Crop(top_from, top_to, crop_param={"axis": 2 if axis is None else axis + 1, "offset": offset})
+    return layers.Crop(
+        top_from, top_to, crop_param={"axis": 2 if axis is None else axis + 1, "offset": offset}
+    )

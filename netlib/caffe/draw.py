@@ -19,9 +19,15 @@ from netlib.errors import NetlibError, reason_of
 from netlib.files import atomic
 
 LAYER_STYLE_DEFAULT = {"shape": "record", "fillcolor": "#6495ED", "style": "filled"}
-NEURON_LAYER_STYLE = {"shape": "record", "fillcolor": "#90EE90", "style": "filled"}  # layers in place
+# layers in place
+NEURON_LAYER_STYLE = {"shape": "record", "fillcolor": "#90EE90", "style": "filled"}
 BLOB_STYLE = {"shape": "octagon", "fillcolor": "#E0E0E0", "style": "filled"}
-COLORS = {"Convolution": "#FF5050", "Deconvolution": "#FF5050", "Pooling": "#FF9900", "InnerProduct": "#CC33FF"}
+COLORS = {
+    "Convolution": "#FF5050",
+    "Deconvolution": "#FF5050",
+    "Pooling": "#FF9900",
+    "InnerProduct": "#CC33FF",
+}
 NOTHING = '""'  # an empty label
 Shapes = Mapping[str, Sequence[int]]  # of blobs, by their names
 GRAPHVIZ = "Graphviz (apt install graphviz, brew install graphviz)"
@@ -55,7 +61,9 @@ def get_layer_lr_mult(layer: Any) -> tuple[float, float]:
         raise RuleError(f"{layer.type} layers do not have a learning rate multiplier")
     given = [param.lr_mult for param in layer.param]
     if len(given) > 2:
-        raise RuleError(f"layer {layer.name!r}: expected at most two params, weights and biases, found {len(given)}")
+        raise RuleError(
+            f"layer {layer.name!r}: expected at most two params, weights and biases, found {len(given)}"
+        )
     weights, biases = [*given, 1.0, 1.0][:2]
     return weights, biases
 
@@ -109,13 +117,17 @@ def get_pydot_graph(
     try:
         pydot = importlib.import_module("pydot")
     except ImportError as error:
-        raise NetlibError(f"pydot is missing: pip install pydot; pictures also need {GRAPHVIZ}") from error
+        raise NetlibError(
+            f"pydot is missing: pip install pydot; pictures also need {GRAPHVIZ}"
+        ) from error
     graph = pydot.Dot(_quoted(caffe_net.name or "Net"), graph_type="digraph", rankdir=rankdir)
     chosen = [layer for layer in caffe_net.layer if phase is None or _is_in(layer, phase)]
     groups = _with_layers_in_place(chosen)
     blobs = dict.fromkeys(name for layer in chosen for name in [*layer.bottom, *layer.top])
     nodes = {name: pydot.Node(_quoted(name), **BLOB_STYLE) for name in blobs}
-    boxes = [pydot.Node(_box_label(group, rankdir, display_lrm), **_style(group[0])) for group in groups]
+    boxes = [
+        pydot.Node(_box_label(group, rankdir, display_lrm), **_style(group[0])) for group in groups
+    ]
     for node in [*boxes, *nodes.values()]:
         graph.add_node(node)
     known = shapes if shapes and label_edges else {}
@@ -211,7 +223,10 @@ def draw_net(
         )
     done = subprocess.run([program, f"-T{ext}"], input=text, capture_output=True, check=False)
     if done.returncode:
-        why = " ".join(done.stderr.decode(errors="replace").split()) or f"exit status {done.returncode}"
+        why = (
+            " ".join(done.stderr.decode(errors="replace").split())
+            or f"exit status {done.returncode}"
+        )
         raise NetlibError(f"dot cannot draw the net as {ext!r}: {why}")
     return done.stdout
 
@@ -227,7 +242,9 @@ def draw_net_to_file(
     """Write the image of a NetParameter in the format of the file's suffix. Raises NetlibError."""
     ext = Path(filename).suffix.removeprefix(".")
     if not ext:
-        raise NetlibError(f"{filename}: no suffix; expected one that names the format: .png, .svg, .pdf ...")
+        raise NetlibError(
+            f"{filename}: no suffix; expected one that names the format: .png, .svg, .pdf ..."
+        )
     picture = draw_net(caffe_net, rankdir, ext, phase, display_lrm, shapes)
     try:
         atomic.replace(Path(filename), lambda file: file.write_bytes(picture))

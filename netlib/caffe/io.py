@@ -39,7 +39,9 @@ def __getattr__(name: str) -> Any:
             import skimage.io
             from skimage.transform import resize
         except ImportError:
-            found = f"caffe.io.{name} is of scikit-image, which is missing: pip install scikit-image"
+            found = (
+                f"caffe.io.{name} is of scikit-image, which is missing: pip install scikit-image"
+            )
             raise NetlibError(found) from None
         return resize if name == "resize" else skimage
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
@@ -62,7 +64,11 @@ def blobproto_to_array(blob: Any, return_diff: bool = False) -> NDArray[np.float
     single, double = (blob.diff, blob.double_diff) if return_diff else (blob.data, blob.double_data)
     values = np.array(double if len(double) else single, np.float64)
     legacy = ("num", "channels", "height", "width")
-    shape = [getattr(blob, name) for name in legacy] if any(map(blob.HasField, legacy)) else blob.shape.dim
+    shape = (
+        [getattr(blob, name) for name in legacy]
+        if any(map(blob.HasField, legacy))
+        else blob.shape.dim
+    )
     return _shaped(values, tuple(shape), "a BlobProto")
 
 
@@ -93,7 +99,9 @@ def blobprotovector_str_to_arraylist(str: bytes) -> list[NDArray[np.float64]]:
 def array_to_datum(arr: Array, label: int | None = None) -> Any:
     """Convert an array (C, H, W) to a Datum: uint8 as bytes, other types as floats. Raises ShapeError."""
     if arr.ndim != 3:
-        raise ShapeError(f"Incorrect array shape: a Datum takes (channels, height, width), found {arr.shape}")
+        raise ShapeError(
+            f"Incorrect array shape: a Datum takes (channels, height, width), found {arr.shape}"
+        )
     datum = proto.caffe_pb2.Datum()
     datum.channels, datum.height, datum.width = arr.shape
     if arr.dtype == np.uint8:
@@ -108,7 +116,9 @@ def array_to_datum(arr: Array, label: int | None = None) -> Any:
 def datum_to_array(datum: Any) -> Array:
     """Convert a Datum to an array (C, H, W) of uint8 or float64; its label is ``datum.label``. Raises ShapeError."""
     if datum.encoded:
-        raise ShapeError("the Datum holds an encoded image; decode its data, for example with OpenCV")
+        raise ShapeError(
+            "the Datum holds an encoded image; decode its data, for example with OpenCV"
+        )
     values: Array = np.array(datum.float_data, np.float64)
     if len(datum.data):
         values = np.frombuffer(datum.data, np.uint8).copy()
@@ -148,7 +158,9 @@ class Transformer:
         """
         shape = self._shape(in_)
         if len(shape) != 4:
-            raise ShapeError(f"preprocess needs an input (N, K, H, W), but {in_!r} has shape {tuple(shape)}")
+            raise ShapeError(
+                f"preprocess needs an input (N, K, H, W), but {in_!r} has shape {tuple(shape)}"
+            )
         height, width = shape[2:]
         image = np.asarray(data).astype(np.float32)
         if image.shape[:2] != (height, width):
@@ -181,7 +193,9 @@ class Transformer:
             image = image[np.argsort(self.channel_swap[in_])]
         if in_ in self.transpose:
             if image.ndim != len(self.transpose[in_]):
-                raise ShapeError(f"deprocess takes one item of {in_!r}, found an array of shape {data.shape}")
+                raise ShapeError(
+                    f"deprocess takes one item of {in_!r}, found an array of shape {data.shape}"
+                )
             image = image.transpose(np.argsort(self.transpose[in_]))
         return image.squeeze()
 
@@ -189,16 +203,20 @@ class Transformer:
         """Set the order of the axes: (2, 0, 1) converts (H, W, K) to (K, H, W)."""
         axes = len(self._shape(in_)) - 1
         if sorted(order) != list(range(axes)):
-            raise ShapeError(f"Transpose order needs to have the same number of dimensions as the input: {in_!r} takes "
-                             f"each of {', '.join(map(str, range(axes)))} once, found {plain(order)}")
+            raise ShapeError(
+                f"Transpose order needs to have the same number of dimensions as the input: {in_!r} takes "
+                f"each of {', '.join(map(str, range(axes)))} once, found {plain(order)}"
+            )
         self.transpose[in_] = order
 
     def set_channel_swap(self, in_: str, order: Sequence[int]) -> None:
         """Set the order of the channels, the first axis after the transpose: (2, 1, 0) converts RGB to BGR."""
         channels = self._shape(in_)[1]
         if len(order) != channels or not set(order) <= set(range(channels)):
-            raise ShapeError(f"Channel swap needs to have the same number of dimensions as the input channels: {in_!r} "
-                             f"has {', '.join(map(str, range(channels)))}, found {plain(order)}")
+            raise ShapeError(
+                f"Channel swap needs to have the same number of dimensions as the input channels: {in_!r} "
+                f"has {', '.join(map(str, range(channels)))}, found {plain(order)}"
+            )
         self.channel_swap[in_] = order
 
     def set_raw_scale(self, in_: str, scale: float) -> None:
@@ -212,11 +230,15 @@ class Transformer:
         mean = np.asarray(mean)
         mean = mean if mean.dtype.kind == "f" else mean.astype(np.float64)
         if mean.ndim not in (1, 2, 3):
-            raise ShapeError(f"Mean shape invalid: expected (K,), (H, W) or (K, H, W), found {mean.shape}")
+            raise ShapeError(
+                f"Mean shape invalid: expected (K,), (H, W) or (K, H, W), found {mean.shape}"
+            )
         given = 1 if mean.ndim == 2 else len(mean)
         if given != channels and (given != 1 or mean.ndim == 1):
-            raise ShapeError(f"Mean channels incompatible with input: {in_!r} has {channels}, found a mean of shape "
-                             f"{mean.shape}")
+            raise ShapeError(
+                f"Mean channels incompatible with input: {in_!r} has {channels}, found a mean of shape "
+                f"{mean.shape}"
+            )
         if mean.ndim == 1:
             mean = mean[:, None, None]
         elif mean.shape[-2:] != tuple(size):
@@ -233,7 +255,9 @@ class Transformer:
         """Shape of an input. Raises NetlibError if it does not exist."""
         if in_ not in self.inputs:
             known = ", ".join(map(repr, self.inputs)) or "none"
-            raise NetlibError(f"{in_!r} is not one of the net inputs: {known}{did_you_mean(str(in_), self.inputs)}")
+            raise NetlibError(
+                f"{in_!r} is not one of the net inputs: {known}{did_you_mean(str(in_), self.inputs)}"
+            )
         return self.inputs[in_]
 
 
@@ -258,14 +282,20 @@ def load_image(filename: str | Path | BinaryIO, color: bool = True) -> NDArray[n
     if isinstance(filename, (str, Path)):
         raw = files.read_bytes(filename, "the image")
     elif not isinstance(raw := filename.read(), bytes):
-        raise DataError("load_image got a file opened as text; expected one opened for bytes, or io.BytesIO")
+        raise DataError(
+            "load_image got a file opened as text; expected one opened for bytes, or io.BytesIO"
+        )
     else:
         filename = getattr(filename, "name", "the image")
     pixels = pictures.decode(raw, cv2.IMREAD_UNCHANGED, str(filename))
     if pixels.dtype.kind not in "uf":
-        raise DataError(f"{filename}: image of type {pixels.dtype}; expected 8 or 16 bits unsigned, or floats")
+        raise DataError(
+            f"{filename}: image of type {pixels.dtype}; expected 8 or 16 bits unsigned, or floats"
+        )
     if pixels.ndim == 3 and pixels.shape[2] not in (3, 4):
-        raise DataError(f"{filename}: image with {pixels.shape[2]} channels; expected gray or colour, alpha optional")
+        raise DataError(
+            f"{filename}: image with {pixels.shape[2]} channels; expected gray or colour, alpha optional"
+        )
     image = pixels.astype(np.float64)
     if pixels.dtype.kind == "u":
         image /= 2 ** (8 * pixels.itemsize) - 1
@@ -287,8 +317,10 @@ def resize_image(im: Array, new_dims: Size, interp_order: int = 1) -> NDArray[np
     im = np.asarray(im)
     height, width = (int(n) for n in new_dims) if len(new_dims) == 2 else (0, 0)
     if im.ndim != 3 or not im.size or height < 1 or width < 1 or interp_order not in range(6):
-        raise ShapeError("resize_image takes an image (H, W, K), a (height, width) and an order from 0 to 5, found an "
-                         f"array of shape {im.shape}, {plain(new_dims)} and {interp_order}")
+        raise ShapeError(
+            "resize_image takes an image (H, W, K), a (height, width) and an order from 0 to 5, found an "
+            f"array of shape {im.shape}, {plain(new_dims)} and {interp_order}"
+        )
     factors = (height / im.shape[0], width / im.shape[1], 1)
     if im.shape[2] not in (1, 3):
         return scipy.ndimage.zoom(im, factors, order=interp_order).astype(np.float32)
@@ -296,7 +328,9 @@ def resize_image(im: Array, new_dims: Size, interp_order: int = 1) -> NDArray[np
     if not most > least:
         return np.full((height, width, im.shape[2]), least, np.float32)
     scaled = (im - least) / (most - least)
-    scaled = scipy.ndimage.zoom(scaled, factors, order=interp_order, mode="grid-constant", cval=0, grid_mode=True)
+    scaled = scipy.ndimage.zoom(
+        scaled, factors, order=interp_order, mode="grid-constant", cval=0, grid_mode=True
+    )
     np.clip(scaled, 0, 1, out=scaled)  # orders above 1 overshoot
     return (scaled * (most - least) + least).astype(np.float32)
 
@@ -311,13 +345,17 @@ def oversample(images: Sequence[Array] | Array, crop_dims: Size) -> NDArray[np.f
     height, width = (int(n) for n in crop_dims)
     shape = np.shape(images[0])
     if len(shape) != 3 or not (0 < height <= shape[0] and 0 < width <= shape[1]):
-        raise ShapeError(f"oversample cannot crop ({height}, {width}) from an image of shape {shape}")
+        raise ShapeError(
+            f"oversample cannot crop ({height}, {width}) from an image of shape {shape}"
+        )
     bottom, right = shape[0] - height, shape[1] - width
     corners = [(0, 0), (0, right), (bottom, 0), (bottom, right), (bottom // 2, right // 2)]
     crops = np.empty((len(images), 2, len(corners), height, width, shape[2]), np.float32)
     for n, image in enumerate(images):
         if np.shape(image) != shape:
-            raise ShapeError(f"oversample takes images of the same shape, found {shape} and {np.shape(image)}")
+            raise ShapeError(
+                f"oversample takes images of the same shape, found {shape} and {np.shape(image)}"
+            )
         for i, (y, x) in enumerate(corners):
             crops[n, 0, i] = image[y : y + height, x : x + width]
         crops[n, 1] = crops[n, 0, :, :, ::-1]

@@ -67,7 +67,9 @@ class Function:
         self.type_name, self.inputs = type_name, tuple(inputs)
         for index, found in enumerate(self.inputs):
             if not isinstance(found, Top):
-                raise NotATopError(f"{type_name} input {index} is not a Top (type is {type(found)})")
+                raise NotATopError(
+                    f"{type_name} input {index} is not a Top (type is {type(found)})"
+                )
         self.params = params
         self.ntop: int = params.pop("ntop", 1)
         self.in_place: bool = params.pop("in_place", False)
@@ -91,7 +93,8 @@ def _net(tops: Iterable[Top | Function], names: Names) -> Any:
     made: Made = {}
     counts: Counter[str] = Counter()
     for top in tops:
-        waiting = [top.fn if isinstance(top, Top) else top]  # not recursive: deep nets exceed the recursion limit
+        # not recursive: deep nets exceed the recursion limit
+        waiting = [top.fn if isinstance(top, Top) else top]
         while waiting:
             unmade = [bottom.fn for bottom in waiting[-1].inputs if bottom.fn not in made]
             if unmade:
@@ -138,9 +141,13 @@ def _holder(layer: Any, option: str) -> Any:
     others = [name for name in _blocks_of(layer.type) if name in fields]
     for name in others:
         if option in fields[name].message_type.fields_by_name:
-            raise UnknownNameError(f"option {option!r} is in another block; write {name}=dict({option}=...)")
+            raise UnknownNameError(
+                f"option {option!r} is in another block; write {name}=dict({option}=...)"
+            )
     known = [*own, *(f"{name}=dict(...)" for name in others if name != block)]
-    advice = did_you_mean(option, own) or (f"; its options: {', '.join(known)}" if known else "; it has none")
+    advice = did_you_mean(option, own) or (
+        f"; its options: {', '.join(known)}" if known else "; it has none"
+    )
     raise UnknownNameError(f"unknown option {option!r}{advice}")
 
 
@@ -187,7 +194,9 @@ def _checked(proto: Any, name: str, put: Callable[[Any], object], value: Any) ->
         put(value)
     except (TypeError, ValueError, AttributeError) as error:
         text = str(error) or type(error).__name__
-        raise OptionValueError(f"{name!r} of {proto.DESCRIPTOR.name} cannot be {value!r}: {text}") from None
+        raise OptionValueError(
+            f"{name!r} of {proto.DESCRIPTOR.name} cannot be {value!r}: {text}"
+        ) from None
 
 
 @functools.cache
@@ -290,9 +299,14 @@ class _Constants:
             names = [name.removesuffix("Parameter") for name in known if name.endswith("Parameter")]
             raise UnknownNameError(f"params has no {self._name!r}{did_you_mean(self._name, names)}")
         enums = known[message].enum_types_by_name.values()
-        values = {name: value.number for enum in enums for name, value in enum.values_by_name.items()}
+        values = {
+            name: value.number for enum in enums for name, value in enum.values_by_name.items()
+        }
         if param_name not in values:
-            advice = did_you_mean(param_name, values) or f"; it has {', '.join(values) or 'no constants'}"
+            advice = (
+                did_you_mean(param_name, values)
+                or f"; it has {', '.join(values) or 'no constants'}"
+            )
             raise UnknownNameError(f"params.{self._name} has no {param_name!r}{advice}")
         return values[param_name]
 

@@ -40,10 +40,13 @@ class Net(core.Net):
         names: tuple[str, ...] = ("phase", "level", "stages", "weights")
         if args and isinstance(args[0], (str, Path)):
             names = ("weights", "phase")
-            log.warning("Net(file, weights, phase) is pycaffe's older form; expected Net(file, phase, weights=...)")
+            log.warning(
+                "Net(file, weights, phase) is pycaffe's older form; expected Net(file, phase, weights=...)"
+            )
         super().__init__(network_file, **dict(zip(names, args)), **options)
         self._hooks: dict[str, list[Hook]] = {}
-        self.blobs = OrderedDict(self._numbered)  # with unnamed tops of losses, so that the numbers are positions
+        # with unnamed tops of losses, so that the numbers are positions
+        self.blobs = OrderedDict(self._numbered)
         self.params, self.layer_dict = OrderedDict(self.params), OrderedDict(self.layer_dict)
 
     # ------------------------------------------------------------------------------------------ names and weights
@@ -86,7 +89,9 @@ class Net(core.Net):
 
     def _connection(self, layer: int) -> Connection:
         if not 0 <= layer < len(self.connections):
-            raise LayerError(f"net {self.name!r} has {len(self.connections)} layers, found number {layer}")
+            raise LayerError(
+                f"net {self.name!r} has {len(self.connections)} layers, found number {layer}"
+            )
         return self.connections[layer]
 
     @property
@@ -141,7 +146,9 @@ class Net(core.Net):
     def _add_hook(self, when: str, hook: Hook) -> None:
         if not self._hooks:
             self._run_by_layer()
-            self.steps = [_HookedStep(step, number, self._hooks) for number, step in enumerate(self.steps)]
+            self.steps = [
+                _HookedStep(step, number, self._hooks) for number, step in enumerate(self.steps)
+            ]
         self._hooks.setdefault(when, []).append(hook)
 
     def store_all(self, wanted: bool = True) -> None:
@@ -158,11 +165,16 @@ class Net(core.Net):
 
     def _set_inputs(self, arrays: Mapping[str, Array]) -> None:
         """Repeat (N, C, 1, 1) over the height and width of the input, as pycaffe's assignment does."""
-        super()._set_inputs({
-            name: np.broadcast_to(array, (*array.shape[:2], *self.blobs[name].shape[2:]))
-            if array.shape[2:] == (1, 1) and name in self.inputs and len(self.blobs[name].shape) == 4 else array
-            for name, array in arrays.items()
-        })
+        super()._set_inputs(
+            {
+                name: np.broadcast_to(array, (*array.shape[:2], *self.blobs[name].shape[2:]))
+                if array.shape[2:] == (1, 1)
+                and name in self.inputs
+                and len(self.blobs[name].shape) == 4
+                else array
+                for name, array in arrays.items()
+            }
+        )
 
     def forward_all(self, blobs: Iterable[str] | None = None, **inputs: Any) -> dict[str, Array]:
         """Run any number of items, batch by batch; returns outputs and ``blobs`` for all of them.
@@ -203,9 +215,13 @@ class Net(core.Net):
             return
         size = next(iter(self.blobs.values())).shape[0]
         for begin in range(0, len(next(iter(arrays.values()))), size):
-            batch = {name: np.asarray(array[begin : begin + size]) for name, array in arrays.items()}
+            batch = {
+                name: np.asarray(array[begin : begin + size]) for name, array in arrays.items()
+            }
             yield {
-                name: np.concatenate([part, np.zeros((size - len(part), *part.shape[1:]), part.dtype)])
+                name: np.concatenate(
+                    [part, np.zeros((size - len(part), *part.shape[1:]), part.dtype)]
+                )
                 for name, part in batch.items()
             }
 
@@ -265,8 +281,19 @@ class _HookedStep(Step):
 
 
 READ_ONCE = (
-    "net", "net_param", "train_net", "train_net_param", "test_net", "test_net_param", "train_state", "test_state",
-    "type", "solver_type", "weights", "random_seed", "layer_wise_reduce",
+    "net",
+    "net_param",
+    "train_net",
+    "train_net_param",
+    "test_net",
+    "test_net_param",
+    "train_state",
+    "test_state",
+    "type",
+    "solver_type",
+    "weights",
+    "random_seed",
+    "layer_wise_reduce",
 )
 
 
@@ -284,7 +311,9 @@ class SolverParameter:
         if not hasattr(solver._param, name):
             raise AttributeError(f"a solver has no option {name!r}")
         if name in READ_ONCE:
-            raise AttributeError(f"{name} is read once, when the solver is made; change it in the file")
+            raise AttributeError(
+                f"{name} is read once, when the solver is made; change it in the file"
+            )
         solver._param = solver_parameter.checked(schema.with_values(solver._param, **{name: value}))
         solver.smoothed = deque(solver.smoothed, solver._param.average_loss)
 
@@ -296,10 +325,13 @@ class Solver(CoreSolver):
     """A solver: ``SGDSolver(solver_file)``, or ``get_solver(solver_file)`` for the type given in the file."""
 
     net_class = Net
-    update_rule: str | None = None  # rule of a subclass, which overrides the file's ``type``, as in pycaffe
+    # rule of a subclass, which overrides the file's ``type``, as in pycaffe
+    update_rule: str | None = None
 
     def __init__(self, solver_file: str | Path, **options: Any) -> None:
-        changes = {} if self.update_rule is None else {"type": self.update_rule, "solver_type": None}
+        changes = (
+            {} if self.update_rule is None else {"type": self.update_rule, "solver_type": None}
+        )
         param = solver_parameter.read(solver_file)
         super().__init__(schema.changed(param, **changes), str(solver_file), **options)
 
@@ -358,8 +390,10 @@ class AdamSolver(SGDSolver):
     update_rule = "Adam"
 
 
-_CLASSES = {cls.update_rule: cls for cls in (SGDSolver, NesterovSolver, AdaGradSolver, RMSPropSolver, AdaDeltaSolver,
-                                             AdamSolver)}
+_CLASSES = {
+    cls.update_rule: cls
+    for cls in (SGDSolver, NesterovSolver, AdaGradSolver, RMSPropSolver, AdaDeltaSolver, AdamSolver)
+}
 
 
 def get_solver(solver_file: str | Path, **options: Any) -> Solver:

@@ -36,7 +36,8 @@ ERRORS: dict[str, type[NetlibError]] = {
 }
 LOSS, ASKED, FAILED, CHECKSUM = range(4)  # columns of the table
 COMPARED_EVERY = 100  # iterations between comparisons of the parameters
-SPIN, NAP_S = 2000, 1e-4  # polls without a pause, then the pause between polls, as ranks may share cores
+# polls without a pause, then the pause between polls, as ranks may share cores
+SPIN, NAP_S = 2000, 1e-4
 
 
 class MPIRanks(Ranks):
@@ -79,10 +80,18 @@ class MPIRanks(Ranks):
                     )
 
     def agree(
-        self, loss: float, request: Request | None, net: Net | None = None, iteration: int | None = None
+        self,
+        loss: float,
+        request: Request | None,
+        net: Net | None = None,
+        iteration: int | None = None,
     ) -> float:
         """Exchange the four numbers once, then average."""
-        trained = [param for param in net.learnable if param.spec.lr_mult] if net and iteration is not None else []
+        trained = (
+            [param for param in net.learnable if param.spec.lr_mult]
+            if net and iteration is not None
+            else []
+        )
         is_compared = iteration is not None and iteration % COMPARED_EVERY == 0
         table = self._exchange(loss, request, ranks.checksum(trained) if is_compared else 0)
         self._asked = "stop" if STOP in table[:, ASKED] else REQUESTS[int(table[0, ASKED])]
@@ -106,7 +115,9 @@ class MPIRanks(Ranks):
         everyone = self._exchange_values(dict(value))
         return everyone[1:] if self.rank == 0 else []
 
-    def at_root(self, work: Callable[[], object], request: Callable[[], Request | None] = lambda: None) -> None:
+    def at_root(
+        self, work: Callable[[], object], request: Callable[[], Request | None] = lambda: None
+    ) -> None:
         """Work at rank 0 while the others wait."""
         with self.together():
             if self.rank == 0:
@@ -140,7 +151,11 @@ class MPIRanks(Ranks):
         return self._agreed
 
     def _exchange(
-        self, loss: float = 0.0, request: Request | None = None, checksum: int = 0, failed: Exception | None = None
+        self,
+        loss: float = 0.0,
+        request: Request | None = None,
+        checksum: int = 0,
+        failed: Exception | None = None,
     ) -> Array:
         """Exchange the four numbers of all ranks; returns (N, 4). If a rank failed, raises its error on every rank."""
         own = np.array([loss, REQUESTS.index(request), failed is not None, checksum])
@@ -148,7 +163,11 @@ class MPIRanks(Ranks):
         self._wait(self._comm.Iallgather(own, table))
         if table[:, FAILED].any():
             first = int(table[:, FAILED].argmax())
-            text = str(failed) if isinstance(failed, NetlibError) else f"{type(failed).__name__}: {reason_of(failed)}"
+            text = (
+                str(failed)
+                if isinstance(failed, NetlibError)
+                else f"{type(failed).__name__}: {reason_of(failed)}"
+            )
             everyone = self._exchange_values([type(failed).__name__, text])
             kind, text = everyone[first]
             where = "" if all(other == everyone[0] for other in everyone) else f"rank {first}: "
@@ -168,7 +187,10 @@ class MPIRanks(Ranks):
             return
         ends = np.cumsum([array.size for array in arrays])
         flat, pieces = self._buffers_of(int(ends[-1]), arrays[0].dtype)
-        places = [part.reshape(array.shape) for part, array in zip(np.split(flat.reshape(-1), ends), arrays)]
+        places = [
+            part.reshape(array.shape)
+            for part, array in zip(np.split(flat.reshape(-1), ends), arrays)
+        ]
         for place, array in zip(places, arrays):
             place[...] = array
         self._wait(self._comm.Ialltoall(flat, pieces))
@@ -198,7 +220,9 @@ class MPIRanks(Ranks):
 
 def _different(a: Any, b: Any) -> tuple[Any, Any]:
     """Reduce two lists of lists to the items that differ."""
-    if not (isinstance(a, list) and isinstance(b, list) and len(a) == len(b) and isinstance(a[0], list)):
+    if not (
+        isinstance(a, list) and isinstance(b, list) and len(a) == len(b) and isinstance(a[0], list)
+    ):
         return a, b
     pairs = [(x, y) for x, y in zip(a, b) if x != y]
     return [x for x, _ in pairs], [y for _, y in pairs]

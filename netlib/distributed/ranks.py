@@ -55,14 +55,19 @@ class Shard:
 
     def places(self, size: int) -> Iterator[int | None]:
         """For every row of a step, its index in this rank's batch of ``size``, or None if another rank reads it."""
-        return (k // self.count if k % self.count == self.rank else None for k in range(size * self.count))
+        return (
+            k // self.count if k % self.count == self.rank else None
+            for k in range(size * self.count)
+        )
 
     def rows(self, done: int, take: int) -> tuple[slice, slice]:
         """Of ``take`` consecutive rows that follow ``done`` rows of a step: the rows of this rank, and their indices
         in its batch."""
         first = (self.rank - done) % self.count
         place = (done + first) // self.count
-        return slice(first, take, self.count), slice(place, place + len(range(first, take, self.count)))
+        return slice(first, take, self.count), slice(
+            place, place + len(range(first, take, self.count))
+        )
 
 
 EVERY_ROW = Shard()
@@ -109,7 +114,11 @@ class Ranks:
         """Raise NetlibError on every rank unless the facts about the training are equal on all ranks."""
 
     def agree(
-        self, loss: float, request: Request | None, net: Net | None = None, iteration: int | None = None
+        self,
+        loss: float,
+        request: Request | None,
+        net: Net | None = None,
+        iteration: int | None = None,
     ) -> float:
         """Agree after a pass; returns the mean loss over the ranks. Averages the moving averages of the net and, if an
         iteration is given, its gradients.
@@ -129,7 +138,9 @@ class Ranks:
         """Return, at rank 0, the JSON values of the other ranks in order; elsewhere an empty list."""
         return []
 
-    def at_root(self, work: Callable[[], object], request: Callable[[], Request | None] = lambda: None) -> None:
+    def at_root(
+        self, work: Callable[[], object], request: Callable[[], Request | None] = lambda: None
+    ) -> None:
         """Do work that rank 0 does for all, such as writing files. Raises on all ranks what the work raises.
 
         Afterwards, the request of rank 0 counts.
@@ -180,6 +191,7 @@ def mean_outputs(net: Net, ranks: Ranks) -> Mapping[str, Array]:
     means: dict[str, Array] = {}
     for name, y in own.items():
         everyone = [y, *(np.asarray(other[name]) for other in others)]
-        alike = all(other.shape == y.shape for other in everyone)  # false after layers that drop rows, such as Filter
+        # false after layers that drop rows, such as Filter
+        alike = all(other.shape == y.shape for other in everyone)
         means[name] = np.mean(everyone, axis=0) if others and alike else y
     return means

@@ -14,6 +14,14 @@ from netlib.files.reading import (
 )
 
 __all__ = [
-    "MAX_BYTES", "Content", "Source", "is_in_use", "make_folder", "noted", "opened", "read_bytes", "read_pieces",
+    "MAX_BYTES",
+    "Content",
+    "Source",
+    "is_in_use",
+    "make_folder",
+    "noted",
+    "opened",
+    "read_bytes",
+    "read_pieces",
     "read_text",
 ]

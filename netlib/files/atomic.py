@@ -18,7 +18,8 @@ from netlib import files
 from netlib.errors import reason_of
 from netlib.files.paths import names_in
 
-TEMPORARY = re.compile(r"\.(.+)\.[0-9a-f]{8}\.netlib\.tmp")  # group 1 is the name of the file that is being written
+# group 1 is the name of the file that is being written
+TEMPORARY = re.compile(r"\.(.+)\.[0-9a-f]{8}\.netlib\.tmp")
 
 
 @contextlib.contextmanager
@@ -26,8 +27,10 @@ def temporary(path: Path) -> Iterator[Path]:
     """Yield an empty file next to ``path``, to be filled and renamed; removed if it is not. Raises OSError."""
     if not path.name:  # "", "." and "/"
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-    fresh = path.with_name(f".{path.name}.{secrets.token_hex(4)}.netlib.tmp")  # in the same folder: renaming is atomic
-    os.close(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))  # fails if the name exists, even as a link
+    # in the same folder: renaming is atomic
+    fresh = path.with_name(f".{path.name}.{secrets.token_hex(4)}.netlib.tmp")
+    # fails if the name exists, even as a link
+    os.close(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
     try:
         yield fresh
     finally:

@@ -31,14 +31,18 @@ from netlib.errors import DataError, NetlibError, reason_of, system_error_of
 from netlib.files import Content, Source, atomic
 from netlib.files.paths import exists, find, real
 
-SMALL_ROW, IN_MEMORY = 4096, 1 << 26  # bytes: data sets with smaller rows, up to this size, are kept in memory
-LARGE = 1 << 26  # data sets of at least this many bytes must be stored, up to gzip's ratio of about 1000
+# bytes: data sets with smaller rows, up to this size, are kept in memory
+SMALL_ROW, IN_MEMORY = 4096, 1 << 26
+# data sets of at least this many bytes must be stored, up to gzip's ratio of about 1000
+LARGE = 1 << 26
 SEAL = re.compile(rb"\nnetlib:crc32=([0-9a-f]{8})\n")
 SEAL_BYTES = len(b"\nnetlib:crc32=01234567\n")
 
 
 @contextlib.contextmanager
-def opened(path: str | Path | Content, what: str, kind: type[NetlibError] = DataError) -> Iterator[h5py.File]:
+def opened(
+    path: str | Path | Content, what: str, kind: type[NetlibError] = DataError
+) -> Iterator[h5py.File]:
     """Open an HDF5 file, or content read before, for reading; ``what`` describes its expected content in errors.
 
     Raises ``kind``, including for errors of HDF5 inside the ``with`` block.
@@ -49,16 +53,28 @@ def opened(path: str | Path | Content, what: str, kind: type[NetlibError] = Data
 
     _check_seal(path, what, kind)
     try:
-        file = h5py.File(io.BytesIO(path.data) if isinstance(path, Content) else path, "r", locking=False)
+        file = h5py.File(
+            io.BytesIO(path.data) if isinstance(path, Content) else path, "r", locking=False
+        )
     except (OSError, RuntimeError) as error:
-        raise refused(f"{'' if system_error_of(error) else 'damaged or truncated: '}{reason_of(error)}") from error
+        raise refused(
+            f"{'' if system_error_of(error) else 'damaged or truncated: '}{reason_of(error)}"
+        ) from error
     try:
         with file:
             _check_objects(file, refused)
             yield file
     except NetlibError:
         raise
-    except (OSError, LookupError, TypeError, ValueError, RuntimeError, AttributeError, MemoryError) as error:
+    except (
+        OSError,
+        LookupError,
+        TypeError,
+        ValueError,
+        RuntimeError,
+        AttributeError,
+        MemoryError,
+    ) as error:
         why = "" if system_error_of(error) else "damaged, or not as expected: "
         raise refused(f"{why}{reason_of(error)}") from error
 
@@ -95,8 +111,10 @@ def _check_objects(file: h5py.File, refused: Callable[[str], NetlibError]) -> No
         for name in group:
             link, where = group.get(name, getlink=True), f"{group.name.rstrip('/')}/{name}"
             if isinstance(link, h5py.ExternalLink):
-                raise refused(f"{where!r} is a link into another file, {link.filename!r}, which is not followed; "
-                              "expected all in one file")
+                raise refused(
+                    f"{where!r} is a link into another file, {link.filename!r}, which is not followed; "
+                    "expected all in one file"
+                )
             if isinstance(link, h5py.SoftLink):  # its target is checked where it is stored
                 continue
             item = group[name]
@@ -113,15 +131,23 @@ def _check_objects(file: h5py.File, refused: Callable[[str], NetlibError]) -> No
 def _check_dataset(dataset: h5py.Dataset, refused: Callable[[str], NetlibError]) -> None:
     where = f"data set {dataset.name!r}"
     if dataset.is_virtual:
-        raise refused(f"{where} is virtual and refers to other data sets, which are not read; expected "
-                      "values")
+        raise refused(
+            f"{where} is virtual and refers to other data sets, which are not read; expected values"
+        )
     if dataset.external:
-        raise refused(f"{where} is kept in another file, {dataset.external[0][0]!r}, which is not read; "
-                      "expected all in one file")
-    stored, claimed = dataset.id.get_storage_size(), math.prod(dataset.shape or ()) * dataset.id.get_type().get_size()
+        raise refused(
+            f"{where} is kept in another file, {dataset.external[0][0]!r}, which is not read; "
+            "expected all in one file"
+        )
+    stored, claimed = (
+        dataset.id.get_storage_size(),
+        math.prod(dataset.shape or ()) * dataset.id.get_type().get_size(),
+    )
     is_contiguous = dataset.id.get_offset() is not None
     if claimed > stored and (is_contiguous or (claimed >= LARGE and claimed > 2000 * stored)):
-        raise refused(f"{where} claims {claimed} bytes, but only {stored} are stored; expected data")
+        raise refused(
+            f"{where} claims {claimed} bytes, but only {stored} are stored; expected data"
+        )
 
 
 @contextlib.contextmanager
@@ -173,8 +199,10 @@ class File:
             if rest := opens[0].attrs.get("rest_in"):
                 other = Path(os.path.normpath(path.parent / str(rest)))
                 if Path(str(rest)).is_absolute() or not is_near(other, path):
-                    raise DataError(f"{path}: rest_in is {str(rest)!r}; expected a relative name of a file in the same "
-                                    "folder or in one next to it, and no link to elsewhere")
+                    raise DataError(
+                        f"{path}: rest_in is {str(rest)!r}; expected a relative name of a file in the same "
+                        "folder or in one next to it, and no link to elsewhere"
+                    )
                 opens.append(stack.enter_context(opened(other, f"the rest of {path}")))
                 self.sources.append(Source(other, "the HDF5 file"))
             self.names = tuple(dict.fromkeys(name for file in opens for name in file))
@@ -184,7 +212,9 @@ class File:
                         self.datasets.append(Rows(source, file[name]))
                         break
                 else:
-                    there = ", ".join(n for file in opens for n in file if isinstance(file.get(n), h5py.Dataset))
+                    there = ", ".join(
+                        n for file in opens for n in file if isinstance(file.get(n), h5py.Dataset)
+                    )
                     raise DataError(f"{path}: no data set {name!r}; it has {there or 'none'}")
         counts = {name: d.shape[0] if d.shape else 0 for name, d in zip(names, self.datasets)}
         if len(set(counts.values())) > 1:
@@ -210,14 +240,19 @@ class Rows:
 
     def __init__(self, source: Source, dataset: h5py.Dataset) -> None:
         if dataset.dtype.kind not in "fiu":
-            raise DataError(f"{source.path}: data set {dataset.name!r} holds {dataset.dtype}, expected numbers")
+            raise DataError(
+                f"{source.path}: data set {dataset.name!r} holds {dataset.dtype}, expected numbers"
+            )
         self.shape: tuple[int, ...] = dataset.shape or ()
         self.dtype: np.dtype[Any] = dataset.dtype
         self._source, self._row = source, math.prod(self.shape[1:]) * self.dtype.itemsize
         self._offset: int | None = dataset.id.get_offset()
-        small = self._row < SMALL_ROW and dataset.nbytes <= IN_MEMORY  # too small for a read per row
-        other = dataset.id.get_type() != h5py.h5t.py_create(self.dtype)  # a packed type, which the library converts
-        held = self._offset is None or other or small or dataset.size == 0  # no offset: chunked or compressed
+        # too small for a read per row
+        small = self._row < SMALL_ROW and dataset.nbytes <= IN_MEMORY
+        # a packed type, which the library converts
+        other = dataset.id.get_type() != h5py.h5t.py_create(self.dtype)
+        # no offset: chunked or compressed
+        held = self._offset is None or other or small or dataset.size == 0
         self._held: Array | None = np.asarray(dataset[...]) if held else None
 
     def take(self, rows: Array, out: Array) -> None:
@@ -225,9 +260,14 @@ class Rows:
         if self._held is not None:
             out[...] = self._held[rows]
             return
-        target = out if out.dtype == self.dtype and out.flags.c_contiguous else np.empty(out.shape, self.dtype)
+        target = (
+            out
+            if out.dtype == self.dtype and out.flags.c_contiguous
+            else np.empty(out.shape, self.dtype)
+        )
         view = target.reshape(-1).view(np.uint8).data
-        ends = [*(np.flatnonzero(np.diff(rows) != 1) + 1).tolist(), len(rows)]  # ends of runs of consecutive rows
+        # ends of runs of consecutive rows
+        ends = [*(np.flatnonzero(np.diff(rows) != 1) + 1).tolist(), len(rows)]
         begin = 0
         for end in ends:
             at = self._offset + int(rows[begin]) * self._row
@@ -245,7 +285,8 @@ class Rows:
 
     def numbers(self) -> Array:
         """All rows as float64."""
-        with np.errstate(all="ignore"):  # a damaged file may hold any numbers; the caller checks them
+        # a damaged file may hold any numbers; the caller checks them
+        with np.errstate(all="ignore"):
             return self[:].astype(np.float64)
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> Array:
@@ -256,13 +297,19 @@ class Rows:
 def read_list(source: str, prototxt: str | None) -> list[Path]:
     """Files named in a list, relative to the working directory or to the list. Raises DataError."""
     path = find(source, prototxt)
-    names = [line.strip() for line in files.read_text(path, "the list of HDF5 files").split("\n") if line.strip()]
+    names = [
+        line.strip()
+        for line in files.read_text(path, "the list of HDF5 files").split("\n")
+        if line.strip()
+    ]
     if not names:
         raise DataError(f"{source}: the list of HDF5 files is empty")
     found = []
     for name in names:
         found.append(find(name, str(path)))
         if not exists(found[-1]):
-            raise DataError(f"{source}: names {name!r}, which does not exist; expected a path relative to the working "
-                            "directory or to the list")
+            raise DataError(
+                f"{source}: names {name!r}, which does not exist; expected a path relative to the working "
+                "directory or to the list"
+            )
     return found

@@ -35,7 +35,9 @@ class Lock:
     def __init__(self, path: Path) -> None:
         self.path, self.holder = path, ""
         while True:
-            self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
+            self._descriptor = os.open(
+                path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666
+            )
             self.taken = take(self._descriptor)
             if not self.taken or self._is_in_place():
                 break

@@ -64,7 +64,8 @@ def has_caffe() -> bool:
     """Whether Python would find a package ``caffe``; if one is loaded, whether it has nets."""
     if "caffe" in sys.modules:
         return hasattr(sys.modules["caffe"], "Net")
-    found = importlib.util.find_spec("caffe")  # must be a package, not a single file or a folder without __init__.py
+    # must be a package, not a single file or a folder without __init__.py
+    found = importlib.util.find_spec("caffe")
     return found is not None and found.origin is not None and bool(found.submodule_search_locations)
 
 
@@ -82,14 +83,20 @@ def _has_theirs(top: str, inside: tuple[str, ...]) -> bool:
 
 def folders() -> list[str]:
     """The folders of sys.path without this project's."""
-    return [folder for folder in dict.fromkeys(sys.path) if Path(folder).resolve() not in (ROOT, BASE)]
+    return [
+        folder for folder in dict.fromkeys(sys.path) if Path(folder).resolve() not in (ROOT, BASE)
+    ]
 
 
 @contextlib.contextmanager
 def in_place() -> Iterator[None]:
     """Context manager: our packages, as far as they are imported, are in sys.modules, in place of others."""
     with _lock:
-        displaced = [top for top in NAMES if top in _aside or (top in sys.modules and not is_ours(sys.modules[top]))]
+        displaced = [
+            top
+            for top in NAMES
+            if top in _aside or (top in sys.modules and not is_ours(sys.modules[top]))
+        ]
         theirs = {name: module for top in displaced for name, module in _take(top).items()}
         sys.modules.update(_aside)
         _depth[0] += 1
@@ -101,12 +108,18 @@ def in_place() -> Iterator[None]:
                 _aside.update(_take(top))
             sys.modules.update(theirs)
             if not _depth[0]:
-                yield_names(top for top in NAMES if top not in displaced and _has_theirs(top, tuple(folders())))
+                yield_names(
+                    top
+                    for top in NAMES
+                    if top not in displaced and _has_theirs(top, tuple(folders()))
+                )
 
 
 def _take(top: str) -> dict[str, ModuleType]:
     """Remove the module ``top`` and those below it from sys.modules, and return them."""
-    return {name: sys.modules.pop(name) for name in list(sys.modules) if name.partition(".")[0] == top}
+    return {
+        name: sys.modules.pop(name) for name in list(sys.modules) if name.partition(".")[0] == top
+    }
 
 
 def is_ours(module: ModuleType | None) -> bool:
@@ -156,13 +169,22 @@ class _Finder(importlib.abc.MetaPathFinder):
             return None
         if top not in NAMES + OTHERS or (inner and not is_ours(sys.modules.get(top))):
             return None
-        if not inner and (theirs := importlib.machinery.PathFinder.find_spec(name, folders())) and _has_code(theirs):
+        if (
+            not inner
+            and (theirs := importlib.machinery.PathFinder.find_spec(name, folders()))
+            and _has_code(theirs)
+        ):
             return theirs
         if inner and top in NAMES and name not in _aside:
-            with in_place(), contextlib.suppress(ModuleNotFoundError):  # not imported before the names were yielded
+            # not imported before the names were yielded
+            with in_place(), contextlib.suppress(ModuleNotFoundError):
                 importlib.import_module(name)
         module = _aside.get(name)
-        return None if module is None else importlib.machinery.ModuleSpec(name, _Existing(lambda: module))
+        return (
+            None
+            if module is None
+            else importlib.machinery.ModuleSpec(name, _Existing(lambda: module))
+        )
 
 
 class _Caffe(importlib.abc.MetaPathFinder):
@@ -180,9 +202,13 @@ class _Caffe(importlib.abc.MetaPathFinder):
         ours = f"netlib.{name}"
         with contextlib.suppress(ModuleNotFoundError):  # of a package that only the fork has
             if importlib.util.find_spec(ours) is not None:
-                return importlib.machinery.ModuleSpec(name, _Existing(functools.partial(importlib.import_module, ours)))
+                return importlib.machinery.ModuleSpec(
+                    name, _Existing(functools.partial(importlib.import_module, ours))
+                )
         package = Path(*name.split(".")[:-1])
-        return importlib.machinery.PathFinder.find_spec(name, [str(folder / package) for folder in map(Path, sys.path)])
+        return importlib.machinery.PathFinder.find_spec(
+            name, [str(folder / package) for folder in map(Path, sys.path)]
+        )
 
 
 class _Existing(importlib.abc.Loader):

@@ -13,12 +13,15 @@ from types import ModuleType
 
 from netlib.errors import DataError, reason_of
 
-BASE = Path(__file__).resolve().parents[2]  # parent of netlib/ and layers/: a clone, or site-packages
-SHARE = BASE / "netlib" / "share"  # in an installed package, the parent of a clone's other folders (setup.py)
+# parent of netlib/ and layers/: a clone, or site-packages
+BASE = Path(__file__).resolve().parents[2]
+# in an installed package, the parent of a clone's other folders (setup.py)
+SHARE = BASE / "netlib" / "share"
 ROOT = SHARE if SHARE.is_dir() else BASE  # parent of fast/, prototxt/, models/ and tools/
 OWN_FOLDERS = ("prototxt", "models")  # these are installed too
 IS_CLONE = (ROOT / "setup.cfg").exists()
-PROGRAMS = ("handpose", "netlib")  # commands of an installed package; their first argument names a tool
+# commands of an installed package; their first argument names a tool
+PROGRAMS = ("handpose", "netlib")
 _loading = threading.RLock()
 
 

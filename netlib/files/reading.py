@@ -17,13 +17,17 @@ from typing import NamedTuple
 
 from netlib.errors import DataError, NetlibError, reason_of
 
-MAX_BYTES = (1 << 31) - 1  # limit of a file that is read at once; the limit of a protocol buffers message
+# limit of a file that is read at once; the limit of a protocol buffers message
+MAX_BYTES = (1 << 31) - 1
 MAX_TEXT_BYTES = 1 << 28
 PIECE = 1 << 24
 
 KINDS = {
-    stat.S_IFIFO: "it is a pipe", stat.S_IFCHR: "it is a device", stat.S_IFBLK: "it is a device",
-    stat.S_IFSOCK: "it is a socket", stat.S_IFDIR: "Is a directory",
+    stat.S_IFIFO: "it is a pipe",
+    stat.S_IFCHR: "it is a device",
+    stat.S_IFBLK: "it is a device",
+    stat.S_IFSOCK: "it is a socket",
+    stat.S_IFDIR: "Is a directory",
 }
 
 
@@ -54,20 +58,29 @@ def opened(path: str | Path, what: str, kind: type[NetlibError] = DataError) -> 
 
 
 def read_bytes(
-    path: str | Path, what: str, kind: type[NetlibError] = DataError, limit: float = MAX_BYTES, first: int | None = None
+    path: str | Path,
+    what: str,
+    kind: type[NetlibError] = DataError,
+    limit: float = MAX_BYTES,
+    first: int | None = None,
 ) -> bytes:
     """Content of a file, or its ``first`` bytes. Raises ``kind``, also if it is larger than ``limit``."""
     with opened(path, what, kind) as raw, BufferedReader(raw) as stream:
         try:
-            size = os.fstat(stream.fileno()).st_size  # files in /proc have size 0 and may be endless
+            # files in /proc have size 0 and may be endless
+            size = os.fstat(stream.fileno()).st_size
             if first is None and size > limit:
-                raise kind(f"{path}: {size} bytes, which is too large for {what}; at most {int(limit)} are read")
+                raise kind(
+                    f"{path}: {size} bytes, which is too large for {what}; at most {int(limit)} are read"
+                )
             return stream.read(size if first is None else min(size, first))
         except (OSError, MemoryError) as error:
             raise kind(f"{path}: cannot read {what}: {reason_of(error)}") from error
 
 
-def read_pieces(path: str | Path, what: str, kind: type[NetlibError] = DataError) -> Iterator[bytes]:
+def read_pieces(
+    path: str | Path, what: str, kind: type[NetlibError] = DataError
+) -> Iterator[bytes]:
     """Like ``read_bytes`` of a file of any size, in pieces of some megabytes."""
     with opened(path, what, kind) as stream:
         try:
@@ -147,7 +160,9 @@ class Source:
             self.read_into(memoryview(target), offset)
             return bytes(target)
         except MemoryError:
-            raise DataError(f"{self.path}: cannot read {self._what}: no memory for {count} bytes") from None
+            raise DataError(
+                f"{self.path}: cannot read {self._what}: no memory for {count} bytes"
+            ) from None
 
     def read_into(self, target: memoryview, offset: int) -> None:
         """Fill ``target`` with the bytes from ``offset`` on. Raises DataError."""
@@ -159,7 +174,9 @@ class Source:
             raise DataError(f"{self.path}: cannot read {self._what}: {reason_of(error)}") from error
         if done < len(target):
             self.check()
-            raise DataError(f"{self.path}: ends at byte {offset + done}, expected {offset + len(target)}")
+            raise DataError(
+                f"{self.path}: ends at byte {offset + done}, expected {offset + len(target)}"
+            )
 
     def _read_some(self, target: memoryview, offset: int) -> int:
         if hasattr(os, "preadv"):  # does not move the file position, which forked processes share
@@ -176,7 +193,9 @@ def make_folder(path: Path) -> None:
     except (FileExistsError, NotADirectoryError):
         for place in (path, *path.parents):
             if place.exists() and not place.is_dir():
-                found = KINDS.get(stat.S_IFMT(place.stat().st_mode), "is a file").removeprefix("it ")
+                found = KINDS.get(stat.S_IFMT(place.stat().st_mode), "is a file").removeprefix(
+                    "it "
+                )
                 raise NetlibError(f"{place}: {found}; expected a folder") from None
         raise
     except ValueError as error:  # a name that no file can have
@@ -198,4 +217,6 @@ def is_in_use(path: Path) -> bool:
 def _check(status: os.stat_result, path: str | Path, what: str, kind: type[NetlibError]) -> None:
     found = stat.S_IFMT(status.st_mode)
     if found != stat.S_IFREG:
-        raise kind(f"{path}: cannot read {what}: {KINDS.get(found, 'it is not a regular file')}; expected a file")
+        raise kind(
+            f"{path}: cannot read {what}: {KINDS.get(found, 'it is not a regular file')}; expected a file"
+        )

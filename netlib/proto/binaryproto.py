@@ -16,8 +16,13 @@ from netlib.proto import schema, wire
 from netlib.proto.messages import BlobProto, BlobShape
 from netlib.proto.prototxt import Message
 
-RAW: dict[str, np.dtype[Any]] = {"DOUBLE": np.dtype("<f8"), "FLOAT": np.dtype("<f4"), "FLOAT16": np.dtype("<f2")}
-AXES = ("num", "channels", "height", "width")  # the form of a shape that is older than the field ``shape``
+RAW: dict[str, np.dtype[Any]] = {
+    "DOUBLE": np.dtype("<f8"),
+    "FLOAT": np.dtype("<f4"),
+    "FLOAT16": np.dtype("<f2"),
+}
+# the form of a shape that is older than the field ``shape``
+AXES = ("num", "channels", "height", "width")
 
 
 def array_of(proto: BlobProto) -> Array:
@@ -29,10 +34,14 @@ def array_of(proto: BlobProto) -> Array:
     shape: tuple[int, ...] = tuple(getattr(proto, axis) for axis in AXES)
     if proto.shape is not None and not any(schema.is_given(proto, axis) for axis in AXES):
         shape = proto.shape.dim
-    given = [values for values in (proto.data, proto.double_data) if values is not None and values.size]
+    given = [
+        values for values in (proto.data, proto.double_data) if values is not None and values.size
+    ]
     values: Array = given[-1] if given else _raw_values(proto)
     if min(shape, default=0) < 0 or math.prod(shape) != values.size:
-        raise WireError(f"{schema.position_of(proto)}: a blob of shape {shape} has {values.size} values")
+        raise WireError(
+            f"{schema.position_of(proto)}: a blob of shape {shape} has {values.size} values"
+        )
     return values.reshape(shape)
 
 
@@ -40,8 +49,10 @@ def _raw_values(proto: BlobProto) -> Array:
     """The values of ``raw_data``, in which NVIDIA's Caffe and OpenCV's shrinkCaffeModel write half precision."""
     kind = RAW[proto.raw_data_type]
     if len(proto.raw_data) % kind.itemsize:
-        raise WireError(f"{schema.position_of(proto)}: {len(proto.raw_data)} bytes of raw_data are no {kind.name} "
-                        "array")
+        raise WireError(
+            f"{schema.position_of(proto)}: {len(proto.raw_data)} bytes of raw_data are no {kind.name} "
+            "array"
+        )
     values = np.frombuffer(proto.raw_data, kind)
     return values if kind.itemsize > 2 and values.size else values.astype(np.float32)
 
@@ -52,7 +63,9 @@ def tree_of(array: Array, diff: Array | None = None, older: bool = False) -> Mes
     ``older``: the four axes are written as num, channels, height and width.
     """
     flat, slope = np.ravel(array), None if diff is None else np.ravel(diff)
-    shape: dict[str, Any] = dict(zip(AXES, array.shape)) if older else {"shape": BlobShape(array.shape)}
+    shape: dict[str, Any] = (
+        dict(zip(AXES, array.shape)) if older else {"shape": BlobShape(array.shape)}
+    )
     if array.dtype == np.float64:
         return schema.to_tree(BlobProto(double_data=flat, double_diff=slope, **shape))
     slope = None if slope is None else slope.astype(np.float32, copy=False)

@@ -29,7 +29,8 @@ class BlobProto:
     diff: Floats | None = numbered(6, None, packed=True)
     double_data: Doubles | None = numbered(8, None, packed=True)
     double_diff: Doubles | None = numbered(9, None, packed=True)
-    raw_data_type: Literal["DOUBLE", "FLOAT", "FLOAT16"] = numbered(10, "DOUBLE")  # NVIDIA's Caffe, OpenCV
+    # NVIDIA's Caffe, OpenCV
+    raw_data_type: Literal["DOUBLE", "FLOAT", "FLOAT16"] = numbered(10, "DOUBLE")
     raw_data: bytes = numbered(12, b"")  # instead of data
     num: int = numbered(1, 0)  # older form of ``shape``, always four axes
     channels: int = numbered(2, 0)
@@ -82,8 +83,10 @@ class ParamSpec:
     """How one parameter of a layer is trained and shared."""
 
     name: str | None = numbered(1, None)  # parameters with the same name are shared
-    share_mode: Literal["STRICT", "PERMISSIVE"] = numbered(2, "STRICT")  # equal shapes, or only equal counts
-    lr_mult: float = numbered(3, 1.0)  # multiplies the solver's learning rate; 0 freezes the parameter
+    # equal shapes, or only equal counts
+    share_mode: Literal["STRICT", "PERMISSIVE"] = numbered(2, "STRICT")
+    # multiplies the solver's learning rate; 0 freezes the parameter
+    lr_mult: float = numbered(3, 1.0)
     decay_mult: float = numbered(4, 1.0)  # multiplies the solver's weight decay
 
 
@@ -97,7 +100,8 @@ class Filler:
     max: float = numbered(4, 1.0)  # uniform
     mean: float = numbered(5, 0.0)  # gaussian
     std: float = numbered(6, 1.0)  # gaussian
-    sparse: int = numbered(7, -1)  # gaussian: expected number of non-zero weights per output; negative: all
+    # gaussian: expected number of non-zero weights per output; negative: all
+    sparse: int = numbered(7, -1)
     variance_norm: Literal["FAN_IN", "FAN_OUT", "AVERAGE"] = numbered(8, "FAN_IN")  # xavier, msra
 
 
@@ -122,22 +126,73 @@ class LossParameter:
 
 # Numbers of the options blocks of layer types. Each block is declared in the file of its layer.
 BLOCKS = {
-    "transform_param": 100, "loss_param": 101, "accuracy_param": 102, "argmax_param": 103, "batch_norm_param": 139,
-    "bias_param": 141, "clip_param": 148, "concat_param": 104, "contrastive_loss_param": 105, "convolution_param": 106,
-    "crop_param": 144, "data_param": 107, "dropout_param": 108, "dummy_data_param": 109, "eltwise_param": 110,
-    "elu_param": 140, "embed_param": 137, "exp_param": 111, "flatten_param": 135, "hdf5_data_param": 112,
-    "hdf5_output_param": 113, "hinge_loss_param": 114, "image_data_param": 115, "infogain_loss_param": 116,
-    "inner_product_param": 117, "input_param": 143, "log_param": 134, "lrn_param": 118, "memory_data_param": 119,
-    "mvn_param": 120, "parameter_param": 145, "pooling_param": 121, "power_param": 122, "prelu_param": 131,
-    "python_param": 130, "recurrent_param": 146, "reduction_param": 136, "relu_param": 123, "reshape_param": 133,
-    "scale_param": 142, "sigmoid_param": 124, "slice_param": 126, "softmax_param": 125, "spp_param": 132,
-    "swish_param": 147, "tanh_param": 127, "threshold_param": 128, "tile_param": 138,
-    "permute_param": 202, "prior_box_param": 203, "detection_output_param": 204, "norm_param": 206,  # from SSD
-    "roi_pooling_param": 8266711, "smooth_l1_loss_param": 8266712,  # from Fast R-CNN's fork of Caffe
+    "transform_param": 100,
+    "loss_param": 101,
+    "accuracy_param": 102,
+    "argmax_param": 103,
+    "batch_norm_param": 139,
+    "bias_param": 141,
+    "clip_param": 148,
+    "concat_param": 104,
+    "contrastive_loss_param": 105,
+    "convolution_param": 106,
+    "crop_param": 144,
+    "data_param": 107,
+    "dropout_param": 108,
+    "dummy_data_param": 109,
+    "eltwise_param": 110,
+    "elu_param": 140,
+    "embed_param": 137,
+    "exp_param": 111,
+    "flatten_param": 135,
+    "hdf5_data_param": 112,
+    "hdf5_output_param": 113,
+    "hinge_loss_param": 114,
+    "image_data_param": 115,
+    "infogain_loss_param": 116,
+    "inner_product_param": 117,
+    "input_param": 143,
+    "log_param": 134,
+    "lrn_param": 118,
+    "memory_data_param": 119,
+    "mvn_param": 120,
+    "parameter_param": 145,
+    "pooling_param": 121,
+    "power_param": 122,
+    "prelu_param": 131,
+    "python_param": 130,
+    "recurrent_param": 146,
+    "reduction_param": 136,
+    "relu_param": 123,
+    "reshape_param": 133,
+    "scale_param": 142,
+    "sigmoid_param": 124,
+    "slice_param": 126,
+    "softmax_param": 125,
+    "spp_param": 132,
+    "swish_param": 147,
+    "tanh_param": 127,
+    "threshold_param": 128,
+    "tile_param": 138,
+    # from SSD
+    "permute_param": 202,
+    "prior_box_param": 203,
+    "detection_output_param": 204,
+    "norm_param": 206,
+    # from Fast R-CNN's fork of Caffe
+    "roi_pooling_param": 8266711,
+    "smooth_l1_loss_param": 8266712,
     # Blocks of forks with different numbers (FORK_NUMBERS). These six are numbers of forks that no other block has.
-    "bn_param": 152, "psroi_pooling_param": 153, "interp_param": 163, "relu6_param": 300, "shuffle_channel_param": 164,
+    "bn_param": 152,
+    "psroi_pooling_param": 153,
+    "interp_param": 163,
+    "relu6_param": 300,
+    "shuffle_channel_param": 164,
     "upsample_param": 177,
-    "hand_model_param": 10001, "phys_limit_param": 10002, "hand_augment_param": 10003,  # of this project
+    # of this project
+    "hand_model_param": 10001,
+    "phys_limit_param": 10002,
+    "hand_augment_param": 10003,
 }
 
 # Type -> its block, and numbers of this block in forks. In other layers they are the numbers of other blocks.
@@ -166,10 +221,12 @@ class LayerParameter:
     loss_weight: tuple[float, ...] = numbered(5, ())  # one per top
     param: tuple[ParamSpec, ...] = numbered(6, ())  # one per parameter
     blobs: tuple[BlobProto, ...] = numbered(7, ())  # values of the parameters, in weights files
-    propagate_down: tuple[bool, ...] = numbered(11, ())  # per bottom, whether to compute its gradient
+    # per bottom, whether to compute its gradient
+    propagate_down: tuple[bool, ...] = numbered(11, ())
     include: tuple[NetStateRule, ...] = numbered(8, ())
     exclude: tuple[NetStateRule, ...] = numbered(9, ())
-    blocks: dict[str, Message] = field(default_factory=dict, metadata={"numbers": BLOCKS})  # every ``*_param { ... }``
+    # every ``*_param { ... }``
+    blocks: dict[str, Message] = field(default_factory=dict, metadata={"numbers": BLOCKS})
 
 
 @dataclass(frozen=True)
@@ -208,27 +265,33 @@ class SolverParameter:
     power: float = numbered(10, 0.0)
     stepsize: Natural = numbered(13, 0)
     stepvalue: tuple[Natural, ...] = numbered(34, ())
-    rampup_interval: Natural = numbered(10001, 0)  # iterations of an initial linear increase (NVIDIA's Caffe)
+    # iterations of an initial linear increase (NVIDIA's Caffe)
+    rampup_interval: Natural = numbered(10001, 0)
     rampup_lr: float = numbered(10002, 0.0)  # initial rate of this increase, up to base_lr
     max_iter: Natural = numbered(7, 0)
     iter_size: Natural = numbered(36, 1)  # batches summed in one iteration
     display: Natural = numbered(6, 0)  # iterations between log lines; 0: none
     average_loss: Natural = numbered(33, 1)  # iterations averaged in the displayed loss
     type: str = numbered(40, "SGD")  # SGD, Nesterov, AdaGrad, RMSProp, AdaDelta, Adam
-    solver_type: Literal["SGD", "NESTEROV", "ADAGRAD", "RMSPROP", "ADADELTA", "ADAM"] | None = numbered(30, None)  # old
+    # old
+    solver_type: Literal["SGD", "NESTEROV", "ADAGRAD", "RMSPROP", "ADADELTA", "ADAM"] | None = (
+        numbered(30, None)
+    )
     momentum: float = numbered(11, 0.0)  # Adam's beta1, AdaDelta's decay
     momentum2: float = numbered(39, 0.999)  # Adam's beta2
     rms_decay: float = numbered(38, 0.99)
     delta: float = numbered(31, 1e-8)
     weight_decay: float = numbered(12, 0.0)
     regularization_type: str = numbered(29, "L2")
-    clip_gradients: float = numbered(35, -1.0)  # bound on the joint L2 norm of all gradients; negative: none
+    # bound on the joint L2 norm of all gradients; negative: none
+    clip_gradients: float = numbered(35, -1.0)
     snapshot: Natural = numbered(14, 0)  # iterations between snapshots; 0: only at the end
     snapshot_prefix: str = numbered(15, "")
     snapshot_after_train: bool = numbered(28, True)
     snapshot_diff: bool = numbered(16, False)  # also store the gradients, in the binary format
     snapshot_format: Literal["HDF5", "BINARYPROTO"] = numbered(37, "BINARYPROTO")
-    weights: tuple[str, ...] = numbered(42, ())  # files of initial weights; one string may list several with commas
+    # files of initial weights; one string may list several with commas
+    weights: tuple[str, ...] = numbered(42, ())
     random_seed: Int64 = numbered(20, -1)  # negative: a new seed each run
     solver_mode: Literal["CPU", "GPU"] = numbered(17, "CPU")
     device_id: int = numbered(18, 0)
@@ -244,4 +307,5 @@ class SolverState:
     learned_net: str = numbered(2, "")  # path of the weights file
     history: tuple[BlobProto, ...] = numbered(3, ())
     current_step: int = numbered(4, 0)
-    netlib: str = numbered(10001, "")  # extra JSON of this project for an exact resume; Caffe ignores it
+    # extra JSON of this project for an exact resume; Caffe ignores it
+    netlib: str = numbered(10001, "")

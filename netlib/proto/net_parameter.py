@@ -53,7 +53,9 @@ def select_layers(param: NetParameter, state: NetState) -> list[LayerParameter]:
     chosen = [input_layer(param)] if param.input and not is_dropped else []
     for spec in param.layer:
         if spec.include and spec.exclude:
-            raise PrototxtError(schema.position_of(spec), f"layer {spec.name!r} has both include and exclude rules")
+            raise PrototxtError(
+                schema.position_of(spec), f"layer {spec.name!r} has both include and exclude rules"
+            )
         if spec.include:
             wanted = any(meets(state, rule) for rule in spec.include)
         else:
@@ -79,16 +81,23 @@ def input_layer(param: NetParameter) -> LayerParameter:
     where = schema.position_of(param, "input")
     shapes = param.input_shape
     if not shapes:
-        shapes = tuple(BlobShape(param.input_dim[i : i + 4]) for i in range(0, len(param.input_dim), 4))
+        shapes = tuple(
+            BlobShape(param.input_dim[i : i + 4]) for i in range(0, len(param.input_dim), 4)
+        )
         if len(param.input_dim) % 4:
-            found = f"{len(param.input_dim)} input_dim; expected four for all inputs or four per input"
+            found = (
+                f"{len(param.input_dim)} input_dim; expected four for all inputs or four per input"
+            )
             raise PrototxtError(where, found)
     if len(shapes) not in (1, len(param.input)):
         raise PrototxtError(
-            where, f"{len(param.input)} inputs, but {len(shapes)} input_shape; expected one for all or one per input"
+            where,
+            f"{len(param.input)} inputs, but {len(shapes)} input_shape; expected one for all or one per input",
         )
     block = Message([Field("shape", schema.to_tree(shape), where) for shape in shapes], where)
-    layer = LayerParameter(name="input", type="Input", top=param.input, blocks={"input_param": block})
+    layer = LayerParameter(
+        name="input", type="Input", top=param.input, blocks={"input_param": block}
+    )
     return schema.placed(layer, Message([], where))
 
 
@@ -137,7 +146,10 @@ def insert_splits(layers: Sequence[LayerParameter]) -> list[LayerParameter]:
                 loss_weight=(weight,) + (0.0,) * (count - 1) if weight else (),
             )
             splits.append(schema.placed(split, Message([], schema.position_of(layer))))
-        result += [schema.changed(layer, bottom=tuple(bottoms), loss_weight=tuple(weights)), *splits]
+        result += [
+            schema.changed(layer, bottom=tuple(bottoms), loss_weight=tuple(weights)),
+            *splits,
+        ]
     return result
 
 

@@ -25,7 +25,8 @@ from netlib import files
 from netlib.errors import NetlibError, PrototxtError
 from netlib.files.paths import find
 
-MAX_DEPTH = 100  # deeper than any net; keeps a malicious file from exceeding Python's recursion limit
+# deeper than any net; keeps a malicious file from exceeding Python's recursion limit
+MAX_DEPTH = 100
 
 
 @dataclass(frozen=True)
@@ -147,7 +148,9 @@ def parse_file(path: str | Path) -> Message:
     """
     path = find(str(path), None)
     if str(path).endswith((".caffemodel", ".caffemodel.h5")):
-        raise NetlibError(f"{path}: found weights, expected a .prototxt; a net stands before its weights")
+        raise NetlibError(
+            f"{path}: found weights, expected a .prototxt; a net stands before its weights"
+        )
     # As in Caffe, comments and strings can have any bytes.
     return parse(files.read_text(path, "the prototxt", NetlibError, "surrogateescape"), str(path))
 
@@ -168,8 +171,22 @@ _TOKEN = re.compile(
     re.VERBOSE,
 )
 
-_SIMPLE_ESCAPES = {"n": 10, "r": 13, "t": 9, "a": 7, "b": 8, "f": 12, "v": 11, "\\": 92, "'": 39, '"': 34, "?": 63}
-_ESCAPE = re.compile(r"\\(?:([0-7]{1,3})|[xX]([0-9a-fA-F]{1,2})|u([0-9a-fA-F]{4})|U([0-9a-fA-F]{8})|(.))", re.DOTALL)
+_SIMPLE_ESCAPES = {
+    "n": 10,
+    "r": 13,
+    "t": 9,
+    "a": 7,
+    "b": 8,
+    "f": 12,
+    "v": 11,
+    "\\": 92,
+    "'": 39,
+    '"': 34,
+    "?": 63,
+}
+_ESCAPE = re.compile(
+    r"\\(?:([0-7]{1,3})|[xX]([0-9a-fA-F]{1,2})|u([0-9a-fA-F]{4})|U([0-9a-fA-F]{8})|(.))", re.DOTALL
+)
 
 
 @dataclass(frozen=True)
@@ -221,12 +238,16 @@ def _unquote(token: _Token) -> bytes:
         return chr(_SIMPLE_ESCAPES[simple])
 
     # Escapes denote bytes, other characters denote themselves; in latin-1 both are one unit.
-    return _ESCAPE.sub(replace, token.text[1:-1].encode("utf-8", "surrogateescape").decode("latin-1")).encode("latin-1")
+    return _ESCAPE.sub(
+        replace, token.text[1:-1].encode("utf-8", "surrogateescape").decode("latin-1")
+    ).encode("latin-1")
 
 
 def _quote(text: str) -> str:
     named = {"\\": "\\\\", '"': '\\"', "\n": "\\n", "\r": "\\r", "\t": "\\t"}
-    return '"' + "".join(named.get(c, c if c.isprintable() else _escape_bytes(c)) for c in text) + '"'
+    return (
+        '"' + "".join(named.get(c, c if c.isprintable() else _escape_bytes(c)) for c in text) + '"'
+    )
 
 
 def _escape_bytes(character: str) -> str:
@@ -303,7 +324,11 @@ class _Parser:
             return self.string()
         if token.kind in ("number", "word"):
             self.take()
-            return Scalar("number" if token.kind == "number" else "word", "".join(token.text.split()), token.position)
+            return Scalar(
+                "number" if token.kind == "number" else "word",
+                "".join(token.text.split()),
+                token.position,
+            )
         raise self.fail("a value")
 
     def string(self) -> Scalar:
@@ -315,7 +340,9 @@ class _Parser:
     def message(self) -> Message:
         self.depth += 1
         if self.depth > MAX_DEPTH:
-            raise PrototxtError(self.token.position, f"messages are nested more than {MAX_DEPTH} deep")
+            raise PrototxtError(
+                self.token.position, f"messages are nested more than {MAX_DEPTH} deep"
+            )
         opening = self.take()
         fields = self.fields()
         self.close("}" if opening.text == "{" else ">", opening.position)

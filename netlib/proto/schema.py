@@ -41,14 +41,18 @@ UInt = Annotated[int, "unsigned"]
 Int64 = Annotated[int, "64 bits"]
 Natural = Annotated[int, "not negative"]
 INTEGERS: dict[Any, range] = {
-    int: range(-(2**31), 2**31), UInt: range(2**32), Int64: range(-(2**63), 2**63), Natural: range(2**31),
+    int: range(-(2**31), 2**31),
+    UInt: range(2**32),
+    Int64: range(-(2**63), 2**63),
+    Natural: range(2**31),
 }
 Double = Annotated[float, "64 bits"]
 Floats = Annotated[NDArray[np.float32], "<f4"]
 Doubles = Annotated[NDArray[np.float64], "<f8"]
 ARRAYS: dict[Any, np.dtype[Any]] = {Floats: np.dtype("<f4"), Doubles: np.dtype("<f8")}
 Phase = Literal["TRAIN", "TEST"]
-Engine = Literal["DEFAULT", "CAFFE", "CUDNN"]  # implementation that Caffe selects; ignored, as are those of forks
+# implementation that Caffe selects; ignored, as are those of forks
+Engine = Literal["DEFAULT", "CAFFE", "CUDNN"]
 OneBased = Annotated[T, "from 1"]
 
 
@@ -81,13 +85,19 @@ def read(message: Message, cls: type[T], what: str | None = None) -> T:
             blocks.setdefault(item.name, []).append(item.value)
         else:
             raise unknown_field(item, hints, cls.__name__)
-    values: dict[str, Any] = {name: _field_value(items, hints[name]) for name, items in found.items()}
+    values: dict[str, Any] = {
+        name: _field_value(items, hints[name]) for name, items in found.items()
+    }
     for name, spec in fields.items():
         if hints.get(name) is float and name not in values and isinstance(spec.default, float):
             values[name] = round_to_32_bits(spec.default)
-        required = spec.default is dataclasses.MISSING and spec.default_factory is dataclasses.MISSING
+        required = (
+            spec.default is dataclasses.MISSING and spec.default_factory is dataclasses.MISSING
+        )
         if required and name not in values:
-            raise PrototxtError(message.position, f"missing required field {name!r} in {what or cls.__name__}")
+            raise PrototxtError(
+                message.position, f"missing required field {name!r} in {what or cls.__name__}"
+            )
     if takes_blocks:
         values["blocks"] = {name: _merged(parts) for name, parts in blocks.items()}
     result = cls(**{fields[name].name: value for name, value in values.items()})
@@ -107,7 +117,10 @@ def unknown_field(item: Field, known: typing.Iterable[str], message: str) -> Pro
 def with_values(message: T, **values: Any) -> T:
     """Set fields of a message from Python values, checked like those of a file. Raises PrototxtError."""
     cls: Any = type(message)
-    hints, defaults = hints_of(cls), {field.name: field.default for field in dataclasses.fields(cls)}
+    hints, defaults = (
+        hints_of(cls),
+        {field.name: field.default for field in dataclasses.fields(cls)},
+    )
     found: dict[str, Any] = {}
     for name, value in values.items():
         place = position_of(message, name)
@@ -121,7 +134,9 @@ def with_values(message: T, **values: Any) -> T:
         items = tuple(_python_value(one, kind) for one in (value if several else [value]))
         if repeated != several or None in items:
             what = "a message" if is_message(kind) else expected(kind)
-            raise PrototxtError(place, f"{name!r} expects {'a list, each ' * repeated}{what}, found {value!r}")
+            raise PrototxtError(
+                place, f"{name!r} expects {'a list, each ' * repeated}{what}, found {value!r}"
+            )
         found[name] = items if repeated else items[0]
     return changed(message, **found)
 
@@ -186,7 +201,8 @@ def hints_of(cls: type) -> dict[str, Any]:
     hints: dict[str, Any] = {}
     for base in filter(dataclasses.is_dataclass, reversed(cls.__mro__)):
         own = types.SimpleNamespace(__annotations__=inspect.get_annotations(base))
-        names = base.__init__.__globals__  # of its module, which need not be in sys.modules (files/own_modules.py)
+        # of its module, which need not be in sys.modules (files/own_modules.py)
+        names = base.__init__.__globals__
         hints |= typing.get_type_hints(own, names, include_extras=True)
     return {written_name(name): hint for name, hint in hints.items()}
 
@@ -236,7 +252,9 @@ def _field_value(items: Sequence[Field], hint: Any) -> Any:
         return tuple(value_of(item, kind) for item in items)
     first, *others = items
     if others and not is_message(kind):
-        raise PrototxtError(others[0].position, f"field {first.name!r} is given twice, but is not a repeated field")
+        raise PrototxtError(
+            others[0].position, f"field {first.name!r} is given twice, but is not a repeated field"
+        )
     if others:
         first = Field(first.name, _merged([message_of(item) for item in items]), first.position)
     return value_of(first, kind)
@@ -249,7 +267,10 @@ def _merged(parts: Sequence[Message]) -> Message:
 
 def array_of(items: Sequence[Field], kind: Any) -> NDArray[Any]:
     """All values of an array field. Raises PrototxtError."""
-    parts = [i.value.array if isinstance(i.value, Numbers) else np.array([value_of(i, Double)]) for i in items]
+    parts = [
+        i.value.array if isinstance(i.value, Numbers) else np.array([value_of(i, Double)])
+        for i in items
+    ]
     return (parts[0] if len(parts) == 1 else np.concatenate(parts)).astype(ARRAYS[kind], copy=False)
 
 
@@ -267,7 +288,9 @@ def value_of(item: Field, kind: Any) -> Any:
     if is_message(kind):
         return message_of(item) if kind is Message else read(message_of(item), kind, item.name)
     if not isinstance(value, Scalar):
-        raise PrototxtError(position, f"{item.name!r} is not a message: expected '{item.name}: {expected(kind)}'")
+        raise PrototxtError(
+            position, f"{item.name!r} is not a message: expected '{item.name}: {expected(kind)}'"
+        )
     result = scalar_value(value, kind)
     if result is None:
         where = value.position
@@ -275,7 +298,9 @@ def value_of(item: Field, kind: Any) -> Any:
         if names:
             advice = did_you_mean(value.text, names) or f"; known values: {', '.join(names)}"
             if value.kind == "string":
-                raise PrototxtError(where, f"{item.name!r} expects a name without quotes, found {value}{advice}")
+                raise PrototxtError(
+                    where, f"{item.name!r} expects a name without quotes, found {value}{advice}"
+                )
             raise PrototxtError(where, f"unknown value {value} of {item.name!r}{advice}")
         raise PrototxtError(where, f"{item.name!r} expects {expected(kind)}, found {value}")
     return result
@@ -288,8 +313,11 @@ def expected(kind: Any) -> str:
     if kind in INTEGERS:
         return f"an integer from {INTEGERS[kind][0]} to {INTEGERS[kind][-1]}"
     return {
-        str: "a string in quotes", bytes: "a string in quotes", bool: "true or false",
-        float: "a number", Double: "a number",
+        str: "a string in quotes",
+        bytes: "a string in quotes",
+        bool: "true or false",
+        float: "a number",
+        Double: "a number",
     }[kind]
 
 
@@ -332,7 +360,9 @@ def round_to_32_bits(number: float) -> float:
 def _integer(value: Scalar) -> int | None:
     text = value.text.lower()
     digits = text.removeprefix("-")
-    base = 16 if digits.startswith("0x") else 8 if len(digits) > 1 and digits.startswith("0") else 10
+    base = (
+        16 if digits.startswith("0x") else 8 if len(digits) > 1 and digits.startswith("0") else 10
+    )
     try:
         number = int(text, base)
     except ValueError:
@@ -342,8 +372,14 @@ def _integer(value: Scalar) -> int | None:
 
 def _float(value: Scalar) -> float | None:
     if value.kind == "word":
-        return {"inf": math.inf, "infinity": math.inf, "-inf": -math.inf, "-infinity": -math.inf,
-                "nan": math.nan, "-nan": math.nan}.get(value.text.lower())
+        return {
+            "inf": math.inf,
+            "infinity": math.inf,
+            "-inf": -math.inf,
+            "-infinity": -math.inf,
+            "nan": math.nan,
+            "-nan": math.nan,
+        }.get(value.text.lower())
     integer = _integer(value)
     if integer is not None:
         return float(integer)
@@ -366,7 +402,9 @@ def to_tree(message: Any) -> Message:
         name, value = written_name(spec.name), getattr(message, spec.name)
         if spec.name == "blocks":
             fields += [Field(block, tree, tree.position) for block, tree in value.items()]
-        elif value is not None and (spec.default is None or value != spec.default or is_given(message, name)):
+        elif value is not None and (
+            spec.default is None or value != spec.default or is_given(message, name)
+        ):
             kind, repeated = kind_of(hints[name])
             values = [Numbers(value, place)] if kind in ARRAYS else value if repeated else [value]
             fields += [Field(name, _tree_value(one, kind, place), place) for one in values]

@@ -25,27 +25,78 @@ log = logging.getLogger("netlib")
 
 # The enum of layer types, in the order of its numbers, with their current names
 V1_TYPES = {
-    "NONE": "", "ACCURACY": "Accuracy", "BNLL": "BNLL", "CONCAT": "Concat", "CONVOLUTION": "Convolution",
-    "DATA": "Data", "DROPOUT": "Dropout", "EUCLIDEAN_LOSS": "EuclideanLoss", "FLATTEN": "Flatten",
-    "HDF5_DATA": "HDF5Data", "HDF5_OUTPUT": "HDF5Output", "IM2COL": "Im2col", "IMAGE_DATA": "ImageData",
-    "INFOGAIN_LOSS": "InfogainLoss", "INNER_PRODUCT": "InnerProduct", "LRN": "LRN",
-    "MULTINOMIAL_LOGISTIC_LOSS": "MultinomialLogisticLoss", "POOLING": "Pooling", "RELU": "ReLU",
-    "SIGMOID": "Sigmoid", "SOFTMAX": "Softmax", "SOFTMAX_LOSS": "SoftmaxWithLoss", "SPLIT": "Split", "TANH": "TanH",
-    "WINDOW_DATA": "WindowData", "ELTWISE": "Eltwise", "POWER": "Power",
-    "SIGMOID_CROSS_ENTROPY_LOSS": "SigmoidCrossEntropyLoss", "HINGE_LOSS": "HingeLoss", "MEMORY_DATA": "MemoryData",
-    "ARGMAX": "ArgMax", "THRESHOLD": "Threshold", "DUMMY_DATA": "DummyData", "SLICE": "Slice", "MVN": "MVN",
-    "ABSVAL": "AbsVal", "SILENCE": "Silence", "CONTRASTIVE_LOSS": "ContrastiveLoss", "EXP": "Exp",
+    "NONE": "",
+    "ACCURACY": "Accuracy",
+    "BNLL": "BNLL",
+    "CONCAT": "Concat",
+    "CONVOLUTION": "Convolution",
+    "DATA": "Data",
+    "DROPOUT": "Dropout",
+    "EUCLIDEAN_LOSS": "EuclideanLoss",
+    "FLATTEN": "Flatten",
+    "HDF5_DATA": "HDF5Data",
+    "HDF5_OUTPUT": "HDF5Output",
+    "IM2COL": "Im2col",
+    "IMAGE_DATA": "ImageData",
+    "INFOGAIN_LOSS": "InfogainLoss",
+    "INNER_PRODUCT": "InnerProduct",
+    "LRN": "LRN",
+    "MULTINOMIAL_LOGISTIC_LOSS": "MultinomialLogisticLoss",
+    "POOLING": "Pooling",
+    "RELU": "ReLU",
+    "SIGMOID": "Sigmoid",
+    "SOFTMAX": "Softmax",
+    "SOFTMAX_LOSS": "SoftmaxWithLoss",
+    "SPLIT": "Split",
+    "TANH": "TanH",
+    "WINDOW_DATA": "WindowData",
+    "ELTWISE": "Eltwise",
+    "POWER": "Power",
+    "SIGMOID_CROSS_ENTROPY_LOSS": "SigmoidCrossEntropyLoss",
+    "HINGE_LOSS": "HingeLoss",
+    "MEMORY_DATA": "MemoryData",
+    "ARGMAX": "ArgMax",
+    "THRESHOLD": "Threshold",
+    "DUMMY_DATA": "DummyData",
+    "SLICE": "Slice",
+    "MVN": "MVN",
+    "ABSVAL": "AbsVal",
+    "SILENCE": "Silence",
+    "CONTRASTIVE_LOSS": "ContrastiveLoss",
+    "EXP": "Exp",
     "DECONVOLUTION": "Deconvolution",
 }
 V1Type = Annotated[str, tuple(V1_TYPES)]  # an enum
 _V1_WORDS = {("word", name) for name in V1_TYPES}
 V1_BLOCKS = {  # numbers of the options blocks in a V1 layer
-    "accuracy_param": 27, "argmax_param": 23, "concat_param": 9, "contrastive_loss_param": 40, "convolution_param": 10,
-    "data_param": 11, "dropout_param": 12, "dummy_data_param": 26, "eltwise_param": 24, "exp_param": 41,
-    "hdf5_data_param": 13, "hdf5_output_param": 14, "hinge_loss_param": 29, "image_data_param": 15,
-    "infogain_loss_param": 16, "inner_product_param": 17, "lrn_param": 18, "memory_data_param": 22, "mvn_param": 34,
-    "pooling_param": 19, "power_param": 21, "relu_param": 30, "sigmoid_param": 38, "softmax_param": 39,
-    "slice_param": 31, "tanh_param": 37, "threshold_param": 25, "transform_param": 36,
+    "accuracy_param": 27,
+    "argmax_param": 23,
+    "concat_param": 9,
+    "contrastive_loss_param": 40,
+    "convolution_param": 10,
+    "data_param": 11,
+    "dropout_param": 12,
+    "dummy_data_param": 26,
+    "eltwise_param": 24,
+    "exp_param": 41,
+    "hdf5_data_param": 13,
+    "hdf5_output_param": 14,
+    "hinge_loss_param": 29,
+    "image_data_param": 15,
+    "infogain_loss_param": 16,
+    "inner_product_param": 17,
+    "lrn_param": 18,
+    "memory_data_param": 22,
+    "mvn_param": 34,
+    "pooling_param": 19,
+    "power_param": 21,
+    "relu_param": 30,
+    "sigmoid_param": 38,
+    "softmax_param": 39,
+    "slice_param": 31,
+    "tanh_param": 37,
+    "threshold_param": 25,
+    "transform_param": 36,
     "loss_param": 42,
 }
 # V1 types -> the block with the options that are now in transform_param
@@ -53,7 +104,12 @@ TRANSFORMED = {"DATA": "data_param", "IMAGE_DATA": "image_data_param"}
 MOVED = ("scale", "mean_file", "crop_size", "mirror")
 V0_KEY = b"\x0a"  # of field 1, the V0 layer, in a binary file
 # V1 fields with one value per parameter -> their current names in ``param { ... }``
-PER_PARAMETER = {"param": "name", "blob_share_mode": "share_mode", "blobs_lr": "lr_mult", "weight_decay": "decay_mult"}
+PER_PARAMETER = {
+    "param": "name",
+    "blob_share_mode": "share_mode",
+    "blobs_lr": "lr_mult",
+    "weight_decay": "decay_mult",
+}
 
 
 @dataclass(frozen=True)
@@ -87,35 +143,55 @@ def upgraded(net: Message) -> Message:
     old = [item for item in net.fields if item.name == "layers"]
     new = [item for item in net.fields if item.name == "layer"]
     if old and new:
-        raise PrototxtError(old[0].position, "this net has both 'layer' and 'layers' (Caffe's V1 format); "
-                                             "expected one of them")
+        raise PrototxtError(
+            old[0].position,
+            "this net has both 'layer' and 'layers' (Caffe's V1 format); expected one of them",
+        )
     if not old:
-        return Message([_with_fixed_statistics(item) for item in _with_scales(net.fields)], net.position)
+        return Message(
+            [_with_fixed_statistics(item) for item in _with_scales(net.fields)], net.position
+        )
     layers = [schema.message_of(item) for item in old]
     for layer in layers:
         refuse_v0(layer)
         _check_type(layer)
         schema.read(layer, V1LayerParameter, "layers")  # reports every mistake at its position
     rest = [item for item in net.fields if item.name != "layers"]
-    return Message([*rest, *(Field("layer", _layer(layer), layer.position) for layer in layers)], net.position)
+    return Message(
+        [*rest, *(Field("layer", _layer(layer), layer.position) for layer in layers)], net.position
+    )
 
 
 def refuse_v0(layer: Message) -> None:
     """Raise PrototxtError for a layer of 2013: ``layers { layer { name: "conv1" type: "conv" } }``."""
     for item in layer.fields:
-        if item.name == "layer" or (isinstance(item.value, Unknown) and item.value.encoded.startswith(V0_KEY)):
-            raise PrototxtError(layer.position, "this net is in Caffe's format of 2013 (V0); convert it by Caffe 1.0's "
-                                                "upgrade_net_proto_text or upgrade_net_proto_binary")
+        if item.name == "layer" or (
+            isinstance(item.value, Unknown) and item.value.encoded.startswith(V0_KEY)
+        ):
+            raise PrototxtError(
+                layer.position,
+                "this net is in Caffe's format of 2013 (V0); convert it by Caffe 1.0's "
+                "upgrade_net_proto_text or upgrade_net_proto_binary",
+            )
 
 
 def _check_type(layer: Message) -> None:
     """Raise PrototxtError if the type of a V1 layer is not a word of the format."""
     for value in layer.values("type"):
-        if not isinstance(value, Scalar) or value.kind == "number" or (value.kind, value.text) in _V1_WORDS:
+        if (
+            not isinstance(value, Scalar)
+            or value.kind == "number"
+            or (value.kind, value.text) in _V1_WORDS
+        ):
             continue
-        advice = v1_advice(value.text, V1_TYPES, layer_types()) or f"; known values: {', '.join(V1_TYPES)}"
+        advice = (
+            v1_advice(value.text, V1_TYPES, layer_types())
+            or f"; known values: {', '.join(V1_TYPES)}"
+        )
         if value.kind == "string":
-            raise PrototxtError(value.position, f"'type' expects a name without quotes, found {value}{advice}")
+            raise PrototxtError(
+                value.position, f"'type' expects a name without quotes, found {value}{advice}"
+            )
         raise PrototxtError(value.position, f"unknown value {value} of 'type'{advice}")
 
 
@@ -124,7 +200,10 @@ def _check_type(layer: Message) -> None:
 
 def _layer(old: Message) -> Message:
     """Convert a V1 layer."""
-    type_name = ["NONE", *(schema.scalar_value(v, V1Type) for v in old.values("type") if isinstance(v, Scalar))][-1]
+    type_name = [
+        "NONE",
+        *(schema.scalar_value(v, V1Type) for v in old.values("type") if isinstance(v, Scalar)),
+    ][-1]
     old = _with_transform(old, TRANSFORMED.get(type_name))
     fields: list[Field] = []
     specs: list[list[Field]] = []  # one per parameter
@@ -132,9 +211,14 @@ def _layer(old: Message) -> Message:
     for item in old.fields:
         if isinstance(item.value, Unknown):
             # Its number means another field in the current format.
-            log.warning("%s: a field that is unknown in Caffe's older formats is dropped, as in Caffe", item.position)
+            log.warning(
+                "%s: a field that is unknown in Caffe's older formats is dropped, as in Caffe",
+                item.position,
+            )
         elif item.name == "type":
-            fields.append(Field("type", Scalar("string", V1_TYPES[type_name], item.position), item.position))
+            fields.append(
+                Field("type", Scalar("string", V1_TYPES[type_name], item.position), item.position)
+            )
         elif item.name in PER_PARAMETER:
             index = seen[item.name]
             seen[item.name] += 1
@@ -166,11 +250,19 @@ def _with_transform(old: Message, block: str | None) -> Message:
 
 def _with_scales(fields: Sequence[Field]) -> Iterator[Field]:
     """The fields of a net, with a Scale after each BatchNorm that has a scale of its own (scaled_batch_norm.py)."""
-    names = [name.text for item in fields if item.name == "layer" and isinstance(item.value, Message)
-             for name in item.value.values("name") if isinstance(name, Scalar)]
+    names = [
+        name.text
+        for item in fields
+        if item.name == "layer" and isinstance(item.value, Message)
+        for name in item.value.values("name")
+        if isinstance(name, Scalar)
+    ]
     for item in fields:
         if item.name == "layer" and isinstance(item.value, Message):
-            yield from (Field("layer", one, item.position) for one in scaled_batch_norm.separated(item.value, names))
+            yield from (
+                Field("layer", one, item.position)
+                for one in scaled_batch_norm.separated(item.value, names)
+            )
         else:
             yield item
 

@@ -90,13 +90,19 @@ def fields_of(cls: type) -> tuple[FieldInfo, ...]:
     hints, known = schema.hints_of(cls), []
     for field in dataclasses.fields(cls):
         if field.name == "blocks":
-            known += [FieldInfo(n, name, None, False, False) for name, n in field.metadata["numbers"].items()
-                      if name in option_blocks()]
+            known += [
+                FieldInfo(n, name, None, False, False)
+                for name, n in field.metadata["numbers"].items()
+                if name in option_blocks()
+            ]
         else:
             name = schema.written_name(field.name)
             kind, repeated = schema.kind_of(hints[name])
-            kind = AnyNetParameter if kind is Message else kind  # the only messages kept as trees are nets
-            known.append(FieldInfo(field.metadata["number"], name, kind, repeated, field.metadata["packed"]))
+            # the only messages kept as trees are nets
+            kind = AnyNetParameter if kind is Message else kind
+            known.append(
+                FieldInfo(field.metadata["number"], name, kind, repeated, field.metadata["packed"])
+            )
     return tuple(known)
 
 
@@ -128,13 +134,20 @@ class _Decoder:
         """Count a field, or a number in a packed field: each takes more memory than bytes in the file."""
         self.count += 1
         if self.count > MAX_FIELDS:
-            raise self.fail(at, f"more than {MAX_FIELDS} fields and numbers; expected a file in Caffe's format")
+            raise self.fail(
+                at, f"more than {MAX_FIELDS} fields and numbers; expected a file in Caffe's format"
+            )
 
     def message(self, cls: type, begin: int, end: int) -> Message:
         """Decode the fields of ``cls`` between two offsets."""
-        known = _by_number_in_layer(self.type_of(begin, end)) if cls is LayerParameter else _by_number(cls)
+        known = (
+            _by_number_in_layer(self.type_of(begin, end))
+            if cls is LayerParameter
+            else _by_number(cls)
+        )
         fields: list[Field] = []
-        single: dict[str, int] = {}  # index of each field that is not repeated: later values replace it
+        # index of each field that is not repeated: later values replace it
+        single: dict[str, int] = {}
         at = begin
         while at < end:
             self.one_more(at)
@@ -144,11 +157,21 @@ class _Decoder:
             spec = known.get(number)
             if spec is not None and spec.kind in ARRAYS and wire_type == spec.wire_type:
                 stop, array = self.row(ARRAYS[spec.kind], at, start, end)
-                fields.append(Field(spec.name, Numbers(array, Offset(self.source, at)), Offset(self.source, at)))
-            elif spec is None or not spec.accepts(wire_type) or self.is_unknown_value(spec, wire_type, start):
+                fields.append(
+                    Field(
+                        spec.name, Numbers(array, Offset(self.source, at)), Offset(self.source, at)
+                    )
+                )
+            elif (
+                spec is None
+                or not spec.accepts(wire_type)
+                or self.is_unknown_value(spec, wire_type, start)
+            ):
                 if self.strict:
                     raise self.fail(at, f"field {number} of wire type {wire_type} is unknown here")
-                fields.append(Field("", Unknown(bytes(self.data[at:stop])), Offset(self.source, at)))
+                fields.append(
+                    Field("", Unknown(bytes(self.data[at:stop])), Offset(self.source, at))
+                )
             else:
                 for field in self.values(spec, wire_type, at, start, stop):
                     place = len(fields)
@@ -203,7 +226,9 @@ class _Decoder:
         else:
             raise self.fail(at, f"malformed: wire type {wire_type}")
         if start + size > end:
-            raise self.fail(at, f"truncated: field {number} has {size} bytes, but {end - start} are left")
+            raise self.fail(
+                at, f"truncated: field {number} has {size} bytes, but {end - start} are left"
+            )
         return start + size
 
     def row(self, dtype: np.dtype[Any], at: int, start: int, end: int) -> tuple[int, NDArray[Any]]:
@@ -215,15 +240,21 @@ class _Decoder:
         key, width = self.data[at:start], start - at + dtype.itemsize
         block = 64
         while True:
-            rows = np.frombuffer(self.data, np.uint8, min(block, (end - at) // width) * width, at).reshape(-1, width)
+            rows = np.frombuffer(
+                self.data, np.uint8, min(block, (end - at) // width) * width, at
+            ).reshape(-1, width)
             same = (rows[:, : len(key)] == np.frombuffer(key, np.uint8)).all(axis=1)
             count = int(same.argmin()) if not same.all() else len(same)
             if count < block:
                 break
             block *= 2
-        return at + count * width, np.ascontiguousarray(rows[:count, len(key) :]).view(dtype).ravel()
+        return at + count * width, np.ascontiguousarray(rows[:count, len(key) :]).view(
+            dtype
+        ).ravel()
 
-    def values(self, spec: FieldInfo, wire_type: int, at: int, start: int, stop: int) -> Iterator[Field]:
+    def values(
+        self, spec: FieldInfo, wire_type: int, at: int, start: int, stop: int
+    ) -> Iterator[Field]:
         """Yield the field, or one per number of a packed field."""
         place = Offset(self.source, at)
         if wire_type == LENGTH:
@@ -231,7 +262,10 @@ class _Decoder:
             if spec.kind in ARRAYS:
                 dtype = ARRAYS[spec.kind]
                 if (stop - start) % dtype.itemsize:
-                    raise self.fail(at, f"malformed: {stop - start} bytes of {spec.name!r} are no {dtype.name} array")
+                    raise self.fail(
+                        at,
+                        f"malformed: {stop - start} bytes of {spec.name!r} are no {dtype.name} array",
+                    )
                 array = np.frombuffer(self.data, dtype, (stop - start) // dtype.itemsize, start)
                 yield Field(spec.name, Numbers(array, place), place)
             elif schema.is_message(spec.kind):
@@ -243,7 +277,10 @@ class _Decoder:
             else:
                 while start < stop:
                     self.one_more(at)
-                    begin, start = start, self.end_of(spec.wire_type, spec.number, start, stop, start)
+                    begin, start = (
+                        start,
+                        self.end_of(spec.wire_type, spec.number, start, stop, start),
+                    )
                     yield Field(spec.name, self.number(spec, begin, start), place)
         else:
             yield Field(spec.name, self.number(spec, start, stop), place)
@@ -256,12 +293,17 @@ class _Decoder:
             if spec.kind is bool:
                 return Scalar("word", "true" if value else "false", place)
             value -= 2**64 if value >= 2**63 else 0
-            if spec.kind is int and 2**31 <= value < 2**32:  # some encoders write negative numbers in 32 bits
+            # some encoders write negative numbers in 32 bits
+            if spec.kind is int and 2**31 <= value < 2**32:
                 value -= 2**32
             if value not in schema.INTEGERS.get(spec.kind, (value,)):
-                raise self.fail(start, f"{spec.name!r} expects {schema.expected(spec.kind)}, found {value}")
+                raise self.fail(
+                    start, f"{spec.name!r} expects {schema.expected(spec.kind)}, found {value}"
+                )
             return Scalar("number", str(value), place)
-        [number] = np.frombuffer(self.data, "<f4" if spec.wire_type == FOUR_BYTES else "<f8", 1, start)
+        [number] = np.frombuffer(
+            self.data, "<f4" if spec.wire_type == FOUR_BYTES else "<f8", 1, start
+        )
         return Scalar("number" if np.isfinite(number) else "word", str(number), place)
 
 
@@ -273,21 +315,32 @@ def _by_number(cls: type) -> dict[int, FieldInfo]:
 def _by_number_in_layer(layer_type: str) -> dict[int, FieldInfo]:
     """The fields of a layer of this type."""
     is_known = not layer_type or layer_type == "Python" or layer_type in layer_types()
-    return _with_blocks(layer_type if layer_type in FORK_NUMBERS else "") if is_known else _without_blocks()
+    return (
+        _with_blocks(layer_type if layer_type in FORK_NUMBERS else "")
+        if is_known
+        else _without_blocks()
+    )
 
 
 @functools.cache
 def _with_blocks(layer_type: str) -> dict[int, FieldInfo]:
     """The fields of a layer with the blocks of all types, and that of its type also under the numbers of forks."""
     name, numbers = FORK_NUMBERS.get(layer_type, ("", ()))
-    others = {number: dataclasses.replace(_by_name(LayerParameter)[name], number=number) for number in numbers}
+    others = {
+        number: dataclasses.replace(_by_name(LayerParameter)[name], number=number)
+        for number in numbers
+    }
     return _by_number(LayerParameter) | others
 
 
 @functools.cache
 def _without_blocks() -> dict[int, FieldInfo]:
     """The fields that layers of all types have."""
-    return {number: info for number, info in _by_number(LayerParameter).items() if info.name not in BLOCKS}
+    return {
+        number: info
+        for number, info in _by_number(LayerParameter).items()
+        if info.name not in BLOCKS
+    }
 
 
 @functools.cache
@@ -332,13 +385,17 @@ def _parts(message: Message, cls: type) -> list[Piece]:
         else:
             for field in found[name]:
                 parts += _with_key(spec, field)
-    return parts + [item.value.encoded for item in message.fields if isinstance(item.value, Unknown)]
+    return parts + [
+        item.value.encoded for item in message.fields if isinstance(item.value, Unknown)
+    ]
 
 
 def _with_key(spec: FieldInfo, field: Field) -> list[Piece]:
     """Encode one value of a field that is not packed."""
     if schema.is_message(spec.kind):
-        return _with_length(field.number or spec.number, _parts(schema.message_of(field), spec.kind))
+        return _with_length(
+            field.number or spec.number, _parts(schema.message_of(field), spec.kind)
+        )
     if spec.wire_type == LENGTH:
         return _with_length(spec.number, [_one(spec, field)])
     return [_key(spec.number, spec.wire_type) + _one(spec, field)]

@@ -25,12 +25,16 @@ T = TypeVar("T")
 MAX_BYTES = 2**31 - 1  # limit of protobuf
 
 
-def weights_image(name: str, layers: Iterable[tuple[LayerParameter, list[tuple[Array, Array | None]]]]) -> bytes:
+def weights_image(
+    name: str, layers: Iterable[tuple[LayerParameter, list[tuple[Array, Array | None]]]]
+) -> bytes:
     """Content of the .caffemodel of a net: its layers with the data, and optionally the diffs, of their parameters."""
     fields = schema.to_tree(messages.NetParameter(name=name)).fields
     for spec, blobs in layers:
         tree = schema.to_tree(schema.changed(spec, blobs=()))
-        values = [Field("blobs", binaryproto.tree_of(data, diff), tree.position) for data, diff in blobs]
+        values = [
+            Field("blobs", binaryproto.tree_of(data, diff), tree.position) for data, diff in blobs
+        ]
         tree = Message(tree.fields + values, tree.position)
         fields.append(Field("layer", tree, tree.position))
     return _fitting(wire.encode(Message(fields, schema.position_of(None)), messages.NetParameter))
@@ -38,8 +42,12 @@ def weights_image(name: str, layers: Iterable[tuple[LayerParameter, list[tuple[A
 
 def state_image(state: SolverState) -> bytes:
     """Content of a .solverstate file."""
-    tree = schema.to_tree(messages.SolverState(state.iter, state.learned_net, (), state.current_step))
-    history = [Field("history", binaryproto.tree_of(array), tree.position) for array in state.history]
+    tree = schema.to_tree(
+        messages.SolverState(state.iter, state.learned_net, (), state.current_step)
+    )
+    history = [
+        Field("history", binaryproto.tree_of(array), tree.position) for array in state.history
+    ]
     extra = schema.to_tree(messages.SolverState(netlib=json.dumps(state.extra)))
     # The extra field comes first, so that a truncated file does not look like one of Caffe's, which has no checksum.
     parts = (extra, Message(tree.fields + history, tree.position))
@@ -48,8 +56,10 @@ def state_image(state: SolverState) -> bytes:
 
 def _fitting(image: bytes) -> bytes:
     if len(image) > MAX_BYTES:
-        raise WeightsError(f"a snapshot of {len(image)} bytes exceeds the limit of Caffe's binary format, 2 GB; "
-                           "expected snapshot_format: HDF5, or a file name that ends in .h5")
+        raise WeightsError(
+            f"a snapshot of {len(image)} bytes exceeds the limit of Caffe's binary format, 2 GB; "
+            "expected snapshot_format: HDF5, or a file name that ends in .h5"
+        )
     return image
 
 
@@ -68,8 +78,10 @@ def read_weights(data: bytes, path: str) -> Weights:
         problem = str(error)
     state = _or_none(_state, data, path)
     if state is not None and state.history:
-        raise WeightsError(f"{path}: this is a solver state, not weights; expected its pair, "
-                           f"{state.learned_net or '*.caffemodel'} (resume a training with --snapshot)")
+        raise WeightsError(
+            f"{path}: this is a solver state, not weights; expected its pair, "
+            f"{state.learned_net or '*.caffemodel'} (resume a training with --snapshot)"
+        )
     raise WeightsError(f"{problem}; expected weights (.caffemodel){_looks(data)}")
 
 
@@ -95,7 +107,9 @@ def read_state(data: bytes, path: str) -> SolverState:
     except (ValueError, RecursionError) as error:  # the JSON may be invalid
         problem = f"{path}: damaged: {reason_of(error)}"
     if _or_none(_layers, data, path):
-        raise WeightsError(f"{path}: this is a weights file; pass it as --weights, or its pair *.solverstate here")
+        raise WeightsError(
+            f"{path}: this is a weights file; pass it as --weights, or its pair *.solverstate here"
+        )
     raise WeightsError(f"{problem}; expected a solver state (.solverstate){_looks(data)}")
 
 
@@ -113,7 +127,9 @@ def _layers(data: bytes, path: str) -> list[LayerParameter]:
 
 
 def _state(data: bytes, path: str) -> messages.SolverState:
-    return schema.read(wire.decode(data, messages.SolverState, path, strict=True), messages.SolverState)
+    return schema.read(
+        wire.decode(data, messages.SolverState, path, strict=True), messages.SolverState
+    )
 
 
 def _or_none(read: Callable[[bytes, str], T], data: bytes, path: str) -> T | None:

@@ -29,7 +29,9 @@ def check_names(weights: Weights) -> None:
     """Raise WeightsError if the name of a layer with parameters cannot be the name of a group."""
     for name, arrays in weights.items():
         if arrays and (fault := name_fault(name)):
-            raise WeightsError(f"layer {name!r}: {fault}; expected another name, or snapshot_format: BINARYPROTO")
+            raise WeightsError(
+                f"layer {name!r}: {fault}; expected another name, or snapshot_format: BINARYPROTO"
+            )
 
 
 def name_fault(name: str) -> str:
@@ -86,19 +88,27 @@ def read_weights(path: str | Path | Content) -> Weights:
     with hdf5.opened(path, "weights", WeightsError) as file:
         if "history" in file and "data" not in file:
             pair = _learned_net(file) or "*.caffemodel.h5"
-            raise WeightsError(f"{path}: this is a solver state, not weights; expected its pair, {pair} "
-                               "(resume a training with --snapshot)")
+            raise WeightsError(
+                f"{path}: this is a solver state, not weights; expected its pair, {pair} "
+                "(resume a training with --snapshot)"
+            )
         if not isinstance(file.get("data"), h5py.Group):
-            raise WeightsError(f"{path}: no group /data; expected weights in the layout of Caffe's HDF5 snapshots")
+            raise WeightsError(
+                f"{path}: no group /data; expected weights in the layout of Caffe's HDF5 snapshots"
+            )
         found: Weights = {}
         for name, group in _layers(file["data"]):
             found[name] = {}
             for key in sorted(group):
                 if not key.isdecimal() or not key.isascii() or str(int(key)) != key:
-                    raise WeightsError(f"{path}: layer {name!r} has a parameter {key!r}; expected numbers from 0 on")
+                    raise WeightsError(
+                        f"{path}: layer {name!r} has a parameter {key!r}; expected numbers from 0 on"
+                    )
                 array = np.asarray(group[key][...])
                 if array.dtype.kind not in "fiu":
-                    raise WeightsError(f"{path}: layer {name!r} parameter {key} holds {array.dtype}, expected numbers")
+                    raise WeightsError(
+                        f"{path}: layer {name!r} parameter {key} holds {array.dtype}, expected numbers"
+                    )
                 found[name][int(key)] = array
         return found
 
@@ -128,7 +138,9 @@ def read_state(path: str | Path) -> SolverState:
             hint = "this is a weights file; pass it as --weights, or its pair *.solverstate.h5 here"
             raise WeightsError(f"{path}: {hint if 'data' in file else 'not a solver state'}")
         if unknown := sorted(set(file) - set(STATE)):
-            raise WeightsError(f"{path}: damaged: it holds {unknown[0]!r}; a solver state has {', '.join(STATE)}")
+            raise WeightsError(
+                f"{path}: damaged: it holds {unknown[0]!r}; a solver state has {', '.join(STATE)}"
+            )
         group = file["history"]
         state = SolverState(
             iter=_number(file, "iter"),
@@ -144,7 +156,9 @@ def read_state(path: str | Path) -> SolverState:
 def _number(file: h5py.File, name: str) -> int:
     values = np.ravel(file[name][()])
     if values.size != 1 or values.dtype.kind not in "iu":
-        raise ValueError(f"{name} holds {values.size} values of {values.dtype}, expected one whole number")
+        raise ValueError(
+            f"{name} holds {values.size} values of {values.dtype}, expected one whole number"
+        )
     return int(values[0])
 
 

@@ -79,11 +79,16 @@ def prefix_in_use(prefix: Path) -> Iterator[None]:
         folder.mkdir(parents=True, exist_ok=True)
         lock = locks.Lock(path)
     except (OSError, ValueError) as error:
-        what = f"{path.name}: " if os.path.lexists(path) else ""  # the file of another user, or a link
-        raise WeightsError(f"{folder}: cannot write snapshots there: {what}{reason_of(error)}") from error
+        # the file of another user, or a link
+        what = f"{path.name}: " if os.path.lexists(path) else ""
+        raise WeightsError(
+            f"{folder}: cannot write snapshots there: {what}{reason_of(error)}"
+        ) from error
     if not lock.taken:
-        raise WeightsError(f"{prefix}: another training is writing its snapshots there (process {lock.holder}); wait "
-                           "for it, or choose another snapshot_prefix")
+        raise WeightsError(
+            f"{prefix}: another training is writing its snapshots there (process {lock.holder}); wait "
+            "for it, or choose another snapshot_prefix"
+        )
     try:
         probe(prefix)
         snapshots = re.escape(prefix.name) + r"_iter_\d+\.(caffemodel|solverstate)(\.h5)?"
@@ -117,7 +122,9 @@ def read_weights(path: str | Path | Content) -> Weights:
     """Read weights: layer name -> parameter index -> array. Raises WeightsError if the file does not hold weights."""
     if begins_as_hdf5(path, "weights"):
         return hdf5_format.read_weights(path)
-    data = path.data if isinstance(path, Content) else files.read_bytes(path, "weights", WeightsError)
+    data = (
+        path.data if isinstance(path, Content) else files.read_bytes(path, "weights", WeightsError)
+    )
     return binary_format.read_weights(data, str(path))
 
 
@@ -132,7 +139,9 @@ def read_state(path: str | Path) -> SolverState:
     """Read and check a solver state. Raises WeightsError if the file is not one or is damaged."""
     if begins_as_hdf5(path, "a solver state"):
         return hdf5_format.read_state(path)
-    return binary_format.read_state(files.read_bytes(path, "a solver state", WeightsError), str(path))
+    return binary_format.read_state(
+        files.read_bytes(path, "a solver state", WeightsError), str(path)
+    )
 
 
 def begins_as_hdf5(path: str | Path | Content, what: str) -> bool:
@@ -149,7 +158,8 @@ def weights_of(state_path: str | Path, state: SolverState) -> Content:
     sibling = Path(state_path).parent / written.name
     found = read_content(sibling if exists(sibling) or not exists(written) else written)
     expected = state.extra.get("weights_crc")
-    if expected is not None and zlib.crc32(found.data) != expected:  # Caffe's states have no checksum
+    # Caffe's states have no checksum
+    if expected is not None and zlib.crc32(found.data) != expected:
         raise WeightsError(f"{state_path}: its weights {found} belong to another snapshot")
     return found
 
@@ -158,7 +168,11 @@ def complete_snapshot(state_path: str | Path) -> Path | None:
     """The newest complete snapshot with the prefix of ``state_path``, other than itself, by the path of its state."""
     path = Path(state_path)
     wanted = STATE_NAME.fullmatch(path.name)
-    others = [found for found in map(STATE_NAME.fullmatch, names_in(path.parent)) if found and found[0] != path.name]
+    others = [
+        found
+        for found in map(STATE_NAME.fullmatch, names_in(path.parent))
+        if found and found[0] != path.name
+    ]
     for found in sorted(others, key=lambda found: -int(found["iter"])):
         if wanted and found["prefix"] == wanted["prefix"]:
             other = path.with_name(found[0])

@@ -26,7 +26,8 @@ class SolverState:
     current_step: int
     learned_net: str  # path of the weights, as written by the solver
     history: list[Array]
-    extra: dict[str, Any] = field(default_factory=dict)  # of netlib (training/resume.py); empty if Caffe wrote the file
+    # of netlib (training/resume.py); empty if Caffe wrote the file
+    extra: dict[str, Any] = field(default_factory=dict)
 
     def checksum(self) -> int:
         """CRC-32 of the state without the checksum itself."""
@@ -45,12 +46,15 @@ class SolverState:
                 raise ValueError(f"{name} is {getattr(self, name)}")
         for i, array in enumerate(self.history):
             if array.dtype.kind != "f":
-                raise ValueError(f"history {i} holds {array.dtype}, expected floating-point numbers")
+                raise ValueError(
+                    f"history {i} holds {array.dtype}, expected floating-point numbers"
+                )
             if not np.isfinite(array).all():
                 raise ValueError(f"history {i} has values that are not finite")
         if not isinstance(self.extra, dict):
             raise ValueError("field 'netlib' must be a JSON object")
-        if unknown := sorted(set(self.extra) - set(EXTRA)):  # a damaged name of 'checksum' would disable its check
+        # a damaged name of 'checksum' would disable its check
+        if unknown := sorted(set(self.extra) - set(EXTRA)):
             raise ValueError(f"found {unknown[0]!r}, expected {', '.join(EXTRA)}")
         if "checksum" in self.extra and self.extra["checksum"] != self.checksum():
             raise ValueError("checksum mismatch")

@@ -45,8 +45,10 @@ def image(net: Net, path: str | Path, diffs: bool = False) -> bytes:
     """
     if snapshot.is_hdf5(path):
         return hdf5_format.weights_image(net.name, owned(net))
-    layers = [(_complete_spec(layer), [(b.data, b.diff if diffs else None) for b in layer.blobs])
-              for layer in net.layer_dict.values()]
+    layers = [
+        (_complete_spec(layer), [(b.data, b.diff if diffs else None) for b in layer.blobs])
+        for layer in net.layer_dict.values()
+    ]
     return binary_format.weights_image(net.name, layers)
 
 
@@ -57,7 +59,9 @@ def _complete_spec(layer: Layer) -> LayerParameter:
     return schema.changed(layer.spec, phase=phase, loss_weight=weight)
 
 
-def copy(net: Net, source: str | Path | Content | Net, strict: bool = False) -> tuple[list[str], list[str]]:
+def copy(
+    net: Net, source: str | Path | Content | Net, strict: bool = False
+) -> tuple[list[str], list[str]]:
     """Copy weights by layer name from a snapshot or another net: ``Net.copy_from``."""
     writes, ignored, missing = fitting(net, source, strict)
     write(writes)
@@ -70,24 +74,33 @@ def write(writes: Writes) -> None:
         target[...] = array
 
 
-def fitting(net: Net, source: str | Path | Content | Net, strict: bool = False) -> tuple[Writes, list[str], list[str]]:
+def fitting(
+    net: Net, source: str | Path | Content | Net, strict: bool = False
+) -> tuple[Writes, list[str], list[str]]:
     """Plan a copy: the writes, and what ``copy`` returns. A net is never partially copied. Raises WeightsError."""
     what, found = _weights_of(source)
     found = _without_scales(net, found, what)
     ignored = [name for name, arrays in found.items() if name not in net.layer_dict and arrays]
     shared = {name: arrays for name, arrays in found.items() if name in net.layer_dict and arrays}
     if not shared and net.params:
-        raise WeightsError(f"{what}: it has no layer of net {net.name!r}; it has {_some(found)}, "
-                           f"the net has {_some(net.params)}")
+        raise WeightsError(
+            f"{what}: it has no layer of net {net.name!r}; it has {_some(found)}, "
+            f"the net has {_some(net.params)}"
+        )
     missing_layers = [n for n in dict.fromkeys(p.layer for p in net.learnable) if n not in shared]
     if strict and missing_layers:
-        raise WeightsError(f"{what}: no weights for layer {missing_layers[0]!r} of net {net.name!r}; "
-                           f"it has {_some(found)}")
+        raise WeightsError(
+            f"{what}: no weights for layer {missing_layers[0]!r} of net {net.name!r}; "
+            f"it has {_some(found)}"
+        )
     own: dict[str, list[int]] = {}
     for p in net.learnable:
         own.setdefault(p.layer, []).append(p.index)
-    writes = [w for name, arrays in shared.items() for w in _writes(name, net.layer_dict[name].blobs, own.get(name, []),
-                                                                    arrays, what)]
+    writes = [
+        w
+        for name, arrays in shared.items()
+        for w in _writes(name, net.layer_dict[name].blobs, own.get(name, []), arrays, what)
+    ]
     return writes, ignored, missing_layers
 
 
@@ -97,7 +110,9 @@ def _weights_of(source: str | Path | Content | Net) -> tuple[str, Found]:
         source = find(str(source), None)
     if isinstance(source, (Path, Content)):
         return str(source), snapshot.read_weights(source)
-    return f"net {source.name!r}", {n: {i: b.data for i, b in enumerate(p)} for n, p in source.params.items()}
+    return f"net {source.name!r}", {
+        n: {i: b.data for i, b in enumerate(p)} for n, p in source.params.items()
+    }
 
 
 def _without_scales(net: Net, found: Found, what: str) -> Found:
@@ -134,7 +149,9 @@ def _separated(net: Net, norm: Layer, five: Sequence[Array], found: Found, what:
             "layer Scale with bias_term: true after it"
         )
     is_older = five[4].size == 1 < five[0].size
-    mean, variance, factor, gain, bias = (five[i] for i in ((2, 3, 4, 0, 1) if is_older else range(5)))
+    mean, variance, factor, gain, bias = (
+        five[i] for i in ((2, 3, 4, 0, 1) if is_older else range(5))
+    )
     if outer := list(found.get(scale.name, {}).values()):  # Intel's nets have both
         gain, bias = outer[0] * gain, outer[0] * bias + outer[-1]
     return {
@@ -154,22 +171,30 @@ def _scale_after(net: Net, norm: Layer) -> Layer | None:
     return None
 
 
-def _writes(name: str, target: Blobs, own: list[int], found: Mapping[int, Array], what: str) -> Writes:
+def _writes(
+    name: str, target: Blobs, own: list[int], found: Mapping[int, Array], what: str
+) -> Writes:
     """Plan the writes of one layer. Raises WeightsError if a shape or number differs.
 
     own  the parameters that the layer does not share with an earlier one
     """
     missing = [i for i in own if i not in found]
     if missing:
-        raise WeightsError(f"{what}: layer {name!r} lacks parameter {missing[0]}, the net has {len(own)}")
+        raise WeightsError(
+            f"{what}: layer {name!r} lacks parameter {missing[0]}, the net has {len(own)}"
+        )
     writes = []
     for i, array in found.items():
         if i >= len(target):
-            raise WeightsError(f"{what}: layer {name!r} has {len(found)} parameters, the net expects {len(target)}")
+            raise WeightsError(
+                f"{what}: layer {name!r} has {len(found)} parameters, the net expects {len(target)}"
+            )
         shaped = legacy_shape(array, target[i].shape)
         if shaped.shape != target[i].shape:
-            raise WeightsError(f"{what}: layer {name!r} parameter {i} has shape {array.shape}, "
-                               f"the net expects {target[i].shape}")
+            raise WeightsError(
+                f"{what}: layer {name!r} parameter {i} has shape {array.shape}, "
+                f"the net expects {target[i].shape}"
+            )
         writes.append((target[i].data, shaped))
     return writes
 
@@ -187,11 +212,15 @@ def share(net: Net, other: Net) -> None:
     for name in (name for name in other.params if name in net.params):
         mine, theirs = net.params[name], other.params[name]
         if [blob.shape for blob in mine] != [blob.shape for blob in theirs]:
-            raise LayerError(f"layer {name!r} has parameters {[b.shape for b in mine]} in net {net.source}, "
-                             f"{[b.shape for b in theirs]} in {other.source}")
+            raise LayerError(
+                f"layer {name!r} has parameters {[b.shape for b in mine]} in net {net.source}, "
+                f"{[b.shape for b in theirs]} in {other.source}"
+            )
         if mine.dtype != theirs.dtype:
-            raise LayerError(f"layer {name!r} is in {mine.dtype} in net {net.source}, in {theirs.dtype} in "
-                             f"{other.source}; expected the same dtype")
+            raise LayerError(
+                f"layer {name!r} is in {mine.dtype} in net {net.source}, in {theirs.dtype} in "
+                f"{other.source}; expected the same dtype"
+            )
         pairs += zip(mine, theirs)
     for blob, owner in pairs:
         blob.share_data(owner)

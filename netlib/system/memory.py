@@ -33,7 +33,9 @@ def physical() -> float:
 def check(size: int, what: str) -> None:
     """Raise OutOfMemoryError if ``size`` bytes cannot fit. ``what`` is their purpose, for example "for parameters"."""
     if size > physical():
-        raise OutOfMemoryError(f"{format_bytes(size)} {what}; this machine has {format_bytes(int(physical()))}")
+        raise OutOfMemoryError(
+            f"{format_bytes(size)} {what}; this machine has {format_bytes(int(physical()))}"
+        )
 
 
 def zeros(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
@@ -47,7 +49,11 @@ def is_lacking(error: Exception) -> bool:
     its own error.
     """
     begins = ("array is too big", "Maximum allowed dimension", "std::bad_alloc")
-    return isinstance(error, MemoryError) or str(error).startswith(begins) or "Insufficient memory" in str(error)
+    return (
+        isinstance(error, MemoryError)
+        or str(error).startswith(begins)
+        or "Insufficient memory" in str(error)
+    )
 
 
 def format_bytes(size: int) -> str:

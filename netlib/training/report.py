@@ -45,19 +45,33 @@ def scores(net: Net, values_of: Mapping[str, Array]) -> Iterator[str]:
 
 def lack_of_loss(net: Net) -> Iterator[str]:
     """Yield a warning for each output that looks like a loss but has no loss_weight, or for a net without any loss."""
-    outputs = [(at.layer, name, blob) for at in net.connections for name, blob in zip(at.layer.spec.top, at.top)
-               if name in net.outputs and not at.layer.spec.loss_weight]
-    named = [(layer, name) for layer, name, _ in outputs
-             if any("loss" in word.lower() for word in (name, layer.name, type(layer).__name__))]
+    outputs = [
+        (at.layer, name, blob)
+        for at in net.connections
+        for name, blob in zip(at.layer.spec.top, at.top)
+        if name in net.outputs and not at.layer.spec.loss_weight
+    ]
+    named = [
+        (layer, name)
+        for layer, name, _ in outputs
+        if any("loss" in word.lower() for word in (name, layer.name, type(layer).__name__))
+    ]
     if net.losses:
         for layer, name in named:
-            if layer.type == "Python":  # as in Caffe, its weight is 0 if none is given; another type may be a metric
+            # as in Caffe, its weight is 0 if none is given; another type may be a metric
+            if layer.type == "Python":
                 yield f"top {name!r} of layer {layer.name!r} looks like a loss, but has no loss_weight; it is ignored"
         return
-    found = named or [(layer, name) for layer, name, blob in outputs if blob.count == 1 and layer.type != "Accuracy"]
+    found = named or [
+        (layer, name)
+        for layer, name, blob in outputs
+        if blob.count == 1 and layer.type != "Accuracy"
+    ]
     if found:
         layer, name = found[-1]
-        advice = f"top {name!r} of layer {layer.name!r} looks like one: add loss_weight: 1 to the layer"
+        advice = (
+            f"top {name!r} of layer {layer.name!r} looks like one: add loss_weight: 1 to the layer"
+        )
     else:
         advice = f"its outputs: {', '.join(net.outputs) or 'none'}"
     yield f"net {net.name!r} has no loss: no output has a loss_weight, so no weight changes; {advice}"
@@ -89,9 +103,12 @@ def warn_of_no_progress(
             return
         left[0] -= 1
         if not left[0]:
-            log.warning("the gradients of all parameters were exactly 0 in the first %d iterations, so no weight "
-                        "changes: check that a loss depends on them (propagate_down, layers of constant output such "
-                        "as a ReLU of negative values)", iterations)
+            log.warning(
+                "the gradients of all parameters were exactly 0 in the first %d iterations, so no weight "
+                "changes: check that a loss depends on them (propagate_down, layers of constant output such "
+                "as a ReLU of negative values)",
+                iterations,
+            )
 
     on_step.append(warn_of_no_loss)
     on_gradients_ready.append(warn_of_zeros)
@@ -131,10 +148,20 @@ def debug_forward(net: Net) -> float:
     for number, at in enumerate(net.connections):
         net.run_forward(number, number + 1)
         for name, blob in zip(at.layer.spec.top, at.top):
-            log.info("    [Forward] Layer %s, top blob %s data: %.6g", at.layer.name, name, _mean(blob.data))
+            log.info(
+                "    [Forward] Layer %s, top blob %s data: %.6g",
+                at.layer.name,
+                name,
+                _mean(blob.data),
+            )
         for i, blob in enumerate(at.layer.blobs):
             given = at.layer.spec.param[i].name if i < len(at.layer.spec.param) else ""
-            log.info("    [Forward] Layer %s, param blob %s data: %.6g", at.layer.name, given or i, _mean(blob.data))
+            log.info(
+                "    [Forward] Layer %s, param blob %s data: %.6g",
+                at.layer.name,
+                given or i,
+                _mean(blob.data),
+            )
     return net.loss()
 
 
@@ -144,21 +171,43 @@ def debug_backward(net: Net) -> None:
         net.run_backward(number, number + 1)
         for name, blob, down in zip(at.layer.spec.bottom, at.bottom, at.propagate_down):
             if at.needs_backward and down:
-                log.info("    [Backward] Layer %s, bottom blob %s diff: %.6g", at.layer.name, name, _mean(blob.diff))
+                log.info(
+                    "    [Backward] Layer %s, bottom blob %s diff: %.6g",
+                    at.layer.name,
+                    name,
+                    _mean(blob.diff),
+                )
         for i, blob in enumerate(at.layer.blobs if at.needs_backward else []):
-            log.info("    [Backward] Layer %s, param blob %d diff: %.6g", at.layer.name, i, _mean(blob.diff))
+            log.info(
+                "    [Backward] Layer %s, param blob %d diff: %.6g",
+                at.layer.name,
+                i,
+                _mean(blob.diff),
+            )
 
 
 def debug_params(net: Net) -> None:
     """Log the norms and mean absolute values of all parameters and gradients before an update."""
-    arrays = [(p.blob.data.astype(np.float64), p.blob.diff.astype(np.float64)) for p in net.learnable]
-    l1, l2 = ([sum(float(measure(pair[i]).sum()) for pair in arrays) for i in range(2)]
-              for measure in (np.abs, np.square))
-    log.info("    [Backward] All net params (data, diff): L1 norm = (%.6g, %.6g); L2 norm = (%.6g, %.6g)",
-             *l1, *np.sqrt(l2))
+    arrays = [
+        (p.blob.data.astype(np.float64), p.blob.diff.astype(np.float64)) for p in net.learnable
+    ]
+    l1, l2 = (
+        [sum(float(measure(pair[i]).sum()) for pair in arrays) for i in range(2)]
+        for measure in (np.abs, np.square)
+    )
+    log.info(
+        "    [Backward] All net params (data, diff): L1 norm = (%.6g, %.6g); L2 norm = (%.6g, %.6g)",
+        *l1,
+        *np.sqrt(l2),
+    )
     for p in net.learnable:
-        log.info("    [Update] Layer %s, param %d data: %.6g; diff: %.6g",
-                 p.layer, p.index, _mean(p.blob.data), _mean(p.blob.diff))
+        log.info(
+            "    [Update] Layer %s, param %d data: %.6g; diff: %.6g",
+            p.layer,
+            p.index,
+            _mean(p.blob.data),
+            _mean(p.blob.diff),
+        )
 
 
 def _mean(array: Any) -> float:
@@ -171,7 +220,10 @@ def show_printable(record: logging.LogRecord) -> bool:
     Numbers are not changed. A Message (a prototxt) may have several lines; its names are quoted already.
     """
     if isinstance(record.args, tuple) and record.args:
-        record.args = tuple(arg if isinstance(arg, (SupportsFloat, Message)) else printable(arg) for arg in record.args)
+        record.args = tuple(
+            arg if isinstance(arg, (SupportsFloat, Message)) else printable(arg)
+            for arg in record.args
+        )
     else:
         record.msg = printable(record.msg)
     return True
@@ -187,6 +239,7 @@ class CaffeFormatter(logging.Formatter):
         """Return the line for one record."""
         stamp = time.strftime("%m%d %H:%M:%S", time.localtime(record.created))
         micro = int(record.created % 1 * 1e6)
-        text = record.getMessage().rstrip("\n")  # like glog, which adds a line break only if one is missing
+        # like glog, which adds a line break only if one is missing
+        text = record.getMessage().rstrip("\n")
         letter = record.levelname[0]
         return f"{letter}{stamp}.{micro:06d} {record.process} {record.filename}:{record.lineno}] {text}"

@@ -30,8 +30,23 @@ log = logging.getLogger("netlib")
 
 # Solver options that affect training. On resume, those that have changed are logged.
 COURSE = (
-    "type", "base_lr", "lr_policy", "gamma", "power", "stepsize", "stepvalue", "rampup_interval", "rampup_lr",
-    "max_iter", "iter_size", "momentum", "momentum2", "rms_decay", "delta", "weight_decay", "regularization_type",
+    "type",
+    "base_lr",
+    "lr_policy",
+    "gamma",
+    "power",
+    "stepsize",
+    "stepvalue",
+    "rampup_interval",
+    "rampup_lr",
+    "max_iter",
+    "iter_size",
+    "momentum",
+    "momentum2",
+    "rms_decay",
+    "delta",
+    "weight_decay",
+    "regularization_type",
     "clip_gradients",
 )
 
@@ -66,7 +81,10 @@ class Snapshots:
 
     def is_current(self) -> bool:
         """Whether the last solver state written or read is that of this iteration."""
-        return self.last is not None and self.last.absolute() == self.paths(self._solver.iter)[1].absolute()
+        return (
+            self.last is not None
+            and self.last.absolute() == self.paths(self._solver.iter)[1].absolute()
+        )
 
     @property
     def are_written(self) -> bool:
@@ -83,7 +101,8 @@ class Snapshots:
         with snapshot.prefix_in_use(self.prefix):
             if solver.param.snapshot_format == "HDF5":
                 hdf5_format.check_names(weights_of.owned(solver.net))
-            extra_state(solver)  # fails now, not after hours, if the state of a layer cannot be stored
+            # fails now, not after hours, if the state of a layer cannot be stored
+            extra_state(solver)
             yield
 
     def write(self) -> Path:
@@ -97,21 +116,27 @@ class Snapshots:
                 )
         weights_path, state_path = self.paths(solver.iter)
         ranks = solver.ranks
-        others = ranks.gather(snapshot.as_plain(solver.net.layer_states())) if ranks.count > 1 else []
+        others = (
+            ranks.gather(snapshot.as_plain(solver.net.layer_states())) if ranks.count > 1 else []
+        )
 
         def write() -> None:
             kind = "HDF5" if solver.param.snapshot_format == "HDF5" else "binary proto"
             log.info("Snapshotting to %s file %s", kind, weights_path)
             log.info("Snapshotting solver state to %s file %s", kind, state_path)
             image = weights_of.image(solver.net, weights_path, solver.param.snapshot_diff)
-            snapshot.write_pair(image, state_of(solver, weights_path, others), weights_path, state_path)
+            snapshot.write_pair(
+                image, state_of(solver, weights_path, others), weights_path, state_path
+            )
 
         ranks.at_root(write, lambda: solver.requested)
         self.last = state_path
         return state_path
 
 
-def state_of(solver: Solver, learned_net: Path, others: Sequence[Mapping[str, Any]] = ()) -> SolverState:
+def state_of(
+    solver: Solver, learned_net: Path, others: Sequence[Mapping[str, Any]] = ()
+) -> SolverState:
     """Content of the solver state that goes with the weights ``learned_net``.
 
     ``others`` are the layer states of ranks 1 and up. Raises TypeError if the state of a layer cannot be stored.
@@ -119,7 +144,11 @@ def state_of(solver: Solver, learned_net: Path, others: Sequence[Mapping[str, An
     per_parameter = len(solver.history[0]) if solver.history else 0
     histories = [h[i] for i in range(per_parameter) for h in solver.history]  # Caffe's order
     return SolverState(
-        solver.iter, steps_taken(solver.param, solver.iter), str(learned_net), histories, extra_state(solver, others)
+        solver.iter,
+        steps_taken(solver.param, solver.iter),
+        str(learned_net),
+        histories,
+        extra_state(solver, others),
     )
 
 
@@ -129,7 +158,8 @@ def extra_state(solver: Solver, others: Sequence[Mapping[str, Any]] = ()) -> dic
         "solver": _course(solver),
         "smoothed": list(solver.smoothed),
         "layers": [net.layer_states() for net in [solver.net, *solver.test_nets]],
-        "stores_all": [net.stores_all for net in [solver.net, *solver.test_nets]],  # affects rounding
+        # affects rounding
+        "stores_all": [net.stores_all for net in [solver.net, *solver.test_nets]],
     }
     return snapshot.as_plain(extra | ({"ranks": list(others)} if others else {}))
 
@@ -138,7 +168,10 @@ def _course(solver: Solver) -> dict[str, Any]:
     """Values of the options in ``COURSE``, with the batch size and the number of ranks."""
     first = next((at.top[0].shape for at in solver.net.connections if at.top), ())
     batch = first[0] if first else 0
-    return {name: getattr(solver.param, name) for name in COURSE} | {"batch": batch, "ranks": solver.ranks.count}
+    return {name: getattr(solver.param, name) for name in COURSE} | {
+        "batch": batch,
+        "ranks": solver.ranks.count,
+    }
 
 
 def restore_state(solver: Solver, path: str | Path) -> None:
@@ -153,8 +186,10 @@ def restore_state(solver: Solver, path: str | Path) -> None:
         raise WeightsError(f"{error}; the newest complete snapshot is {other}") from error
     then, now_type = state.extra.get("solver", {}).get("type"), solver.param.type
     if then is not None and then != now_type:
-        raise WeightsError(f"{path}: this state is of the solver type {then}, whose history has another meaning for "
-                           f"{now_type}; expected type: \"{then}\", or a new training from the weights")
+        raise WeightsError(
+            f"{path}: this state is of the solver type {then}, whose history has another meaning for "
+            f'{now_type}; expected type: "{then}", or a new training from the weights'
+        )
     _check_histories(solver, path, state)
     writes, _, _ = weights_of.fitting(solver.net, weights, strict=True)
     _restore_layers(solver, path, _states_of_rank(solver, state))
@@ -169,7 +204,9 @@ def restore_state(solver: Solver, path: str | Path) -> None:
     solver.smoothed.clear()
     solver.smoothed.extend(state.extra.get("smoothed", []))
     log.info("SGDSolver: restoring history")
-    log.info("Resuming at iteration %d: weights from %s, history from %s", solver.iter, weights, path)
+    log.info(
+        "Resuming at iteration %d: weights from %s, history from %s", solver.iter, weights, path
+    )
     if solver.iter >= solver.param.max_iter:
         log.warning("Nothing is left to train: max_iter is %d", solver.param.max_iter)
     if not state.extra:
@@ -196,7 +233,9 @@ def _states_of_rank(solver: Solver, state: SolverState) -> list[dict[str, Any]]:
         if len(others) == solver.ranks.count - 1:
             nets[0] = others[solver.ranks.rank - 1]
         else:
-            nets[0] = {name: {k: v for k, v in own.items() if k != "rng"} for name, own in nets[0].items()}
+            nets[0] = {
+                name: {k: v for k, v in own.items() if k != "rng"} for name, own in nets[0].items()
+            }
     return nets
 
 
@@ -237,7 +276,9 @@ def _restore_layers(solver: Solver, path: str | Path, states: list[dict[str, Any
             net.restore_layer_states(of_layers)
     except Exception as error:  # a Python layer can raise anything
         undo()
-        raise WeightsError(f"{path}: the state of a layer cannot be restored: {reason_of(error)}") from error
+        raise WeightsError(
+            f"{path}: the state of a layer cannot be restored: {reason_of(error)}"
+        ) from error
 
 
 def _check_histories(solver: Solver, path: str | Path, state: SolverState) -> None:
@@ -252,17 +293,24 @@ def _check_histories(solver: Solver, path: str | Path, state: SolverState) -> No
     for i, array in enumerate(state.history):
         param, target = solver.net.learnable[i % count], solver.history[i % count][i // count]
         if weights_of.legacy_shape(array, target.shape).shape != target.shape:
-            raise WeightsError(f"{path}: history {i} has shape {array.shape}, "
-                               f"layer {param.layer!r} parameter {param.index} {target.shape}")
+            raise WeightsError(
+                f"{path}: history {i} has shape {array.shape}, "
+                f"layer {param.layer!r} parameter {param.index} {target.shape}"
+            )
         if array.size and np.abs(array).max() > np.finfo(target.dtype).max:
-            raise WeightsError(f"{path}: history {i} has values that are too large for {target.dtype}")
+            raise WeightsError(
+                f"{path}: history {i} has values that are too large for {target.dtype}"
+            )
 
 
 def _changes(solver: Solver, state: SolverState) -> Iterator[str]:
     """Describe the changes since the state was written that affect the course of the training."""
     states, nets = state.extra.get("layers", []), [solver.net, *solver.test_nets]
-    if any(now.get("files") != then.get(name, {}).get("files") for net, then in zip(nets, states)
-           for name, now in snapshot.as_plain(net.layer_states()).items()):
+    if any(
+        now.get("files") != then.get(name, {}).get("files")
+        for net, then in zip(nets, states)
+        for name, now in snapshot.as_plain(net.layer_states()).items()
+    ):
         yield "the data files; reading starts at the first row"
     for i, net in enumerate(nets):
         there = states[i] if i < len(states) else {}
@@ -273,7 +321,8 @@ def _changes(solver: Solver, state: SolverState) -> Iterator[str]:
     if solver.param.lr_policy != "poly":
         now.pop("max_iter")  # affects the rate only with lr_policy poly
     defaults = snapshot.as_plain({name: getattr(SolverParameter, name) for name in COURSE})
-    then = {**defaults, "ranks": 1, **state.extra.get("solver", {})}  # older states lack some fields
+    # older states lack some fields
+    then = {**defaults, "ranks": 1, **state.extra.get("solver", {})}
     for name in now:
         if now[name] != then.get(name):
             what = {"batch": "batch size", "ranks": "number of ranks"}.get(name, name)

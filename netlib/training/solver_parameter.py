@@ -19,8 +19,14 @@ from netlib.updates import POLICIES, RULES
 
 log = logging.getLogger("netlib")
 
-OLD_TYPES = {"SGD": "SGD", "NESTEROV": "Nesterov", "ADAGRAD": "AdaGrad", "RMSPROP": "RMSProp",
-             "ADADELTA": "AdaDelta", "ADAM": "Adam"}
+OLD_TYPES = {
+    "SGD": "SGD",
+    "NESTEROV": "Nesterov",
+    "ADAGRAD": "AdaGrad",
+    "RMSPROP": "RMSProp",
+    "ADADELTA": "AdaDelta",
+    "ADAM": "Adam",
+}
 MAX_AVERAGE = 10**6  # limit of average_loss, whose losses are kept in memory
 
 
@@ -32,7 +38,9 @@ def read(path: str | Path, **changes: Any) -> SolverParameter:
 def parameter_of(tree: Message, **changes: Any) -> SolverParameter:
     """The options of a parsed file, with ``changes``. Raises PrototxtError."""
     if {"layer", "layers", "input"} & {item.name for item in tree.fields}:
-        raise PrototxtError(tree.position, 'this is a net; expected a solver, which names it: net: "FILE"')
+        raise PrototxtError(
+            tree.position, 'this is a net; expected a solver, which names it: net: "FILE"'
+        )
     return schema.with_values(schema.read(tree, SolverParameter, "solver"), **changes)
 
 
@@ -76,7 +84,10 @@ def checked(p: SolverParameter) -> SolverParameter:
 def _mistakes(p: SolverParameter) -> Iterator[tuple[str, str]]:
     """Invalid fields and what is wrong with them, most serious first."""
     if p.type not in RULES:
-        yield "type", f"unknown solver type {p.type!r}{did_you_mean(p.type, RULES)}; known: {', '.join(RULES)}"
+        yield (
+            "type",
+            f"unknown solver type {p.type!r}{did_you_mean(p.type, RULES)}; known: {', '.join(RULES)}",
+        )
     for field in dataclasses.fields(p):
         value = getattr(p, field.name)
         if isinstance(value, float) and not math.isfinite(value):
@@ -88,7 +99,10 @@ def _mistakes(p: SolverParameter) -> Iterator[tuple[str, str]]:
         if not 0 <= getattr(p, name) < 1:
             yield name, f"{name} {getattr(p, name):g} must be at least 0 and less than 1"
     if p.regularization_type not in ("L1", "L2"):
-        yield "regularization_type", f"unknown regularization_type {p.regularization_type!r}; known: L1, L2"
+        yield (
+            "regularization_type",
+            f"unknown regularization_type {p.regularization_type!r}; known: L1, L2",
+        )
     if p.iter_size < 1 or p.average_loss < 1:
         yield "iter_size", "iter_size and average_loss must be at least 1"
     if p.average_loss > MAX_AVERAGE:
@@ -99,7 +113,9 @@ def _rate_mistakes(p: SolverParameter) -> Iterator[tuple[str, str]]:
     """Invalid fields of the learning rate and what is wrong with them."""
     if p.lr_policy not in POLICIES:
         found = (
-            f"unknown lr_policy {p.lr_policy!r}{did_you_mean(p.lr_policy, POLICIES)}" if p.lr_policy else "no lr_policy"
+            f"unknown lr_policy {p.lr_policy!r}{did_you_mean(p.lr_policy, POLICIES)}"
+            if p.lr_policy
+            else "no lr_policy"
         )
         yield "lr_policy", f"{found}; known: {', '.join(POLICIES)}"
     needs = {"step": ("stepsize", "a stepsize of at least 1"), "poly": ("max_iter", "max_iter")}
@@ -113,7 +129,10 @@ def _rate_mistakes(p: SolverParameter) -> Iterator[tuple[str, str]]:
     if p.rampup_lr < 0:
         yield "rampup_lr", f"rampup_lr {p.rampup_lr:g} is negative"
     if p.lr_policy in ("step", "exp", "multistep", "inv") and p.gamma < 0:
-        yield "gamma", f"lr_policy {p.lr_policy!r} needs a gamma that is not negative, found {p.gamma:g}"
+        yield (
+            "gamma",
+            f"lr_policy {p.lr_policy!r} needs a gamma that is not negative, found {p.gamma:g}",
+        )
 
 
 # ---------------------------------------------------------------------------------------------- nets
@@ -121,7 +140,11 @@ def _rate_mistakes(p: SolverParameter) -> Iterator[tuple[str, str]]:
 
 def train_net(p: SolverParameter, source: str) -> tuple[str, NetParameter]:
     """Load the training net that the solver in ``source`` names; returns its name and parameter."""
-    given = [(f, getattr(p, f)) for f in ("net", "net_param", "train_net", "train_net_param") if getattr(p, f)]
+    given = [
+        (f, getattr(p, f))
+        for f in ("net", "net_param", "train_net", "train_net_param")
+        if getattr(p, f)
+    ]
     if len(given) != 1:
         names = ", ".join(name for name, _ in given) or "none"
         raise PrototxtError(
@@ -139,12 +162,16 @@ def test_nets(p: SolverParameter, source: str) -> list[tuple[str, NetParameter]]
         named += [general] * (len(p.test_iter) - len(named))
     if named and not p.test_interval:
         where = schema.position_of(p, "test_iter" if p.test_iter else None)
-        raise PrototxtError(where, f"{len(named)} test nets, but no test_interval; expected at least 1")
+        raise PrototxtError(
+            where, f"{len(named)} test nets, but no test_interval; expected at least 1"
+        )
     for field in ("test_iter", "test_state"):
         given = len(getattr(p, field))
         if given != len(named) and (given or (field == "test_iter" and p.test_interval)):
             where = schema.position_of(p, field)
-            raise PrototxtError(where, f"{given} {field} for {len(named)} test nets; expected one each")
+            raise PrototxtError(
+                where, f"{given} {field} for {len(named)} test nets; expected one each"
+            )
     return [_load(net, source) for net in named]
 
 
@@ -153,5 +180,7 @@ def _load(net: str | Message, source: str) -> tuple[str, NetParameter]:
         return "net_param", load_parameter(net)
     path = find(net, source)
     if not exists(path):
-        raise NetlibError(f"{source}: the net {net!r} does not exist in the working directory or next to the solver")
+        raise NetlibError(
+            f"{source}: the net {net!r} does not exist in the working directory or next to the solver"
+        )
     return str(path), load_parameter(path)

@@ -69,7 +69,9 @@ def exact_recipe(prior: Path) -> Recipe:
 
 def net_text(folder: Path, skeleton: Skeleton) -> str:
     """Prototxt of a net with few channels for a body in this folder."""
-    return NET.format(folder=folder, skeleton=folder / "body.prototxt", dofs=len(skeleton.dof_names))
+    return NET.format(
+        folder=folder, skeleton=folder / "body.prototxt", dofs=len(skeleton.dof_names)
+    )
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -78,7 +80,9 @@ def test_frames(tmp_path: Path, seed: int) -> None:
     recipe = exact_recipe(write_body(tmp_path, seed))
     frames, skeleton = Generator(seed, "train", recipe).block(0), recipe.prior.body()
     assert frames.dof is not None
-    assert (frames.dof >= skeleton.lower - 1e-6).all() and (frames.dof <= skeleton.upper + 1e-6).all()
+    assert (frames.dof >= skeleton.lower - 1e-6).all() and (
+        frames.dof <= skeleton.upper + 1e-6
+    ).all()
     radius = max(max(capsule.radius) for capsule in skeleton.param.flesh.capsule)  # type: ignore[union-attr]
     joints = frames.joint.reshape(len(frames), -1, 3).astype(float)
     assert np.abs(joints).max() < 1
@@ -108,7 +112,9 @@ def test_a_net_learns_it(tmp_path: Path, seed: int) -> None:
     losses = []
     for _ in range(60):
         solver.step(1)
-        losses.append(float(solver.net.blobs["joint_loss"].data + solver.net.blobs["limit_loss"].data))
+        losses.append(
+            float(solver.net.blobs["joint_loss"].data + solver.net.blobs["limit_loss"].data)
+        )
     assert np.mean(losses[-4:]) < 0.7 * np.mean(losses[:4])
     net = netlib.Net(str(tmp_path / "net.prototxt"), netlib.TEST)
     solver.net.save(str(tmp_path / "net.caffemodel.h5"))
@@ -131,7 +137,9 @@ def test_fits_to_joints(tmp_path: Path, seed: int) -> None:
     bodies = Generator(seed, "train", recipe).scene(0).bodies
     skeleton = recipe.prior.body()
     found = fit_joints(skeleton, bodies.joints[:24], starts=12)
-    assert (found.inputs >= skeleton.lower - 1e-9).all() and (found.inputs <= skeleton.upper + 1e-9).all()
+    assert (found.inputs >= skeleton.lower - 1e-9).all() and (
+        found.inputs <= skeleton.upper + 1e-9
+    ).all()
     assert np.mean(found.residuals.max(axis=1) < 1e-3) > 0.9
 
 
@@ -157,22 +165,31 @@ def test_parts_that_are_about_hands(tmp_path: Path) -> None:
     prior = write_body(tmp_path, 1)
     text = net_text(tmp_path, prior_file.load(prior).body())
     start, end = text.index("layer {"), text.index('layer {\n  name: "small"')
-    given = (
-        'layer { name: "in" type: "Input" top: "depth" input_param { shape { dim: 1 dim: 1 dim: 128 dim: 128 } } }\n'
+    given = 'layer { name: "in" type: "Input" top: "depth" input_param { shape { dim: 1 dim: 1 dim: 128 dim: 128 } } }\n'
+    (tmp_path / "net.prototxt").write_text(
+        text[:start] + given + text[end : text.index('layer { name: "joint_loss"')]
     )
-    (tmp_path / "net.prototxt").write_text(text[:start] + given + text[end : text.index('layer { name: "joint_loss"')])
     net = netlib.Net(str(tmp_path / "net.prototxt"), netlib.TEST)
-    with pytest.raises(NetlibError, match="skeleton 'random1' is not a hand, so there is no left one"):
+    with pytest.raises(
+        NetlibError, match="skeleton 'random1' is not a hand, so there is no left one"
+    ):
         Predictor(net, KINECT2, cube_mm=900, hand="left")
-    with pytest.raises(NetlibError, match=r"'random1' is not a hand: .*; expected the edge of its cube in mm"):
+    with pytest.raises(
+        NetlibError, match=r"'random1' is not a hand: .*; expected the edge of its cube in mm"
+    ):
         Predictor(net, KINECT2)
     predictor = Predictor(net, KINECT2, cube_mm=900, hand="either", fit="fast")
     assert predictor.sides == ("right",)
     frame = np.full((424, 512), 2000, np.uint16)
-    with pytest.raises(DataError, match="skeleton 'random1' is not a hand, and only hands are searched for"):
+    with pytest.raises(
+        DataError, match="skeleton 'random1' is not a hand, and only hands are searched for"
+    ):
         predictor.in_frame(frame)
     found = predictor.in_frame(frame, (250.0, 200.0, 2100.0))
     assert np.isfinite(found.joints).all() and tuple(found.center_uvd) == (250, 200, 2100)
     predictor.finder = object()  # type: ignore[assignment]
-    with pytest.raises(NetlibError, match="'random1' is not a hand: it has no joint 'palm'; only hands are followed"):
+    with pytest.raises(
+        NetlibError,
+        match="'random1' is not a hand: it has no joint 'palm'; only hands are followed",
+    ):
         Tracker(predictor)

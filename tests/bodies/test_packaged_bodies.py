@@ -45,13 +45,18 @@ def test_a_person_of_adult_size() -> None:
     skeleton = skeletons.load(BODY / "person.prototxt")
     assert (len(skeleton.joint_names), len(skeleton.dof_names)) == (21, 40)
     rest = held("person", "")
-    heights = {joint: rest[joint][1] - rest["ankle_left"][1] + 75 for joint in ("hip_left", "shoulder_left", "head")}
+    heights = {
+        joint: rest[joint][1] - rest["ankle_left"][1] + 75
+        for joint in ("hip_left", "shoulder_left", "head")
+    }
     assert heights["hip_left"] / 1750 == pytest.approx(0.53, abs=0.02)
     assert heights["shoulder_left"] / 1750 == pytest.approx(0.82, abs=0.02)
     assert 1600 < heights["head"] < 1680
     for joint, place in rest.items():
         if joint.endswith("_left"):
-            np.testing.assert_allclose(place * (-1, 1, 1), rest[joint.replace("_left", "_right")], atol=1e-9)
+            np.testing.assert_allclose(
+                place * (-1, 1, 1), rest[joint.replace("_left", "_right")], atol=1e-9
+            )
             assert place[0] > 0  # the person's left, which is the camera's right
         elif not joint.endswith("_right"):
             assert place[0] == pytest.approx(0, abs=1e-9)
@@ -74,7 +79,10 @@ def test_a_person_of_adult_size() -> None:
 def test_which_way_limbs_bend(side: str, dof: str, joint: str, moves: tuple[object, ...]) -> None:
     """Limbs bend in the same direction on both sides; the limits of knees and elbows allow only one direction."""
     out = 1 if side == "left" else -1
-    wanted = [{"out": out, "in": -out}.get(move, move) if isinstance(move, str) else move for move in moves]
+    wanted = [
+        {"out": out, "in": -out}.get(move, move) if isinstance(move, str) else move
+        for move in moves
+    ]
     before = held("person", "", **{dof.format(side): 0.0, f"shoulder_{side}_abduction": 0.0})
     after = held("person", "", **{f"shoulder_{side}_abduction": 0.0, dof.format(side): 20.0})
     change = after[joint.format(side)] - before[joint.format(side)]
@@ -96,7 +104,9 @@ def test_poses_with_a_name(name: str) -> None:
     inside = (whole >= surface.whole.lower - 1e-9) & (whole <= surface.whole.upper + 1e-9)
     assert inside[:, ~surface.whole.fixed].all()
     ends = surface.ends(surface.kinematics.forward(whole))
-    deep = surface.penetration(ends, np.tile(surface.radii, (len(whole), 1, 1))) * sampler.cube_mm / 2
+    deep = (
+        surface.penetration(ends, np.tile(surface.radii, (len(whole), 1, 1))) * sampler.cube_mm / 2
+    )
     assert deep.max() < sampler.prior.penetration
 
 
@@ -118,7 +128,9 @@ def test_frames_show_the_whole_body(name: str) -> None:
     """All joints are in the cube and the camera sees the whole body; with a sensor's noise most pixels remain."""
     recipe = recipe_of(BODY / f"{name}_prior.prototxt")
     frames = Generator(1, "train", recipe).block(2)
-    clear = Generator(1, "train", Recipe(recipe.prior, DEFAULT_SURFACE, (View(recipe.views[0].camera, None),))).block(2)
+    clear = Generator(
+        1, "train", Recipe(recipe.prior, DEFAULT_SURFACE, (View(recipe.views[0].camera, None),))
+    ).block(2)
     assert (np.abs(frames.joint) >= 1).mean() < 0.01
     shown, there = ((some.depth < 0.999).mean(axis=(1, 2, 3)) for some in (frames, clear))
     assert there.min() > 0.02 and there.max() < 0.4
@@ -130,39 +142,57 @@ def test_the_tools(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     """The commands of docs/bodies.md run: frames, two iterations, a score with each joint, and pictures."""
     monkeypatch.chdir(tmp_path)
     prior = str(BODY / f"{name}_prior.prototxt")
-    done = run_tool("make_synthetic", "--body", prior, "--train", "20", "--test", "20", "--workers", "1")
+    done = run_tool(
+        "make_synthetic", "--body", prior, "--train", "20", "--test", "20", "--workers", "1"
+    )
     assert f"data/{name}: 20 train and 20 test frames" in done.out
     for kind in ("train_test", "solver"):
         text = (BODY / f"{name}_{kind}.prototxt").read_text()
-        text = re.sub(r"batch_size: \d+", "batch_size: 20", text).replace("test_iter: 10", "test_iter: 1")
+        text = re.sub(r"batch_size: \d+", "batch_size: 20", text).replace(
+            "test_iter: 10", "test_iter: 1"
+        )
         text = text.replace(f"prototxt/body/{name}_train_test", f"{name}_train_test")
         text = text.replace(f'"{name}.prototxt"', f'"{BODY / name}.prototxt"')
         (tmp_path / f"{name}_{kind}.prototxt").write_text(text)
     run_tool("train", f"{name}_solver.prototxt", "--max-iter", "2")
     model = ["--model", f"{name}_train_test.prototxt", f"snapshots/{name}_iter_2.caffemodel.h5"]
-    scored = json.loads(run_tool("test", *model, "--picture", "found.png", "--joints", "--json").out)
+    scored = json.loads(
+        run_tool("test", *model, "--picture", "found.png", "--joints", "--json").out
+    )
     (row,) = scored["snapshots"]
     assert "error_14_mm" not in row and 0 <= row["out_of_limits"] <= 1
     skeleton = skeletons.load(BODY / f"{name}.prototxt")
     assert list(scored["joints_mm"]) == skeleton.joint_names
     said = run_tool("test", *model, "--joints").out
-    assert "out of limits" in said and "14 joints" not in said and all(joint in said for joint in skeleton.joint_names)
-    deployed = netlib.Net(str(BODY / f"{name}_deploy.prototxt"), f"snapshots/{name}_iter_2.caffemodel.h5", netlib.TEST)
+    assert (
+        "out of limits" in said
+        and "14 joints" not in said
+        and all(joint in said for joint in skeleton.joint_names)
+    )
+    deployed = netlib.Net(
+        str(BODY / f"{name}_deploy.prototxt"), f"snapshots/{name}_iter_2.caffemodel.h5", netlib.TEST
+    )
     found = deployed.forward(depth=np.ones((1, 1, 128, 128), np.float32))
     assert found["pred"].shape == (1, 3 * len(skeleton.joint_names))
     shown = ["--skeleton", str(BODY / f"{name}.prototxt")]
     run_tool("show_data", f"data/{name}/test.txt", "--out", "frames.png", *shown)
     assert cv2.imread("found.png") is not None
     picture = cv2.imread("frames.png")
-    assert picture is not None and np.ptp(picture.astype(int), axis=2).max() > 100  # limbs in colours
+    # limbs in colours
+    assert picture is not None and np.ptp(picture.astype(int), axis=2).max() > 100
     done = run_tool("test", *model, "--fit", "fast", status=1)
-    assert f"its body is 'nyu', that of {name}_train_test.prototxt is '{name}'; expected" in done.err
+    assert (
+        f"its body is 'nyu', that of {name}_train_test.prototxt is '{name}'; expected" in done.err
+    )
     net = [str(BODY / f"{name}_deploy.prototxt"), f"snapshots/{name}_iter_2.caffemodel.h5"]
     cv2.imwrite("crop.png", np.full((128, 128), 128, np.uint8))
     see = ["predict", "crop.png", "--model", net[0], "--weights", net[1], "--fit", "no"]
     for command in (see, ["export_onnx", *net, "net.onnx"]):
         done = run_tool(*command, status=1)
-        assert f"skeleton '{name}' is not a hand: it has no joint 'palm'; expected the edge" in done.err
+        assert (
+            f"skeleton '{name}' is not a hand: it has no joint 'palm'; expected the edge"
+            in done.err
+        )
         run_tool(*command, "--cube", "1000")
     assert cv2.imread("crop_body.png") is not None
 
@@ -175,7 +205,9 @@ def test_a_page_of_a_person() -> None:
     assert body("hand", skeletons.load())["place"]["center_uvd"][2] == 700
 
 
-def test_what_is_no_prior_or_not_for_a_body(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_no_prior_or_not_for_a_body(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A body without a name has no folder, a skeleton is no prior, and recipes are for hands only."""
     monkeypatch.chdir(tmp_path)
     for name in ("arm", "arm_prior"):
@@ -184,5 +216,7 @@ def test_what_is_no_prior_or_not_for_a_body(tmp_path: Path, monkeypatch: pytest.
     done = run_tool("make_synthetic", "--body", "arm_prior.prototxt", status=1)
     assert done.err.startswith("arm_prior.prototxt: its skeleton is named")
     assert "arm.prototxt:" in run_tool("make_synthetic", "--body", "arm.prototxt", status=1).err
-    done = run_tool("make_synthetic", "--body", "arm_prior.prototxt", "--recipe", "nyu", "--out", "x", status=2)
+    done = run_tool(
+        "make_synthetic", "--body", "arm_prior.prototxt", "--recipe", "nyu", "--out", "x", status=2
+    )
     assert "--recipe applies only to hands" in done.err and not (tmp_path / "x").exists()

@@ -26,7 +26,9 @@ def relative(got: Any, want: Any) -> float:
     finite = np.isfinite(want)
     if got.shape != want.shape or not np.array_equal(np.isfinite(got), finite):
         return np.inf
-    return float(np.abs(got - want)[finite].max(initial=0) / max(np.abs(want)[finite].max(initial=0), 1e-30))
+    return float(
+        np.abs(got - want)[finite].max(initial=0) / max(np.abs(want)[finite].max(initial=0), 1e-30)
+    )
 
 
 def distance(got: Any, want: Any) -> float:
@@ -95,7 +97,9 @@ def differences(case: Case, dtype: Any) -> dict[str, float]:
     for (blob,), array in case.of("in"):
         array.put(net.blobs[blob].data)
     net.forward()
-    found = {f"top {blob}": array.differs(net.blobs[blob].data) for (blob,), array in case.of("top")}
+    found = {
+        f"top {blob}": array.differs(net.blobs[blob].data) for (blob,), array in case.of("top")
+    }
     for (layer, index), array in case.of("param_after"):
         found[f"param {layer} {index}"] = array.differs(net.params[layer][int(index)].data)
     if case.backward:
@@ -129,7 +133,9 @@ def layer_cases() -> list[Case]:
             arrays[part] = Array(tuple(shape), kept, mine, twin)
         phase = ("TRAIN", "TEST").index(entry["phase"])
         types = frozenset(entry["types"])
-        cases.append(Case(entry["case"], phase, entry["backward"], types, entry["prototxt"], arrays))
+        cases.append(
+            Case(entry["case"], phase, entry["backward"], types, entry["prototxt"], arrays)
+        )
     assert not single.size, "numbers left over: layers.json and layers.h5 do not belong together"
     assert not difference.size
     return cases
@@ -140,7 +146,8 @@ def slices(text: str) -> Any:
     if text == "[...]":
         return ...
     return tuple(
-        slice(*(int(n) if n.strip() else None for n in axis.split(":"))) for axis in text.strip("[]").split(",")
+        slice(*(int(n) if n.strip() else None for n in axis.split(":")))
+        for axis in text.strip("[]").split(",")
     )
 
 
@@ -190,7 +197,9 @@ class Follow:
         solver = self.solver
         self.updates += 1
         loss = solver.net.loss()  # of the last batch: before the update
-        self.worst_loss = max(self.worst_loss, abs(loss / float(self.theirs.losses[solver.iter - 1]) - 1))
+        self.worst_loss = max(
+            self.worst_loss, abs(loss / float(self.theirs.losses[solver.iter - 1]) - 1)
+        )
         for (layer, index), after in self.theirs.weights.items():
             if solver.iter in after:
                 far = distance(solver.net.params[layer][index].data, after[solver.iter])
@@ -230,8 +239,14 @@ def said(lines: Iterable[str]) -> list[str]:
     found = []
     for line in lines:
         if COMPARED.match(line):
-            line = re.sub(r"\(\S+ iter/s, \S+s/(\d+) iters\)", r"(SPEED iter/s, SECONDSs/\1 iters)", line)
-            line = re.sub(r"to (?:binary proto|HDF5) file \S*_iter_(\d+\.[a-z]+)(\.h5)?$", r"to FORMAT file \1", line)
+            line = re.sub(
+                r"\(\S+ iter/s, \S+s/(\d+) iters\)", r"(SPEED iter/s, SECONDSs/\1 iters)", line
+            )
+            line = re.sub(
+                r"to (?:binary proto|HDF5) file \S*_iter_(\d+\.[a-z]+)(\.h5)?$",
+                r"to FORMAT file \1",
+                line,
+            )
             found.append(line)
     return found
 

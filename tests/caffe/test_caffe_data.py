@@ -34,7 +34,11 @@ def test_rows_come_in_caffes_order(hdf5data: Path) -> None:
             tops = net.forward()
             assert sorted(tops) == ["data", "label", "vec"]
             for blob, array in tops.items():
-                assert np.array_equal(array, recorded[f"{case['case']}/{blob}"][i]), (case["case"], blob, i)
+                assert np.array_equal(array, recorded[f"{case['case']}/{blob}"][i]), (
+                    case["case"],
+                    blob,
+                    i,
+                )
         ran += 1
     assert ran == 6
 
@@ -56,6 +60,8 @@ def test_files_and_the_rows_of_a_file_are_shuffled(hdf5data: Path, case: str) ->
         assert len({tuple(order) for order in passes}) == len(passes) > 1
         for order in passes:
             assert sorted(order) == sorted(file_of)
-            changes = sum(file_of[one] != file_of[other] for one, other in itertools.pairwise(order))
+            changes = sum(
+                file_of[one] != file_of[other] for one, other in itertools.pairwise(order)
+            )
             assert changes == len(set(file_of.values())) - 1
         assert len({file_of[order[0]] for order in passes}) == len(set(file_of.values()))

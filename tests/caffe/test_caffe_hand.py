@@ -23,9 +23,16 @@ HAND = """
 
 
 @pytest.mark.parametrize("type_name", ["HandModel", "DeepHandModel"])
-@pytest.mark.parametrize(("dtype", "suffix", "tolerance"), [(np.float32, "", 5e-6), (np.float64, "_f64", 1e-12)])
+@pytest.mark.parametrize(
+    ("dtype", "suffix", "tolerance"), [(np.float32, "", 5e-6), (np.float64, "_f64", 1e-12)]
+)
 def test_hand_model(
-    caffe_data: Path, net_of: Callable[..., netlib.Net], type_name: str, dtype: Any, suffix: str, tolerance: float
+    caffe_data: Path,
+    net_of: Callable[..., netlib.Net],
+    type_name: str,
+    dtype: Any,
+    suffix: str,
+    tolerance: float,
 ) -> None:
     """Joints and gradients of 32 poses agree with Caffe, under this project's type name and the released one.
 
@@ -42,7 +49,9 @@ def test_hand_model(
         assert relative(net.blobs["x"].diff[rows], recorded["bottom_diff" + suffix][rows]) <= within
 
 
-@pytest.mark.parametrize("layer", ['"DeepHandModelDofConstraintLoss"', '"PhysLimit" phys_limit_param { norm: L2 }'])
+@pytest.mark.parametrize(
+    "layer", ['"DeepHandModelDofConstraintLoss"', '"PhysLimit" phys_limit_param { norm: L2 }']
+)
 def test_phys_limit(caffe_data: Path, net_of: Callable[..., netlib.Net], layer: str) -> None:
     """The squared hinge of 64 poses agrees. Caffe leaves the diffs of fixed DoFs unwritten; netlib sets them to 0."""
     recorded = np.load(caffe_data / "phys_limit.npz")

@@ -28,7 +28,9 @@ def solver_of(log: str, tmp_path: Path, **changes: str) -> netlib.Solver:
     return netlib.get_solver(tmp_path / "solver.prototxt")
 
 
-def test_the_log_of_signals(solvers: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_the_log_of_signals(
+    solvers: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     """SIGHUP writes a snapshot and continues, SIGINT writes one and stops, in a hundredth of Caffe's iterations."""
     caplog.set_level("INFO", "netlib")
     solver = solver_of("sigint.log", tmp_path, display="20", weights='"init.caffemodel.h5"')
@@ -42,7 +44,9 @@ def test_the_log_of_signals(solvers: Path, tmp_path: Path, caplog: pytest.LogCap
     mine, theirs = said(caplog.messages), said(log_lines("sigint.log"))[:-1]
     assert [line.replace("/20 iters", "/2000 iters") for line in words(mine)] == words(theirs)
     when = re.compile(r"(?:Iteration |file )(\d+)")
-    assert [int(n) for n in when.findall("\n".join(mine))] == [int(n) // 100 for n in when.findall("\n".join(theirs))]
+    assert [int(n) for n in when.findall("\n".join(mine))] == [
+        int(n) // 100 for n in when.findall("\n".join(theirs))
+    ]
     rates = re.findall(r"Iteration (\d+), lr = (\S+)", "\n".join(theirs))
     assert len(rates) == 16
     for iteration, rate in rates:  # Caffe's rate is a float32, in which 0.02 * 0.5^285 is 0

@@ -36,9 +36,15 @@ def test_the_papers_network_follows_caffe_for_50_iterations(
     net = found[0].replace('"train.txt"', f'"{tmp_path}/train.txt"')
     (tmp_path / "train.txt").write_text(f"{network}/train_0.h5\n")
     (tmp_path / "net.prototxt").write_text(net)
-    changes = {"net": f'"{tmp_path}/net.prototxt"', "snapshot_prefix": f'"{tmp_path}/nodrop"', "test_interval": "0"}
+    changes = {
+        "net": f'"{tmp_path}/net.prototxt"',
+        "snapshot_prefix": f'"{tmp_path}/nodrop"',
+        "test_interval": "0",
+    }
     solver_file = tmp_path / "solver.prototxt"
-    solver_file.write_text(re.sub("(?m)^(test_iter|weights).*\n", "", solver_text("deepmodel_train.log", **changes)))
+    solver_file.write_text(
+        re.sub("(?m)^(test_iter|weights).*\n", "", solver_text("deepmodel_train.log", **changes))
+    )
     solver = netlib.get_solver(solver_file)
     solver.copy_weights(network / "init.caffemodel.h5")
     recorded = json.loads((network / "traj_nodrop.json").read_text())["iters"]
@@ -49,7 +55,9 @@ def test_the_papers_network_follows_caffe_for_50_iterations(
         losses.append(abs(solver.net.loss() / want["DeepHandModelxyzloss"] - 1))
         for label, (norm, _) in want["param_l2norm_and_sum_after"].items():
             layer, index = label.split("/")
-            norms.append(abs(float(np.linalg.norm(solver.net.params[layer][int(index)].data)) / norm - 1))
+            norms.append(
+                abs(float(np.linalg.norm(solver.net.params[layer][int(index)].data)) / norm - 1)
+            )
 
     solver.on_update.append(compare)
     caplog.set_level("INFO", "netlib")

@@ -19,9 +19,13 @@ pytestmark = pytest.mark.both_engines
 
 CASE = "snap_sgd_hdf5"  # the recorded training with snapshots after 10 and after 20 updates
 ITERATIONS = pytest.mark.parametrize("iteration", [10, 20])
-FORMATS = pytest.mark.parametrize(("theirs", "format"), [
-    ("snap/snap_sgd_hdf5_iter_%s.%s.h5", "HDF5"), ("snap/snap_sgd_binaryproto_iter_%s.%s", "BINARYPROTO"),
-])
+FORMATS = pytest.mark.parametrize(
+    ("theirs", "format"),
+    [
+        ("snap/snap_sgd_hdf5_iter_%s.%s.h5", "HDF5"),
+        ("snap/snap_sgd_binaryproto_iter_%s.%s", "BINARYPROTO"),
+    ],
+)
 
 
 @pytest.fixture
@@ -35,7 +39,9 @@ def ours(solvers: Path, tmp_path: Path) -> Path:
 
 
 @FORMATS
-def test_training_goes_on_from_caffes_solver_state(solvers: Path, tmp_path: Path, theirs: str, format: str) -> None:
+def test_training_goes_on_from_caffes_solver_state(
+    solvers: Path, tmp_path: Path, theirs: str, format: str
+) -> None:
     """Resumed from iteration 10, training follows Caffe's own resumed training to iteration 20 and its last snapshot.
 
     Caffe's resumed and uninterrupted trainings are equal, number for number: after 10 batches of 8, the 40 rows of
@@ -57,7 +63,9 @@ def test_training_goes_on_from_caffes_solver_state(solvers: Path, tmp_path: Path
 
 @ITERATIONS
 @FORMATS
-def test_our_snapshot_says_what_caffes_says(ours: Path, iteration: int, theirs: str, format: str) -> None:
+def test_our_snapshot_says_what_caffes_says(
+    ours: Path, iteration: int, theirs: str, format: str
+) -> None:
     name = f"{CASE}_iter_{iteration}"
     check_weights(ours / f"{name}.caffemodel.h5", theirs % (iteration, "caffemodel"))
     check_state(ours / f"{name}.solverstate.h5", theirs % (iteration, "solverstate"))
@@ -99,7 +107,9 @@ def layout(path: Path) -> dict[str, Any]:
 
     def visit(name: str, item: h5py.Group | h5py.Dataset) -> None:
         dataset = isinstance(item, h5py.Dataset)
-        found[name] = (item.shape, item.dtype.str if item.dtype.kind != "S" else "S") if dataset else "group"
+        found[name] = (
+            (item.shape, item.dtype.str if item.dtype.kind != "S" else "S") if dataset else "group"
+        )
 
     with h5py.File(path) as file:
         file.visititems(visit)
@@ -108,10 +118,17 @@ def layout(path: Path) -> dict[str, Any]:
 
 def test_caffes_binary_files_are_read_and_written_byte_for_byte(solvers: Path) -> None:
     """Binary weights and states are read and rewritten with the same fields, numbers and order as in Caffe's files."""
-    files = [Path("init.caffemodel"), Path("init_shared.caffemodel"), *Path("snap").glob("*.caffemodel")]
+    files = [
+        Path("init.caffemodel"),
+        Path("init_shared.caffemodel"),
+        *Path("snap").glob("*.caffemodel"),
+    ]
     states = sorted(Path("snap").glob("*.solverstate"))
     assert (len(files), len(states)) == (4, 2)
-    for path, cls in [*((path, NetParameter) for path in files), *((path, SolverState) for path in states)]:
+    for path, cls in [
+        *((path, NetParameter) for path in files),
+        *((path, SolverState) for path in states),
+    ]:
         data = path.read_bytes()
         tree = wire.decode(data, cls, str(path))
         assert wire.encode(tree, cls) == data
@@ -119,7 +136,9 @@ def test_caffes_binary_files_are_read_and_written_byte_for_byte(solvers: Path) -
 
 
 @pytest.mark.parametrize(("net", "weights"), [("net", "init"), ("net_shared", "init_shared")])
-def test_what_a_net_saves_is_caffes_own_file(solvers: Path, tmp_path: Path, net: str, weights: str) -> None:
+def test_what_a_net_saves_is_caffes_own_file(
+    solvers: Path, tmp_path: Path, net: str, weights: str
+) -> None:
     """A net loaded and saved again gives Caffe's file, byte for byte."""
     made = netlib.Net(f"{net}.prototxt", netlib.TRAIN)
     made.copy_from(f"{weights}.caffemodel")
@@ -148,7 +167,9 @@ def test_a_real_lenet_reads_digits(whole: Path) -> None:
     digits = np.load(folder / "mnist_test_2000.npz")
     images = digits[next(name for name in digits if digits[name].ndim >= 3)]
     labels = digits[next(name for name in digits if digits[name].ndim == 1)]
-    net = netlib.Net(prototxt.parse(LENET), str(folder / "lenet_iter_10000.caffemodel"), netlib.TEST)
+    net = netlib.Net(
+        prototxt.parse(LENET), str(folder / "lenet_iter_10000.caffemodel"), netlib.TEST
+    )
     found = net.forward(data=images.reshape(-1, 1, 28, 28) / np.float32(256))["prob"].argmax(axis=1)
     assert abs((found == labels).sum() - 1952) <= 1
     assert snapshot.read_state(folder / "lenet_iter_10000.solverstate").iter == 10000
@@ -161,6 +182,8 @@ def test_shared_weights_load_from_caffes_snapshot(solvers: Path, tmp_path: Path)
     for layer, blobs in net.params.items():
         assert len(blobs) == len(binary[layer])
         assert all(np.array_equal(blob.data, binary[layer][i]) for i, blob in enumerate(blobs))
-    assert all(np.shares_memory(a.data, b.data) for a, b in zip(net.params["ipA"], net.params["ipB"]))
+    assert all(
+        np.shares_memory(a.data, b.data) for a, b in zip(net.params["ipA"], net.params["ipB"])
+    )
     net.save(tmp_path / "ours.caffemodel.h5")
     assert layout(tmp_path / "ours.caffemodel.h5") == layout(Path("init_shared.caffemodel.h5"))

@@ -23,11 +23,13 @@ def test_solver_follows_caffe(solvers: Path, caplog: pytest.LogCaptureFixture, c
     solver.copy_weights("init.caffemodel.h5")
     follow = Follow(solver, theirs)
     solver.step(20)
-    assert (follow.updates, follow.compared) == (20, 5 * 20 + 3)  # the largest weights: after 3 updates only
+    # the largest weights: after 3 updates only
+    assert (follow.updates, follow.compared) == (20, 5 * 20 + 3)
     assert follow.worst <= 1e-5
     assert follow.worst_loss <= 1e-5
     rates = [learning_rate(solver.param, i) for i in range(20)]
-    assert rates == pytest.approx(theirs.printed_rates.tolist(), rel=1e-5)  # printed with six digits
+    # printed with six digits
+    assert rates == pytest.approx(theirs.printed_rates.tolist(), rel=1e-5)
     log = "\n".join(caplog.messages)
     for what, want in ((r" \(.*\), loss", theirs.printed_losses), (", lr", theirs.printed_rates)):
         said = re.findall(rf"(?m)^Iteration (\d+){what} = (\S+)$", log)
@@ -43,5 +45,18 @@ def test_every_solver_and_policy_is_recorded(solvers: Path) -> None:
         path.stem for path in solvers.glob("solver_*.prototxt")
     )
     text = "\n".join(Path(f"solver_{case}.prototxt").read_text() for case in cases)
-    assert set(re.findall(r'\btype: "(\w+)"', text)) == {"SGD", "Nesterov", "AdaGrad", "RMSProp", "AdaDelta", "Adam"}
-    assert set(re.findall(r'lr_policy: "(\w+)"', text)) == {"fixed", "step", "inv", "poly", "multistep"}
+    assert set(re.findall(r'\btype: "(\w+)"', text)) == {
+        "SGD",
+        "Nesterov",
+        "AdaGrad",
+        "RMSProp",
+        "AdaDelta",
+        "Adam",
+    }
+    assert set(re.findall(r'lr_policy: "(\w+)"', text)) == {
+        "fixed",
+        "step",
+        "inv",
+        "poly",
+        "multistep",
+    }

@@ -28,7 +28,9 @@ def test_every_number_is_one_that_caffe_recorded(whole: Path) -> None:
             assert path.read_bytes() == (whole / path.relative_to(FOLDER)).read_bytes(), path
     stacked, batches = (np.load(folder / "hdf5data/hdf5data.npz") for folder in (FOLDER, whole))
     for key, array in stacked.items():
-        assert all(np.array_equal(batch, batches[f"{key}/{i}"]) for i, batch in enumerate(array)), key
+        assert all(np.array_equal(batch, batches[f"{key}/{i}"]) for i, batch in enumerate(array)), (
+            key
+        )
     recorded = dict(np.load(whole / "layers.npz"))
     for case in layer_cases():
         assert case.prototxt == (whole / f"layers/{case.name}.prototxt").read_text()
@@ -38,7 +40,10 @@ def test_every_number_is_one_that_caffe_recorded(whole: Path) -> None:
             assert (array.double is not None) == (f"{key}_f64" in recorded)
             if array.double is not None:
                 assert recorded[f"{key}_f64"][array.kept].tobytes() == array.double.tobytes()
-    assert sum(len(case.arrays) for case in layer_cases()) == sum("_f64" not in key for key in recorded) - 2
+    assert (
+        sum(len(case.arrays) for case in layer_cases())
+        == sum("_f64" not in key for key in recorded) - 2
+    )
     for name in solver_cases():
         steps = np.load(whole / f"solvers/traj_{name}.npz")
         ours = trajectory(name)
@@ -46,7 +51,9 @@ def test_every_number_is_one_that_caffe_recorded(whole: Path) -> None:
         assert np.array_equal(ours.printed_losses, steps["loss_printed"])
         assert np.array_equal(ours.printed_rates, steps["lr_printed"])
         for (layer, index), after in ours.weights.items():
-            assert all(np.array_equal(array, steps[f"w/{layer}/{index}"][i]) for i, array in after.items())
+            assert all(
+                np.array_equal(array, steps[f"w/{layer}/{index}"][i]) for i, array in after.items()
+            )
 
 
 @pytest.mark.both_engines
@@ -54,18 +61,33 @@ def test_every_number_is_one_that_caffe_recorded(whole: Path) -> None:
 def test_the_large_layer_cases_agree_in_whole(whole: Path, dtype: Any, tolerance: float) -> None:
     """The large layer cases agree in full, including the parts that a clone does not have."""
     recorded = dict(np.load(whole / "layers.npz"))
-    names = {case.name for case in layer_cases() if any(array.kept is not ... for array in case.arrays.values())}
+    names = {
+        case.name
+        for case in layer_cases()
+        if any(array.kept is not ... for array in case.arrays.values())
+    }
     assert len(names) == 4
     for entry in json.loads((whole / "layers_index.json").read_text()):
         name = entry["case"]
         if name in names:
-            keys = [key for key in recorded if key.startswith(f"{name}/") and not key.endswith("_f64")]
+            keys = [
+                key for key in recorded if key.startswith(f"{name}/") and not key.endswith("_f64")
+            ]
             arrays = {
-                key.removeprefix(f"{name}/"): Array(recorded[key].shape, ..., recorded[key], recorded.get(f"{key}_f64"))
+                key.removeprefix(f"{name}/"): Array(
+                    recorded[key].shape, ..., recorded[key], recorded.get(f"{key}_f64")
+                )
                 for key in keys
             }
             text = (whole / f"layers/{name}.prototxt").read_text()
-            case = Case(name, ("TRAIN", "TEST").index(entry["phase"]), entry["backward"], frozenset(), text, arrays)
+            case = Case(
+                name,
+                ("TRAIN", "TEST").index(entry["phase"]),
+                entry["backward"],
+                frozenset(),
+                text,
+                arrays,
+            )
             found = differences(case, dtype)
             assert len(found) == case.results(dtype) >= 2
             assert all(far <= tolerance for far in found.values()), found

@@ -32,7 +32,8 @@ def faults(text: str, document: Path) -> list[str]:
         elif anchor and anchor not in anchors(file.read_text(encoding="utf-8")):
             found.append(f"{target}#{anchor}: there is no such heading")
         elif re.fullmatch(r"[\w.]+", title) and not re.search(
-                rf"\b{title.rpartition('.')[2]}\b", file.read_text(encoding="utf-8")):
+            rf"\b{title.rpartition('.')[2]}\b", file.read_text(encoding="utf-8")
+        ):
             found.append(f"{target}: there is no {title}, which the title of a link names")
     return found
 
@@ -62,7 +63,9 @@ def test_links_that_lead_nowhere_are_found() -> None:
 
 def test_every_layer_type_is_described() -> None:
     """Every layer type is in the document on Caffe and, except the old DeepHandModel names, in that on layers."""
-    layers, of_caffe = ((ROOT / f"docs/{name}.md").read_text(encoding="utf-8") for name in ("layers", "caffe"))
+    layers, of_caffe = (
+        (ROOT / f"docs/{name}.md").read_text(encoding="utf-8") for name in ("layers", "caffe")
+    )
     for name in LAYER_TYPES:
         assert re.search(rf"\b{name}\b", of_caffe), name
         assert name.startswith("DeepHandModel") or re.search(rf"\b{name}\b", layers), name
@@ -71,13 +74,27 @@ def test_every_layer_type_is_described() -> None:
 def test_all_of_pycaffe_is_described() -> None:
     """Every name of the module and every public name of its Net and solvers is in the document on Caffe."""
     text = (ROOT / "docs/caffe.md").read_text(encoding="utf-8")
-    names = {*caffe.__all__, *(n for cls in (pycaffe.Net, pycaffe.Solver) for n in vars(cls) if not n.startswith("_"))}
-    ours = {"Solver", "TRAIN", "TEST", "net_class", "update_rule", "solver_count", "solver_rank", "set_multiprocess"}
+    names = {
+        *caffe.__all__,
+        *(n for cls in (pycaffe.Net, pycaffe.Solver) for n in vars(cls) if not n.startswith("_")),
+    }
+    ours = {
+        "Solver",
+        "TRAIN",
+        "TEST",
+        "net_class",
+        "update_rule",
+        "solver_count",
+        "solver_rank",
+        "set_multiprocess",
+    }
     assert {name for name in names - ours if not re.search(rf"\b{name}\b", text)} == set()
 
 
 def test_the_changelog_has_the_version() -> None:
     """The changelog's first release is the version in handpose/__init__.py, which setup.cfg reads."""
-    headings = re.findall(r"^## (.*)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    headings = re.findall(
+        r"^## (.*)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE
+    )
     releases = [heading for heading in headings if heading != "Unreleased"]
     assert re.fullmatch(rf"{re.escape(handpose.__version__)} \(\d{{4}}-\d\d-\d\d\)", releases[0])

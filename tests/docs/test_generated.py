@@ -23,7 +23,9 @@ DOCUMENTS = sorted(str(path) for place in ("docs/*.md", "docs/*/*.md") for path 
 
 def test_generated_parts_of_documents_are_current() -> None:
     """cog, with the options of the Makefile, would change no document."""
-    pytest.importorskip("cogapp", reason="cog generates parts of documents: pip install -e '.[test]'")
+    pytest.importorskip(
+        "cogapp", reason="cog generates parts of documents: pip install -e '.[test]'"
+    )
     options = re.search(r"^COG := (.*)$", MAKEFILE, re.MULTILINE)[1]
     run_python("-m", "cogapp", "--check", *shlex.split(options), *DOCUMENTS)
 
@@ -48,9 +50,14 @@ def test_the_site_works_offline(site: Path) -> None:
         assert not re.search(r'\bsrc="?(https?:)?//|<link[^>]+href="?(https?:)?//', text), page
     chapter = (site / "book/9_gradient.html").read_text(encoding="utf-8")
     assert chapter.count('<div class="arithmatex">') >= 4 and "$$" not in chapter
-    assert '<a href="../images/book/lever.svg"><img' in chapter and (site / "images/book/lever.svg").is_file()
+    assert (
+        '<a href="../images/book/lever.svg"><img' in chapter
+        and (site / "images/book/lever.svg").is_file()
+    )
     assert '<iframe src="../hand.html#body=arm&amp;' in chapter and (site / "hand.html").is_file()
-    for font in re.findall(r"url\((fonts/[^)]+\.woff2)\)", (site / "assets/katex/katex.min.css").read_text("utf-8")):
+    for font in re.findall(
+        r"url\((fonts/[^)]+\.woff2)\)", (site / "assets/katex/katex.min.css").read_text("utf-8")
+    ):
         assert (site / "assets/katex" / font).is_file()
     assert "iframe-worker.js" in chapter and (site / "search/search_index.js").is_file()
 
@@ -76,8 +83,12 @@ def test_a_notebook_has_the_code_of_its_chapter() -> None:
     cells = json.loads(notebook(ROOT / "docs/book/1_blob.md"))["cells"]
     code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
     text = "".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown")
-    assert "os.chdir(project)" in code[0] and code[1].startswith("x, w, t = 2.0, 3.0, 5.0\na = w * x\n")
-    assert not any(">>>" in cell or "class Value" in cell for cell in code) and "class Value" in text
+    assert "os.chdir(project)" in code[0] and code[1].startswith(
+        "x, w, t = 2.0, 3.0, 5.0\na = w * x\n"
+    )
+    assert (
+        not any(">>>" in cell or "class Value" in cell for cell in code) and "class Value" in text
+    )
     assert [cell["metadata"].get("tags") for cell in cells].count(["raises-exception"]) == 1
     assert "](2_one_layer.ipynb)" in text and "](../images/book/circuit.svg)" in text
 

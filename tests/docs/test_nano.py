@@ -45,13 +45,18 @@ def test_dropout_passes_the_gradient_where_it_passed_the_value() -> None:
     np.testing.assert_array_equal(backward(np.ones((100, 10)))[0], y)
 
 
-def test_losses_are_those_of_netlib(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_losses_are_those_of_netlib(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """``--check`` compares the losses with netlib's in float64, without dropout: here 2 updates instead of 20."""
     monkeypatch.setattr(sys, "argv", ["nano.py", "--check"])
     monkeypatch.setattr(check_nano.largest_difference, "__defaults__", (2,))
     runpy.run_path(COMMAND[-1], run_name="__main__")
     text, difference = capsys.readouterr().out.rsplit(" ", 1)
-    assert text == "largest relative difference from netlib's losses, 20 updates:" and float(difference) <= 1e-10
+    assert (
+        text == "largest relative difference from netlib's losses, 20 updates:"
+        and float(difference) <= 1e-10
+    )
 
 
 def test_errors_and_drawings_are_of_the_joints(hand) -> None:
@@ -60,7 +65,10 @@ def test_errors_and_drawings_are_of_the_joints(hand) -> None:
     """
     true = nano.hand_model(np.zeros((1, 47)), hand)[0]
     assert nano.error_mm(true + [0.3, 0.4, 0], true) == pytest.approx(75)
-    same, moved = nano.drawing(true[0], true[0], hand), nano.drawing(true[0] + [5, 0, 0], true[0], hand)
+    same, moved = (
+        nano.drawing(true[0], true[0], hand),
+        nano.drawing(true[0] + [5, 0, 0], true[0], hand),
+    )
     assert {len(line) for line in same} == {52} and set("".join(same)) == {" ", "o"}
     assert "." in "".join(moved) and all(line[51] == "o" for line in moved if "o" in line)
 

@@ -29,7 +29,9 @@ def page_of(tmp_path: Path) -> PageOf:
 
 
 @pytest.mark.parametrize("name", pages.BOOK)
-def test_a_page_fits_a_phone_and_names_its_controls(visit: Visit, page_of: PageOf, name: str) -> None:
+def test_a_page_fits_a_phone_and_names_its_controls(
+    visit: Visit, page_of: PageOf, name: str
+) -> None:
     """No page is wider than a phone's window, and every control has a name."""
     tab = visit(page_of(name), viewport={"width": 360, "height": 740})
     assert tab.evaluate("document.documentElement.scrollWidth") <= 360
@@ -42,7 +44,11 @@ def test_windows_are_those_of_the_layer(visit: Visit, page_of: PageOf, number: i
     """For random numbers, some of them equal, the page and the layer compute the same y, dx, dw and db."""
     tab, rng = visit(page_of("windows")), np.random.default_rng(number)
     entry, (kind, options) = pages.windows()["layers"][number], list(pages.LAYERS.values())[number]
-    picture, kernel, bias = rng.integers(-3, 4, (6, 6)), rng.integers(-3, 4, (3, 3)), int(rng.integers(-3, 4))
+    picture, kernel, bias = (
+        rng.integers(-3, 4, (6, 6)),
+        rng.integers(-3, 4, (3, 3)),
+        int(rng.integers(-3, 4)),
+    )
     layer, pad = pages.SmallLayer(kind, options, picture, kernel, bias), entry["pad"]
     dy = rng.integers(-3, 4, layer.y.shape)
     dx = layer.backward(dy)
@@ -52,7 +58,9 @@ def test_windows_are_those_of_the_layer(visit: Visit, page_of: PageOf, number: i
     found = tab.evaluate("(layer) => page.slide(layer)", changed)
     np.testing.assert_allclose(found["y"], layer.y.ravel())
     side = 6 + 2 * pad
-    np.testing.assert_allclose(np.reshape(found["dx"], (side, side))[pad : side - pad, pad : side - pad], dx)
+    np.testing.assert_allclose(
+        np.reshape(found["dx"], (side, side))[pad : side - pad, pad : side - pad], dx
+    )
     for name, blob in zip(("dw", "db"), layer.net.params.get("y", ())):
         np.testing.assert_allclose(found[name], blob.diff.ravel())
 
@@ -61,12 +69,19 @@ def test_windows_in_use(visit: Visit, page_of: PageOf) -> None:
     """An output highlights its window; an edited number changes what depends on it."""
     tab = visit(page_of("windows"))
     tab.locator("#y button").nth(5).hover()
-    assert tab.locator("#x .marked").count() == 9 and tab.locator("#formula b").inner_text().endswith("= −7")
+    assert tab.locator("#x .marked").count() == 9 and tab.locator(
+        "#formula b"
+    ).inner_text().endswith("= −7")
     tab.locator("#b button").click()
     tab.locator("#value").fill("10")
     assert tab.locator("#y button").first.inner_text() == "−11"  # -21 without the bias
     tab.evaluate("page.step(16)")  # the first dy, which is 1: the kernel is stamped once
-    assert [tab.locator("#dx button").nth(i).inner_text() for i in (0, 1, 2, 6)] == ["1", "0", "−1", "2"]
+    assert [tab.locator("#dx button").nth(i).inner_text() for i in (0, 1, 2, 6)] == [
+        "1",
+        "0",
+        "−1",
+        "2",
+    ]
 
 
 def test_the_small_net_is_that_of_the_chapter(visit: Visit, page_of: PageOf) -> None:
@@ -96,6 +111,9 @@ def test_the_small_net_in_use(visit: Visit, page_of: PageOf) -> None:
     """Steps show the numbers of chapter 5, and an update lowers the loss."""
     tab = visit(page_of("small_net"))
     tab.locator("#step").fill("14")
-    assert "dh0 + dh1 + dh2 = [0.25, 0.5] + [0, 0] + [1.5, 0] = [1.75, 0.5]" in tab.locator("#step-text").inner_text()
+    assert (
+        "dh0 + dh1 + dh2 = [0.25, 0.5] + [0, 0] + [1.5, 0] = [1.75, 0.5]"
+        in tab.locator("#step-text").inner_text()
+    )
     tab.get_by_role("button", name="Update").click()
     assert float(tab.locator("#loss").inner_text().split("= ")[-1]) < 2.375

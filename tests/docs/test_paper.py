@@ -13,7 +13,11 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAPER = (DOCS / "paper.md").read_text(encoding="utf-8")
 LINK = re.compile(r'\[([^\[\]]*)\]\((?!https?:)([^)#\s]*)(?:#([^)\s]*))?(?:\s+"([^"]*)")?\)')
 FIGURES = sorted(
-    {(text, file, anchor) for text, file, anchor, _ in LINK.findall(PAPER) if re.match(r"\d.*md$", text + file)}
+    {
+        (text, file, anchor)
+        for text, file, anchor, _ in LINK.findall(PAPER)
+        if re.match(r"\d.*md$", text + file)
+    }
 )
 
 

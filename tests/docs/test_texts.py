@@ -14,7 +14,11 @@ from tests.documents import commands
 TEXTS = re.compile(r"\.(py|md|prototxt|cfg|toml|yml|in)$|Makefile|^\.ci/|^\.gitignore$")
 OTHERS = ("tests/", "CHANGELOG.md")  # made-up names; names of the past
 ELSEWHERE = {  # built; installed; Caffe's; a user's
-    "docs/hand.html", "name/__init__.py", "netlib/share", "python/caffe/io.py", "tools/extra"
+    "docs/hand.html",
+    "name/__init__.py",
+    "netlib/share",
+    "python/caffe/io.py",
+    "tools/extra",
 }
 CALL = re.compile(r"`((?:make|handpose|netlib|python|mpiexec) (?!-m tests)[^`←]+)`")
 INCOMPLETE = re.compile(r"arguments are required|No module named 'tools\.[A-Z]+'")  # `netlib NAME`
@@ -25,7 +29,9 @@ def files() -> list[str]:
     """The files under version control."""
     if not (ROOT / ".git").exists():
         pytest.skip("the project's files are not under version control here")
-    done = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True
+    )
     return [name for name in done.stdout.split("\0") if (ROOT / name).is_file()]
 
 
@@ -37,7 +43,9 @@ def wrong_paths(text: str, files: list[str]) -> Iterator[str]:
     named = re.findall(rf"(?<![\w{{}}*<>%./:-])(\w[\w-]*(?:/[\w.-]+)+\.(?:py|md)){end}", text)
     known = "\n".join(["", *files, ""])
     for name in {path.rstrip("./") for path in [*inside, *named]} - ELSEWHERE:
-        if not re.search(rf"[\n/]{re.escape(name)}(\.py)?[\n/]", known) and not name.endswith("/x.prototxt"):
+        if not re.search(rf"[\n/]{re.escape(name)}(\.py)?[\n/]", known) and not name.endswith(
+            "/x.prototxt"
+        ):
             yield name
 
 
@@ -53,7 +61,9 @@ def test_what_texts_name_exists(files: list[str]) -> None:
     for name in files:
         if TEXTS.search(name) and not name.startswith(OTHERS):
             text = (ROOT / name).read_text(encoding="utf-8")
-            found += [f"{name}: {fault}" for fault in [*wrong_paths(text, files), *wrong_commands(text)]]
+            found += [
+                f"{name}: {fault}" for fault in [*wrong_paths(text, files), *wrong_commands(text)]
+            ]
     assert found == []
 
 
@@ -61,8 +71,12 @@ def test_what_does_not_exist_is_found(files: list[str]) -> None:
     good = "tools/train.py, netlib/proto/, proto/options.py, `make test`, `netlib run` and `handpose NAME`"
     bad = "tools/gone.py, `make person`, engine/choice.py, prototxt/gone/, `netlib gone`, `python tools/demo.py --gone`"
     assert set(wrong_paths(good + bad, files)) == {
-        "tools/gone.py", "engine/choice.py", "prototxt/gone"
+        "tools/gone.py",
+        "engine/choice.py",
+        "prototxt/gone",
     }
     assert [fault.partition("\n")[0] for fault in wrong_commands(good + bad)] == [
-        "make person", "netlib gone", "python tools/demo.py --gone"
+        "make person",
+        "netlib gone",
+        "python tools/demo.py --gone",
     ]

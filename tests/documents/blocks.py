@@ -37,7 +37,8 @@ from netlib.proto.messages import LayerParameter, NetParameter, SolverParameter
 from netlib.proto.net_parameter import load_parameter
 from tests.documents import commands
 
-FOLDER, PRINTED = "(folder)", "(printed)"  # in a document's namespace: its folder; the output of blocks, by their end
+# in a document's namespace: its folder; the output of blocks, by their end
+FOLDER, PRINTED = "(folder)", "(printed)"
 FENCES = RawFencedCodeBlockLexer(re.compile(r"(?P<tag>[^\n]*)\n"))
 GENERATED = re.compile(r"^<!--cog .*?^<!--end-->", re.DOTALL | re.MULTILINE)
 MARK = re.compile(r"^[ \t]*<!-- (not run|file): ((?:(?!-->).)+) -->\n\Z", re.DOTALL | re.MULTILINE)
@@ -54,7 +55,9 @@ def parse(document: Document) -> Iterator[Region]:
         region.lexemes["file"] = mark[2] if mark and mark[1] == "file" else ""
         evaluators = NOT_RUN if mark and mark[1] == "not run" else RUN
         if tag not in RUN:
-            raise ValueError(f"{document.path}: a block of {tag!r}; expected one of {', '.join(RUN)}")
+            raise ValueError(
+                f"{document.path}: a block of {tag!r}; expected one of {', '.join(RUN)}"
+            )
         if tag == "pycon" and not region.parsed.lstrip().startswith(">>>"):
             raise ValueError(f"{document.path}: a pycon block begins with >>>")
         if tag != "pycon" or evaluators is NOT_RUN:
@@ -92,9 +95,13 @@ class _Checker(OutputChecker):
     """
 
     def check_output(self, want: str, got: str, optionflags: int = 0) -> bool:
-        wanted, found = (re.sub(r"(?<=[\[(]) | (?=[\]),])", "", " ".join(text.split())) for text in (want, got))
+        wanted, found = (
+            re.sub(r"(?<=[\[(]) | (?=[\]),])", "", " ".join(text.split())) for text in (want, got)
+        )
         if "…" in wanted:
-            return wanted != "…" and super().check_output(wanted.replace("…", "..."), found, doctest.ELLIPSIS)
+            return wanted != "…" and super().check_output(
+                wanted.replace("…", "..."), found, doctest.ELLIPSIS
+            )
         wanted = re.sub(r"(?<=\d)\.(?!\d)", ".0000", wanted.replace("<BLANKLINE>", ""))
         return super().check_output(" ".join(wanted.split()), found, NUMBER)
 
@@ -112,7 +119,9 @@ def _run_python(example: Example) -> None:
 
 
 def _run_commands(example: Example) -> None:
-    example.namespace[PRINTED][example.end] = commands.run(example.parsed, example.namespace[FOLDER])
+    example.namespace[PRINTED][example.end] = commands.run(
+        example.parsed, example.namespace[FOLDER]
+    )
 
 
 def _check_commands(example: Example) -> str:
@@ -144,13 +153,26 @@ def _read_prototxt(text: str) -> None:
     if names & {"layer", "layers"}:
         layers = load_parameter(tree).layer  # the blobs that they read need not be defined
     else:
-        others = [kind for kind in vars(messages).values() if isinstance(kind, type) and dataclasses.is_dataclass(kind)]
-        kinds = [SkeletonParameter, SolverParameter, NetParameter, PosePrior, LayerParameter, *others,
-                 *options.option_blocks().values()]
+        others = [
+            kind
+            for kind in vars(messages).values()
+            if isinstance(kind, type) and dataclasses.is_dataclass(kind)
+        ]
+        kinds = [
+            SkeletonParameter,
+            SolverParameter,
+            NetParameter,
+            PosePrior,
+            LayerParameter,
+            *others,
+            *options.option_blocks().values(),
+        ]
         message = schema.read(tree, min(kinds, key=lambda kind: len(names - _fields(kind))))
         layers = [message] if isinstance(message, LayerParameter) else []
     for layer in layers:
-        assert layer.type in {None, "", "Python", *options.layer_types()}, f"unknown layer type {layer.type!r}"
+        assert layer.type in {None, "", "Python", *options.layer_types()}, (
+            f"unknown layer type {layer.type!r}"
+        )
         create.check_options(layer)
 
 

@@ -32,22 +32,44 @@ def run(script: str, folder: Path) -> str:
     """
     words = [shlex.split(line) for line in lines_of(script)]
     plain = not re.search(r"[^\w\s./,:=-]", "".join(lines_of(script)))
-    if plain and Path.cwd() == folder and all(re.fullmatch(r"python tools/\w+\.py", " ".join(w[:2])) for w in words):
+    if (
+        plain
+        and Path.cwd() == folder
+        and all(re.fullmatch(r"python tools/\w+\.py", " ".join(w[:2])) for w in words)
+    ):
         done = [run_tool(Path(name).stem, *argv) for _, name, *argv in words]
         return "".join(one.out + one.err for one in done)
-    environment = {k: v for k, v in os.environ.items() if not k.startswith(("NETLIB", "PYTEST", "COV"))}
-    environment |= {"PATH": f"{folder / '.venv' / 'bin'}{os.pathsep}{os.environ['PATH']}", "PYTHONPATH": str(ROOT),
-                    "PYTHONUNBUFFERED": "1", "PYTHONUTF8": "1", "MPLBACKEND": "Agg"}
-    done = subprocess.run(["bash", "-e", "-o", "pipefail", "-c", script], cwd=folder, env=environment, text=True,
-                          encoding="utf-8", stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-                          timeout=SECONDS, check=False)
+    environment = {
+        k: v for k, v in os.environ.items() if not k.startswith(("NETLIB", "PYTEST", "COV"))
+    }
+    environment |= {
+        "PATH": f"{folder / '.venv' / 'bin'}{os.pathsep}{os.environ['PATH']}",
+        "PYTHONPATH": str(ROOT),
+        "PYTHONUNBUFFERED": "1",
+        "PYTHONUTF8": "1",
+        "MPLBACKEND": "Agg",
+    }
+    done = subprocess.run(
+        ["bash", "-e", "-o", "pipefail", "-c", script],
+        cwd=folder,
+        env=environment,
+        text=True,
+        encoding="utf-8",
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        timeout=SECONDS,
+        check=False,
+    )
     assert done.returncode == 0, f"exit status {done.returncode}:\n{done.stdout[-3000:].rstrip()}"
     return done.stdout
 
 
 def lines_of(script: str) -> list[str]:
     """The lines of a script, without comments and continued lines joined."""
-    lines = (re.sub(r"(^|\s)#.*$", "", line).strip() for line in script.replace("\\\n", " ").splitlines())
+    lines = (
+        re.sub(r"(^|\s)#.*$", "", line).strip() for line in script.replace("\\\n", " ").splitlines()
+    )
     return [line for line in lines if line]
 
 
@@ -68,14 +90,22 @@ def _mistake(words: list[str]) -> str:
     """The reason why a command does not exist or does not accept its arguments, or an empty string."""
     name, *rest = words or [""]
     if name == "make":
-        return "".join(f"no target {word}" for word in rest if "=" not in word and word not in targets())
+        return "".join(
+            f"no target {word}" for word in rest if "=" not in word and word not in targets()
+        )
     if "install" in rest:
         extras = re.findall(r"[\w-]+", " ".join(re.findall(r"\.\[([\w,-]+)\]", rest[-1])))
-        return "".join(f"no extra {extra}" for extra in extras if not re.search(rf"^{extra} =$", SETUP, re.MULTILINE))
+        return "".join(
+            f"no extra {extra}"
+            for extra in extras
+            if not re.search(rf"^{extra} =$", SETUP, re.MULTILINE)
+        )
     if name in ("handpose", "netlib"):
         tools = {word: path.stem for word, path in subcommands.commands().items()}
         tools |= subcommands.NET_TOOLS if name == "netlib" else {}
-        return _refused(f"tools.{tools.get(rest[0], rest[0])}", rest[1:]) if rest[0][0] != "-" else ""
+        return (
+            _refused(f"tools.{tools.get(rest[0], rest[0])}", rest[1:]) if rest[0][0] != "-" else ""
+        )
     if not re.fullmatch(r"(.*/)?python3?", name):
         return ""
     rest = rest[2:] if rest[:2] == ["-m", "mpi4py"] else rest
@@ -92,8 +122,11 @@ def _refused(module: str, argv: list[str]) -> str:
         parse(*args, **options)  # type: ignore[arg-type]
         raise StopIteration
 
-    with (mock.patch.object(argparse.ArgumentParser, "parse_args", parse_and_stop),
-          contextlib.redirect_stderr(io.StringIO()) as printed, contextlib.redirect_stdout(printed)):
+    with (
+        mock.patch.object(argparse.ArgumentParser, "parse_args", parse_and_stop),
+        contextlib.redirect_stderr(io.StringIO()) as printed,
+        contextlib.redirect_stdout(printed),
+    ):
         try:
             main = getattr(importlib.import_module(module), "main", None)
             if main is not None:
@@ -101,7 +134,8 @@ def _refused(module: str, argv: list[str]) -> str:
         except StopIteration:
             pass
         except ModuleNotFoundError as error:
-            return str(error) if module.startswith(str(error.name)) else ""  # else a package that only it needs
+            # else a package that only it needs
+            return str(error) if module.startswith(str(error.name)) else ""
         except SystemExit as stopped:
             return printed.getvalue().strip().rpartition("\n")[2] if stopped.code else ""
     return ""
@@ -111,4 +145,8 @@ def _refused(module: str, argv: list[str]) -> str:
 def targets() -> set[str]:
     """The targets of the Makefile."""
     text = (ROOT / "Makefile").read_text(encoding="utf-8")
-    return {name for line in re.findall(r"^([\w./ -]+):(?!=)", text, re.MULTILINE) for name in line.split()}
+    return {
+        name
+        for line in re.findall(r"^([\w./ -]+):(?!=)", text, re.MULTILINE)
+        for name in line.split()
+    }

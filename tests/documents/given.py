@@ -36,7 +36,9 @@ def recording() -> SyntheticRecording:
 
 def frames(folder: Path) -> None:
     """frames/: the recording, with camera.json."""
-    with RecordingWriter(folder / "frames", KINECT2, recording().unit_mm, recording().rate) as writer:
+    with RecordingWriter(
+        folder / "frames", KINECT2, recording().unit_mm, recording().rate
+    ) as writer:
         for frame in recording():
             writer.write(frame)
 
@@ -61,7 +63,10 @@ def training(folder: Path) -> None:
 def data(folder: Path) -> None:
     """data/nyu: a few synthetic frames, and the nets of prototxt/ with small batches."""
     out = folder / "data" / "nyu"
-    assert make_synthetic.main(["--out", str(out), "--train", "16", "--test", "16", "--workers", "1"]) == 0
+    assert (
+        make_synthetic.main(["--out", str(out), "--train", "16", "--test", "16", "--workers", "1"])
+        == 0
+    )
     small_batches(folder)
 
 
@@ -69,14 +74,19 @@ def small_batches(folder: Path) -> None:
     """Write the nets of prototxt/ with 8 frames in a batch, and solvers that test on 2 batches."""
     for path in (folder / "prototxt").rglob("*.prototxt"):
         text = path.read_text(encoding="utf-8")
-        text = re.sub(r"\bbatch_size: \d+", "batch_size: 8", re.sub(r"\btest_iter: \d+", "test_iter: 2", text))
+        text = re.sub(
+            r"\bbatch_size: \d+", "batch_size: 8", re.sub(r"\btest_iter: \d+", "test_iter: 2", text)
+        )
         path.write_text(text, encoding="utf-8")
 
 
 def joints(folder: Path) -> None:
     """joints.txt: NYU's 14 joints of a few hands, as u v d."""
-    hands = BodySampler(prior_file.load().but(scale_std=0, bone_std=0)).draw(np.random.default_rng(2), 3)
-    joints_mm = kinematics_of(skeletons.load()).joints(hands.inputs) * CUBE_MM / 2  # around the crop's centre
+    hands = BodySampler(prior_file.load().but(scale_std=0, bone_std=0)).draw(
+        np.random.default_rng(2), 3
+    )
+    # around the crop's centre
+    joints_mm = kinematics_of(skeletons.load()).joints(hands.inputs) * CUBE_MM / 2
     uvd = NYU.project(joints_mm[:, EVALUATION_JOINTS] + (20, -30, 800))
     np.savetxt(folder / "joints.txt", uvd.reshape(len(uvd), -1), fmt="%.3f")
 
@@ -110,17 +120,25 @@ def pictures(folder: Path) -> None:
     rng = np.random.default_rng(0)
     (folder / "pictures").mkdir()
     for n in range(4):
-        cv2.imwrite(str(folder / "pictures" / f"{n}.png"), rng.integers(0, 256, (8, 8, 3), dtype=np.uint8))
-    (folder / "list.txt").write_text("".join(f"{n}.png {n % 2}\n" for n in range(4)), encoding="utf-8")
+        cv2.imwrite(
+            str(folder / "pictures" / f"{n}.png"), rng.integers(0, 256, (8, 8, 3), dtype=np.uint8)
+        )
+    (folder / "list.txt").write_text(
+        "".join(f"{n}.png {n % 2}\n" for n in range(4)), encoding="utf-8"
+    )
     layers = ip("fc6", "data", "fc6") + ip("fc7", "fc6", "fc7", outputs=2)
     (folder / "train_test.prototxt").write_text(PICTURES + layers + LOSS, encoding="utf-8")
     (folder / "solver.prototxt").write_text(SOLVER.format("train_test.prototxt"), encoding="utf-8")
-    (folder / "deploy.prototxt").write_text(inputs(data=(1, 3, 256, 256)) + layers, encoding="utf-8")
+    (folder / "deploy.prototxt").write_text(
+        inputs(data=(1, 3, 256, 256)) + layers, encoding="utf-8"
+    )
     netlib.Net(folder / "deploy.prototxt", netlib.TEST).save(folder / "net_iter_1000.caffemodel")
 
 
 CLASSES = ("bird", "cat", "dog")
-CLASSIFIER = inputs(data=(1, 3, 32, 32)) + """
+CLASSIFIER = (
+    inputs(data=(1, 3, 32, 32))
+    + """
 layer {
   name: "conv" type: "Convolution" bottom: "data" top: "conv"
   convolution_param { num_output: 4 kernel_size: 5 stride: 2 weight_filler { type: "xavier" } }
@@ -128,6 +146,7 @@ layer {
 layer { name: "relu" type: "ReLU" bottom: "conv" top: "conv" }
 layer { name: "pool" type: "Pooling" bottom: "conv" top: "pool" pooling_param { pool: MAX kernel_size: 3 stride: 2 } }
 """
+)
 DATABASE = """
 layer {{ name: "d" type: "Data" top: "data" top: "label" transform_param {{ {} }}
         data_param {{ source: "not_here" batch_size: 9 backend: LMDB }} }}
@@ -144,18 +163,31 @@ def classifier(folder: Path) -> None:
         cv2.imwrite(str(folder / f"{name}.png"), images[-1])
         (folder / "pictures" / name).mkdir(parents=True)
         for n in range(10):
-            picture = np.clip(images[-1] + rng.normal(0, 20, images[-1].shape), 0, 255).astype(np.uint8)
+            picture = np.clip(images[-1] + rng.normal(0, 20, images[-1].shape), 0, 255).astype(
+                np.uint8
+            )
             cv2.imwrite(str(folder / "pictures" / name / f"{n}.png"), picture)
     (folder / "labels.txt").write_text("".join(f"{name}\n" for name in CLASSES), encoding="utf-8")
-    (folder / "list.txt").write_text("".join(f"{name}.png {n}\n" for n, name in enumerate(CLASSES)), encoding="utf-8")
+    (folder / "list.txt").write_text(
+        "".join(f"{name}.png {n}\n" for n, name in enumerate(CLASSES)), encoding="utf-8"
+    )
     softmax = 'layer { name: "prob" type: "Softmax" bottom: "fc" top: "prob" }\n'
-    (folder / "deploy.prototxt").write_text(CLASSIFIER + ip("fc", "pool", "fc") + softmax, encoding="utf-8")
-    for name, size in (("train_val.prototxt", "crop_size: 224"), ("lenet_train_test.prototxt", "scale: 0.00390625")):
+    (folder / "deploy.prototxt").write_text(
+        CLASSIFIER + ip("fc", "pool", "fc") + softmax, encoding="utf-8"
+    )
+    for name, size in (
+        ("train_val.prototxt", "crop_size: 224"),
+        ("lenet_train_test.prototxt", "scale: 0.00390625"),
+    ):
         text = DATABASE.format(size) + ip("fc", "data", "fc") + LOSS.replace("fc7", "fc")
         (folder / name).write_text(text, encoding="utf-8")
     net = netlib.Net(folder / "deploy.prototxt", netlib.TEST, seed=1)
-    pool = net.forward(["pool"], data=cv2.dnn.blobFromImages(images, 1.0, (32, 32), (104, 117, 123)))["pool"]
-    net.params["fc"][0].data[...] = (np.linalg.pinv(pool.reshape(3, -1)) @ [[2, 0, 0], [0.1, 2, 0], [0.1, 0, 2]]).T
+    pool = net.forward(
+        ["pool"], data=cv2.dnn.blobFromImages(images, 1.0, (32, 32), (104, 117, 123))
+    )["pool"]
+    net.params["fc"][0].data[...] = (
+        np.linalg.pinv(pool.reshape(3, -1)) @ [[2, 0, 0], [0.1, 2, 0], [0.1, 0, 2]]
+    ).T
     net.save(folder / "net.caffemodel")
 
 
@@ -173,7 +205,9 @@ BY_DOCUMENT: dict[str, tuple[Callable[[Path], Names], ...]] = {
 }
 # Packages that commands of a document need, and packages of extras that its Python blocks import.
 NEEDS = {
-    "docs/caffe_nets.md": ("onnx", "onnxruntime"), "docs/camera.md": ("av", "matplotlib"),
-    "docs/onnx.md": ("onnx", "onnxruntime"), "docs/usage.md": ("matplotlib",),
+    "docs/caffe_nets.md": ("onnx", "onnxruntime"),
+    "docs/camera.md": ("av", "matplotlib"),
+    "docs/onnx.md": ("onnx", "onnxruntime"),
+    "docs/usage.md": ("matplotlib",),
 }
 OPTIONAL = ("av", "matplotlib", "onnx", "onnxruntime", "pydot", "rosbags", "torch", "tqdm")

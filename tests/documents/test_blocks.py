@@ -26,7 +26,11 @@ def test_every_block_does_what_it_shows(name: str, tmp_path: Path) -> None:
     folder = tmp_path / "project"
     workplace.furnish(folder)
     with workplace.at_work_in(folder):
-        names = {key: value for make in given.BY_DOCUMENT.get(name, ()) for key, value in (make(folder) or {}).items()}
+        names = {
+            key: value
+            for make in given.BY_DOCUMENT.get(name, ())
+            for key, value in (make(folder) or {}).items()
+        }
         try:
             found = [f"{name}, {failure}" for failure in failures(ROOT / name, folder, names)]
         except ModuleNotFoundError as error:
@@ -71,7 +75,14 @@ def test_a_block_that_is_wrong_fails(tmp_path: Path) -> None:
     (tmp_path / "page.md").write_text(WRONG, encoding="utf-8")
     found = dict(failure.split(": ", 1) for failure in failures(tmp_path / "page.md", tmp_path, {}))
     assert list(found) == [f"line {number}" for number in (8, 14, 17, 21, 24)]
-    for reason, expected in zip(found.values(), (
-            "(0.43, 0.7)", "shown and printed differ", "exit status 1",
-            "unrecognized arguments: --gone 3", "did you mean 'bottom'")):
+    for reason, expected in zip(
+        found.values(),
+        (
+            "(0.43, 0.7)",
+            "shown and printed differ",
+            "exit status 1",
+            "unrecognized arguments: --gone 3",
+            "did you mean 'bottom'",
+        ),
+    ):
         assert expected in reason

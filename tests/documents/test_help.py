@@ -46,7 +46,8 @@ SMALL = (  # replacements in an example; the last ones apply to one command each
     (r"\b(IJCAI16|ICCV15)_\w+", "test_groundtruth_uvd"),
 )
 PARSED = re.compile(r"mpiexec|realsense")
-UNSOLVED = "python tools/exercise.py relu --iterations 1"  # ends with status 1 until the reader has written the layer
+# ends with status 1 until the reader has written the layer
+UNSOLVED = "python tools/exercise.py relu --iterations 1"
 NEEDS = {
     "draw_net": ("pydot",),
     "export_onnx": ("onnx", "onnxruntime"),
@@ -58,7 +59,12 @@ NEEDS = {
 def lists(folder: Path) -> None:
     """cat.jpg, list.txt with paths in pictures/, mean.binaryproto, train_lmdb, and a net with layers conv3 and fc7."""
     given.classifier(folder)
-    text = (folder / "deploy.prototxt").read_text().replace('"conv"', '"conv3"').replace('"fc"', '"fc7"')
+    text = (
+        (folder / "deploy.prototxt")
+        .read_text()
+        .replace('"conv"', '"conv3"')
+        .replace('"fc"', '"fc7"')
+    )
     (folder / "deploy.prototxt").write_text(text)
     netlib.Net(folder / "deploy.prototxt", netlib.TEST, seed=1).save(folder / "net.caffemodel")
     shutil.copyfile(folder / "cat.png", folder / "cat.jpg")
@@ -80,7 +86,12 @@ def detector(folder: Path) -> None:
 def trained(folder: Path) -> None:
     """data/nyu and snapshots/nyu_iter_1, with its log."""
     given.data(folder)
-    assert train.main(["prototxt/nyu_solver.prototxt", "--max-iter", "1", "--log", "snapshots/train.log"]) == 0
+    assert (
+        train.main(
+            ["prototxt/nyu_solver.prototxt", "--max-iter", "1", "--log", "snapshots/train.log"]
+        )
+        == 0
+    )
     solver = folder / "prototxt" / "nyu_solver.prototxt"
     solver.write_text(re.sub(r"max_iter: \d+", "max_iter: 2", solver.read_text()))
 
@@ -113,8 +124,21 @@ def demo(folder: Path) -> None:
 def classifier(folder: Path) -> None:
     """train_val.prototxt and net_iter_1.caffemodel."""
     given.pictures(folder)
-    assert compute_image_mean.main(["--root_folder", "pictures/", "--resize_width", "256", "--resize_height", "256",
-                                    "list.txt", "mean.binaryproto"]) == 0
+    assert (
+        compute_image_mean.main(
+            [
+                "--root_folder",
+                "pictures/",
+                "--resize_width",
+                "256",
+                "--resize_height",
+                "256",
+                "list.txt",
+                "mean.binaryproto",
+            ]
+        )
+        == 0
+    )
     (folder / "train_test.prototxt").rename(folder / "train_val.prototxt")
     (folder / "net_iter_1000.caffemodel").rename(folder / "net_iter_1.caffemodel")
 
@@ -140,7 +164,9 @@ def training_nets(folder: Path) -> None:
 def old(folder: Path) -> None:
     """Files in Caffe's format V1."""
     (folder / "lenet_v1.prototxt").write_text(V1)
-    (folder / "old_solver.prototxt").write_text('net: "net.prototxt" base_lr: 0.1 solver_type: ADAM')
+    (folder / "old_solver.prototxt").write_text(
+        'net: "net.prototxt" base_lr: 0.1 solver_type: ADAM'
+    )
     assert run_tool("upgrade_net", "lenet_v1.prototxt", "new.prototxt").status == 0
     netlib.Net("new.prototxt", netlib.TEST).save(folder / "old.caffemodel")
 
@@ -200,12 +226,20 @@ def run(line: str) -> None:
     shutil.rmtree("finetuned", ignore_errors=True)
     words = []
     for word in shlex.split(line, posix=False):
-        words += [word.strip('"')] if word[0] == '"' else sorted(Path().glob(word)) if "*" in word else [word]
+        words += (
+            [word.strip('"')]
+            if word[0] == '"'
+            else sorted(Path().glob(word))
+            if "*" in word
+            else [word]
+        )
     run_tool(Path(words[1]).stem, *words[2:], status=int(line == UNSOLVED))
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_the_examples_of_the_help_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_examples_of_the_help_run(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """In a folder with the files that they name. Cameras and several processes are not there: these are parsed."""
     for package in NEEDS.get(name, ()):
         if find_spec(package) is None:
@@ -230,7 +264,9 @@ def test_the_examples_of_the_help_run(name: str, tmp_path: Path, monkeypatch: py
 
 def parser_of(name: str) -> argparse.ArgumentParser:
     """The parser of a command."""
-    with mock.patch.object(argparse.ArgumentParser, "parse_args", autospec=True, side_effect=StopIteration) as parse:
+    with mock.patch.object(
+        argparse.ArgumentParser, "parse_args", autospec=True, side_effect=StopIteration
+    ) as parse:
         with pytest.raises(StopIteration):
             importlib.import_module(f"tools.{name}").main([])
         return parse.call_args.args[0]
@@ -247,7 +283,18 @@ def test_defaults_are_read_from_the_code() -> None:
     known = values()
     found = []
     for path in [*(ROOT / "tools").glob("*.py"), *(ROOT / "tools" / "common").glob("*.py")]:
-        texts = [node.value for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Constant)]
-        stated = re.findall(r"default[\w ]*: ([\w./-]*\w)", "\n".join(text for text in texts if isinstance(text, str)))
-        found += [f"{path.name}: {word}" for word in stated if word in known or re.fullmatch(r"[\d.]+", word)]
+        texts = [
+            node.value
+            for node in ast.walk(ast.parse(path.read_text()))
+            if isinstance(node, ast.Constant)
+        ]
+        stated = re.findall(
+            r"default[\w ]*: ([\w./-]*\w)",
+            "\n".join(text for text in texts if isinstance(text, str)),
+        )
+        found += [
+            f"{path.name}: {word}"
+            for word in stated
+            if word in known or re.fullmatch(r"[\d.]+", word)
+        ]
     assert found == []

@@ -14,11 +14,17 @@ SMALL = "ITERATIONS=1 FRAMES='--train 16 --test 16 --workers 1'"
 RUN = {  # target: variables that make it small, and a part of its output
     "help": ("", "make lint    the style and type checks"),
     "demo": ("OPTIONS='--frames 1'", "For your own camera: "),
-    "train": (SMALL, "tools/train.py prototxt/nyu_solver.prototxt --snapshot snapshots/nyu_iter_1.solverstate.h5"),
+    "train": (
+        SMALL,
+        "tools/train.py prototxt/nyu_solver.prototxt --snapshot snapshots/nyu_iter_1.solverstate.h5",
+    ),
 }
 NOT_RUN = {
-    "docs": "it writes documents; tests/docs/test_generated.py runs its programs", "test": "it runs these tests",
-    "kernels": "a part of these tests; .ci/run runs it", "lint": ".ci/run runs it", "clean": "it removes .venv",
+    "docs": "it writes documents; tests/docs/test_generated.py runs its programs",
+    "test": "it runs these tests",
+    "kernels": "a part of these tests; .ci/run runs it",
+    "lint": ".ci/run runs it",
+    "clean": "it removes .venv",
 }
 
 

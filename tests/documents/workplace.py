@@ -18,8 +18,13 @@ from netlib.files import own_modules
 ROOT = Path(__file__).resolve().parents[2]
 COPIED = ("prototxt", "models")  # folders into which documents may write
 UNTRACKED = ("data", "snapshots", "site", "build", "demo")
-LINKED = [path.name for path in ROOT.iterdir() if path.name not in (*COPIED, *UNTRACKED) and path.name[0] != "."]
-LARGE = 100_000  # bytes; larger files are linked even there, and replaced when written, as all writers do
+LINKED = [
+    path.name
+    for path in ROOT.iterdir()
+    if path.name not in (*COPIED, *UNTRACKED) and path.name[0] != "."
+]
+# bytes; larger files are linked even there, and replaced when written, as all writers do
+LARGE = 100_000
 
 
 def furnish(folder: Path) -> None:
@@ -28,11 +33,16 @@ def furnish(folder: Path) -> None:
     for name in LINKED:
         (folder / name).symlink_to(ROOT / name)
     for name in COPIED:
-        shutil.copytree(ROOT / name, folder / name, copy_function=_small_copy,
-                        ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(
+            ROOT / name,
+            folder / name,
+            copy_function=_small_copy,
+            ignore=shutil.ignore_patterns("__pycache__"),
+        )
     (folder / ".venv" / "bin").mkdir(parents=True)
     programs = {"python": "", "python3": ""}
-    for name, function in (("handpose", "main"), ("netlib", "netlib")):  # as setup.cfg's console_scripts
+    # as setup.cfg's console_scripts
+    for name, function in (("handpose", "main"), ("netlib", "netlib")):
         programs[name] = f'-c "from handpose.__main__ import {function}; {function}()"'
     for name, start in programs.items():
         program = folder / ".venv" / "bin" / name
@@ -50,18 +60,30 @@ def _small_copy(source: str, target: str) -> None:
 @contextlib.contextmanager
 def at_work_in(folder: Path) -> Iterator[None]:
     """Use ``folder`` as the working folder; afterwards restore the imports, settings and random numbers."""
-    before, modules, threads, drawn = Path.cwd(), set(sys.modules), netlib.threads(), np.random.get_state()
+    before, modules, threads, drawn = (
+        Path.cwd(),
+        set(sys.modules),
+        netlib.threads(),
+        np.random.get_state(),
+    )
     os.chdir(folder)
     try:
-        with (mock.patch.dict(os.environ, {"MPLBACKEND": "Agg"}), np.printoptions(), np.errstate(),
-              mock.patch.object(sys, "path", [*sys.path, str(folder)]),  # last: the project's packages stay the tests'
-              mock.patch.object(sys, "meta_path", [*sys.meta_path]), mock.patch.object(sys, "argv", [*sys.argv])):
+        with (
+            mock.patch.dict(os.environ, {"MPLBACKEND": "Agg"}),
+            np.printoptions(),
+            np.errstate(),
+            # last: the project's packages stay the tests'
+            mock.patch.object(sys, "path", [*sys.path, str(folder)]),
+            mock.patch.object(sys, "meta_path", [*sys.meta_path]),
+            mock.patch.object(sys, "argv", [*sys.argv]),
+        ):
             yield
     finally:
         if "matplotlib.pyplot" in sys.modules:
             sys.modules["matplotlib.pyplot"].close("all")
         os.chdir(before)
-        sys.modules.update(own_modules._aside)  # install_as_caffe takes them out, and its finder is gone now
+        # install_as_caffe takes them out, and its finder is gone now
+        sys.modules.update(own_modules._aside)
         own_modules._aside.clear()
         for name in set(sys.modules) - modules:
             file = getattr(sys.modules[name], "__file__", None) or ""

@@ -18,14 +18,31 @@ from netlib.snapshots import snapshot
 from tests.caffe.recorded import FOLDER, layer_cases, trajectory
 
 LAYERS = {
-    "relu", "relu_neg", "ip_4d", "ip_axis2", "conv_k3", "conv_k3_s2_p1", "conv_group2", "conv_dil2_p2_s2",
-    "pool_MAX_k3s2p1_odd", "pool_MAX_k4s4_even", "pool_MAX_k2s2_odd", "pool_MAX_ties", "pool_AVE_k3s2p1_odd",
-    "pool_AVE_k2s2_odd", "split_explicit", "euclid", "euclid_lw3", "dropout_test", "dropout_train_ratio0",
+    "relu",
+    "relu_neg",
+    "ip_4d",
+    "ip_axis2",
+    "conv_k3",
+    "conv_k3_s2_p1",
+    "conv_group2",
+    "conv_dil2_p2_s2",
+    "pool_MAX_k3s2p1_odd",
+    "pool_MAX_k4s4_even",
+    "pool_MAX_k2s2_odd",
+    "pool_MAX_ties",
+    "pool_AVE_k3s2p1_odd",
+    "pool_AVE_k2s2_odd",
+    "split_explicit",
+    "euclid",
+    "euclid_lw3",
+    "dropout_test",
+    "dropout_train_ratio0",
 }
 KINDS = ("in", "param", "top", "topdiff", "indiff", "pdiff")
 FIRST_IMAGE = ("conv_", "pool_")
 POSES = [2, 3, 12, 30]  # of the hand's 32: small angles, any angles, one DoF
-UPDATES = 8  # of the training runs: long enough to include the step that lowers the rate after 6 iterations
+# of the training runs: long enough to include the step that lowers the rate after 6 iterations
+UPDATES = 8
 TRAININGS = ("sgd_mom09", "snap_sgd_hdf5")
 WEIGHTS = (("conv", 1), ("ip2", 0), ("ip2", 1))  # the recorded weights; they depend on all others
 
@@ -40,7 +57,10 @@ def of_layers() -> Iterator[tuple[str, np.ndarray]]:
         first = case.name.startswith(FIRST_IMAGE)
         for kind in KINDS if case.name in LAYERS else ():
             for i, (_, array) in enumerate([] if first and kind == "pdiff" else case.of(kind)):
-                yield f"{case.name}/{kind}/{i}", array.single[:1] if first and kind != "param" else array.single
+                yield (
+                    f"{case.name}/{kind}/{i}",
+                    array.single[:1] if first and kind != "param" else array.single,
+                )
 
 
 def of_hand() -> Iterator[tuple[str, np.ndarray]]:
@@ -70,7 +90,10 @@ def of_training() -> Iterator[tuple[str, np.ndarray]]:
         course = trajectory(case)
         for layer, i in WEIGHTS:
             steps = course.weights[layer, i]
-            yield f"training/{case}/{layer}/{i}", np.stack([steps[t] for t in range(1, UPDATES + 1)])
+            yield (
+                f"training/{case}/{layer}/{i}",
+                np.stack([steps[t] for t in range(1, UPDATES + 1)]),
+            )
 
 
 def main() -> None:

@@ -17,7 +17,9 @@ def write(first: str = "", forward: str = FORWARD) -> None:
     """Write a solution of split, with code that runs when it is loaded, and another body of forward."""
     text = EXERCISES["split"].source()
     assert FORWARD in text
-    Path("split.py").write_text(f"{text.replace(FORWARD, f'exec({forward!r})')}\n{first}\n", encoding="utf-8")
+    Path("split.py").write_text(
+        f"{text.replace(FORWARD, f'exec({forward!r})')}\n{first}\n", encoding="utf-8"
+    )
 
 
 def check(here: Path, *words: str, status: int = 0) -> Done:
@@ -47,7 +49,10 @@ def test_a_solution_passes(here: Path) -> None:
     lines = done.out.splitlines()
     assert lines[0] == "Split: one blob for several consumers (split.py)"
     assert [line[0] for line in lines[1:-1]] == ["✓"] * 5
-    assert lines[-1] == "Everything is correct. For comparison, the project's file: layers/common/split.py"
+    assert (
+        lines[-1]
+        == "Everything is correct. For comparison, the project's file: layers/common/split.py"
+    )
     assert "in forward" in done.err
 
 
@@ -60,15 +65,23 @@ def test_a_bug_to_find(here: Path) -> None:
     assert "dx contains only the gradient of the last top" in " ".join(lines)
     assert lines[-1].startswith("    See backward, split_bug1.py:")
     text = Path("split_bug1.py").read_text(encoding="utf-8")
-    Path("split_bug1.py").write_text(text.replace("bottom[0].diff[...] = y.diff", "bottom[0].diff[...] += y.diff"))
+    Path("split_bug1.py").write_text(
+        text.replace("bottom[0].diff[...] = y.diff", "bottom[0].diff[...] += y.diff")
+    )
     check(here, "--file", "split_bug1.py", "--iterations", "0")
 
 
 @pytest.mark.parametrize(
     ("first", "said"),
     [
-        ("import os; os._exit(0)", "split.py: the check ended with status 0: the code crashed, or ended the process\n"),
-        ("import os; os.abort()", "split.py: the check ended with signal SIGABRT: the code crashed, or ended the"),
+        (
+            "import os; os._exit(0)",
+            "split.py: the check ended with status 0: the code crashed, or ended the process\n",
+        ),
+        (
+            "import os; os.abort()",
+            "split.py: the check ended with signal SIGABRT: the code crashed, or ended the",
+        ),
         ("import sys; sys.exit(0)", "(import sys; sys.exit(0)): SystemExit: 0\n"),
         ("def f(:", ": invalid syntax\n"),
         ("del Split", "split.py: Split missing; keep the names of the stub that --start writes\n"),
@@ -82,13 +95,19 @@ def test_a_solution_that_ends_the_check(first: str, said: str, here: Path) -> No
 
 def test_an_endless_loop_ends_at_the_limit(here: Path) -> None:
     write("while True: pass")
-    assert check(here, "--limit", "0.01", status=1).err.startswith("split.py: not finished after 0.01 s; look for an")
+    assert check(here, "--limit", "0.01", status=1).err.startswith(
+        "split.py: not finished after 0.01 s; look for an"
+    )
 
 
 @pytest.mark.parametrize(
     ("argv", "status", "said"),
     [
-        (["relu"], 1, "relu.py: not found; run python tools/exercise.py relu --start to create it\n"),
+        (
+            ["relu"],
+            1,
+            "relu.py: not found; run python tools/exercise.py relu --start to create it\n",
+        ),
         (["relu", "--file", "mine.py"], 1, "mine.py: not found\n"),
         (["split", "--bug", "9"], 1, "--bug 9: split has bugs 1 to 5\n"),
         (["relo"], 2, "unknown exercise 'relo' (did you mean 'relu'?); known: relu, inner_product"),

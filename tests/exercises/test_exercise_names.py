@@ -35,7 +35,9 @@ def imported_by(module: ModuleType) -> Iterator[ModuleType]:
     """The modules of this project that a module imports."""
     tree = ast.parse(inspect.getsource(module))
     names = [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
-    return (importlib.import_module(name) for name in names if name.startswith(("layers.", "netlib.")))
+    return (
+        importlib.import_module(name) for name in names if name.startswith(("layers.", "netlib."))
+    )
 
 
 def is_known(parts: list[str], module: ModuleType, words: set[str]) -> bool:

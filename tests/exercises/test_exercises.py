@@ -58,7 +58,9 @@ def lines_of(name: str, bodies: dict[str, str]) -> str:
 
 def test_the_dozen_is_there() -> None:
     chapters = [exercise.chapter for exercise in EXERCISES.values()]
-    assert len(EXERCISES) == 12 and chapters == sorted(chapters) and set(chapters) == set(range(1, 11))
+    assert (
+        len(EXERCISES) == 12 and chapters == sorted(chapters) and set(chapters) == set(range(1, 11))
+    )
     for exercise in EXERCISES.values():
         assert len({mistake.advice for mistake in exercise.mistakes}) == len(bugs(exercise)) == 5
 
@@ -74,14 +76,19 @@ def test_a_stub_fails_and_says_what_to_write_first(exercise: Exercise, tmp_path:
     *_, step = steps(exercise, loaded(exercise, path), path)
     name, _, place = step.lines[0].partition(f" is not written yet: {path}:")
     assert not step.passed and any(task.split(".")[-1] == name for task in exercise.to_do)
-    assert text.splitlines()[int(place.removesuffix(".")) - 1].strip() == "raise NotImplementedError"
+    assert (
+        text.splitlines()[int(place.removesuffix(".")) - 1].strip() == "raise NotImplementedError"
+    )
 
 
 @exercises
 def test_the_projects_source_passes(exercise: Exercise) -> None:
     before = dict(LAYER_TYPES), dict(RULES)
     part = module_of(exercise.source(), exercise.file, f"the source of {exercise.name}")
-    made = [*steps(exercise, part), in_network(exercise, part, 20 if exercise.name == "relu" else 2)]
+    made = [
+        *steps(exercise, part),
+        in_network(exercise, part, 20 if exercise.name == "relu" else 2),
+    ]
     assert [step for step in made if not step.passed] == []
     assert len(made) == len(exercise.checks) + 1
     assert before == (LAYER_TYPES, RULES)
@@ -91,16 +98,30 @@ def test_the_projects_source_passes(exercise: Exercise) -> None:
 def test_a_mistake_gets_its_own_advice(exercise: Exercise, mistake: Mistake) -> None:
     for text in mistake.sources(exercise):
         lines = last_step(exercise.name, text).lines
-        given = [other.advice for other in exercise.mistakes if any(line.endswith(other.advice) for line in lines)]
+        given = [
+            other.advice
+            for other in exercise.mistakes
+            if any(line.endswith(other.advice) for line in lines)
+        ]
         assert given == [mistake.advice]
 
 
 @exercises
-def test_mistakes_do_not_depend_on_layout(exercise: Exercise, monkeypatch: pytest.MonkeyPatch) -> None:
-    as_written = [ast.unparse(ast.parse(text)) for mistake in exercise.mistakes for text in mistake.sources(exercise)]
+def test_mistakes_do_not_depend_on_layout(
+    exercise: Exercise, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    as_written = [
+        ast.unparse(ast.parse(text))
+        for mistake in exercise.mistakes
+        for text in mistake.sources(exercise)
+    ]
     laid_out = ast.unparse(ast.parse(exercise.source()))
     monkeypatch.setattr(Exercise, "source", lambda self: laid_out)
-    otherwise = [ast.unparse(ast.parse(text)) for mistake in exercise.mistakes for text in mistake.sources(exercise)]
+    otherwise = [
+        ast.unparse(ast.parse(text))
+        for mistake in exercise.mistakes
+        for text in mistake.sources(exercise)
+    ]
     assert otherwise == as_written
 
 
@@ -110,7 +131,9 @@ def test_code_that_is_not_there_once_is_an_error(code: str, count: int) -> None:
         edited("y = f(x)\nz = f(x) + 1\n", code, "pass")
 
 
-@pytest.mark.parametrize(("name", "bodies"), [("convolution", CONVOLUTION), ("pooling", POOLING), ("relu", RELU)])
+@pytest.mark.parametrize(
+    ("name", "bodies"), [("convolution", CONVOLUTION), ("pooling", POOLING), ("relu", RELU)]
+)
 def test_a_solution_with_plain_loops_passes(name: str, bodies: dict[str, str]) -> None:
     assert last_step(name, filled(name, bodies)).passed
 
@@ -121,7 +144,10 @@ def test_the_recorded_numbers_are_caffes(monkeypatch: pytest.MonkeyPatch, tmp_pa
     reduce_recordings.main()
     theirs = np.load(recorded.FILE)
     assert mine.keys() == theirs.keys()
-    assert all(np.array_equal(mine[name], array) and mine[name].dtype == array.dtype for name, array in theirs.items())
+    assert all(
+        np.array_equal(mine[name], array) and mine[name].dtype == array.dtype
+        for name, array in theirs.items()
+    )
     assert recorded.FILE.stat().st_size < 180_000  # it is installed
 
 
@@ -131,24 +157,38 @@ PAD, DIL, KEPT = "pad_h: 1 pad_w: 2", "dilation: 2 dilation: 3", "propagate_down
 
 @pytest.mark.parametrize(
     ("name", "attribute"),
-    [(name, attribute) for name in ("convolution", "pooling") for attribute in ("kernel", "stride", "pad")]
+    [
+        (name, attribute)
+        for name in ("convolution", "pooling")
+        for attribute in ("kernel", "stride", "pad")
+    ]
     + [("convolution", "dilation")],
 )
-@pytest.mark.parametrize("methods", [("_outputs",), ("forward",), ("backward",), ("_outputs", "forward", "backward")])
+@pytest.mark.parametrize(
+    "methods", [("_outputs",), ("forward",), ("backward",), ("_outputs", "forward", "backward")]
+)
 def test_exchanged_axes_are_an_error(name: str, attribute: str, methods: tuple[str, ...]) -> None:
     bodies = dict({"convolution": CONVOLUTION, "pooling": POOLING}[name])
     for method in methods:
-        exchanged = re.sub(rf"self\.(whole_)?{attribute}\b(?!\[i\])", rf"self.\1{attribute}[::-1]", bodies[method])
+        exchanged = re.sub(
+            rf"self\.(whole_)?{attribute}\b(?!\[i\])", rf"self.\1{attribute}[::-1]", bodies[method]
+        )
         bodies[method] = exchanged.replace(f"{attribute}[i]", f"{attribute}[1 - i]")
     lines_of(name, bodies)
 
 
-@pytest.mark.parametrize("name", [name for name, exercise in EXERCISES.items() if "shapes" in exercise.checks[0].title])
+@pytest.mark.parametrize(
+    "name", [name for name, exercise in EXERCISES.items() if "shapes" in exercise.checks[0].title]
+)
 def test_a_backward_that_ignores_propagate_down_is_told_so(name: str) -> None:
-    text = re.sub(r"\bif (not )?(propagate_down\[0\]|down):", r"if \1True:", EXERCISES[name].source())
+    text = re.sub(
+        r"\bif (not )?(propagate_down\[0\]|down):", r"if \1True:", EXERCISES[name].source()
+    )
     step = last_step(name, text)
     assert not step.passed and step.title == "with propagate_down: false"
-    assert any("If propagate_down is false for a bottom, backward must not" in line for line in step.lines)
+    assert any(
+        "If propagate_down is false for a bottom, backward must not" in line for line in step.lines
+    )
 
 
 def without(options: str, *methods: str) -> dict[str, str]:
@@ -163,17 +203,36 @@ def without(options: str, *methods: str) -> dict[str, str]:
 @pytest.mark.parametrize(
     ("bodies", "said"),
     [
-        (without("bias_term stride pad dilation group"),
-         f"with {KERNEL}, {KEPT}; bias_term: false is not handled in forward, nor {STRIDE}, {PAD}, {DIL}"),
-        (without("stride pad dilation group"), f"{STRIDE} is not handled, nor {PAD}, {DIL}, group: 2, a combination"),
-        (without("stride pad", "forward"), f"{STRIDE} is not handled in forward, nor {PAD}, a combination"),
-        (without("stride", "backward"), f"{STRIDE} is not handled in backward, nor a combination of options."),
-        (without("pad dilation group"), f"{STRIDE}, {KEPT}; {PAD} is not handled, nor {DIL}, group: 2, a"),
-        (without("dilation group"), f"{PAD}, {KEPT}; {DIL} is not handled, nor group: 2, a combination"),
+        (
+            without("bias_term stride pad dilation group"),
+            f"with {KERNEL}, {KEPT}; bias_term: false is not handled in forward, nor {STRIDE}, {PAD}, {DIL}",
+        ),
+        (
+            without("stride pad dilation group"),
+            f"{STRIDE} is not handled, nor {PAD}, {DIL}, group: 2, a combination",
+        ),
+        (
+            without("stride pad", "forward"),
+            f"{STRIDE} is not handled in forward, nor {PAD}, a combination",
+        ),
+        (
+            without("stride", "backward"),
+            f"{STRIDE} is not handled in backward, nor a combination of options.",
+        ),
+        (
+            without("pad dilation group"),
+            f"{STRIDE}, {KEPT}; {PAD} is not handled, nor {DIL}, group: 2, a",
+        ),
+        (
+            without("dilation group"),
+            f"{PAD}, {KEPT}; {DIL} is not handled, nor group: 2, a combination",
+        ),
         (without("group"), "; group: 2 is not handled in forward, nor a combination of options."),
     ],
 )
-def test_each_stage_of_a_convolution_is_told_the_next_option(bodies: dict[str, str], said: str) -> None:
+def test_each_stage_of_a_convolution_is_told_the_next_option(
+    bodies: dict[str, str], said: str
+) -> None:
     lines = lines_of("convolution", bodies)
     assert lines.splitlines()[1].startswith("This passes without options") and said in lines
     assert "not a known mistake" not in lines and "shapes do not fit" not in lines
@@ -182,11 +241,23 @@ def test_each_stage_of_a_convolution_is_told_the_next_option(bodies: dict[str, s
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("if self.is_max", "if True", "; pool: AVE is not handled in forward, nor AVE and an overlap of windows"),
-        ("+= dy[n, c, h, v] /", "= dy[n, c, h, v] /", "AVE and an overlap of windows is not handled in backward"),
+        (
+            "if self.is_max",
+            "if True",
+            "; pool: AVE is not handled in forward, nor AVE and an overlap of windows",
+        ),
+        (
+            "+= dy[n, c, h, v] /",
+            "= dy[n, c, h, v] /",
+            "AVE and an overlap of windows is not handled in backward",
+        ),
         ("+= dy[n, c, h, v] /", "= dy[n, c, h, v] /", "dx is assigned where it must be added to"),
         ("+= dy[n, c, h, v]\n", "= dy[n, c, h, v]\n", "dx is assigned where it must be added to"),
-        ("/ area[h, v]", "/ k / l", "; AVE and a size that is rounded up is not handled in forward, nor AVE and pad"),
+        (
+            "/ area[h, v]",
+            "/ k / l",
+            "; AVE and a size that is rounded up is not handled in forward, nor AVE and pad",
+        ),
     ],
 )
 def test_a_pooling_is_told_the_next_option(old: str, new: str, said: str) -> None:
@@ -198,9 +269,18 @@ def test_a_pooling_is_told_the_next_option(old: str, new: str, said: str) -> Non
     ("changes", "said"),
     [
         ({"forward": "top[0].data = 0"}, "write into them, with [...] = or [...] += on"),
-        ({"forward": "y = np.maximum(bottom[0].data, 0)"}, "NaN, their initial value. Write every element"),
-        ({"backward": "bottom[0].diff[bottom[0].data > 0] = 1"}, "backward must assign every element, also zeros"),
-        ({"forward": "top[0].data[...] = np.random.rand(*top[0].shape)"}, "changes from call to call: draw random"),
+        (
+            {"forward": "y = np.maximum(bottom[0].data, 0)"},
+            "NaN, their initial value. Write every element",
+        ),
+        (
+            {"backward": "bottom[0].diff[bottom[0].data > 0] = 1"},
+            "backward must assign every element, also zeros",
+        ),
+        (
+            {"forward": "top[0].data[...] = np.random.rand(*top[0].shape)"},
+            "changes from call to call: draw random",
+        ),
         ({"forward": "raise SystemExit(3)"}, "SystemExit: 3\nThe input was: bottom (2, 3, 4)."),
     ],
 )
@@ -211,7 +291,9 @@ def test_the_first_errors_of_a_beginner(changes: dict[str, str], said: str) -> N
 def test_the_network_finds_what_small_examples_do_not() -> None:
     exercise = EXERCISES["relu"]
     later = "self.calls = getattr(self, 'calls', 0) + (top[0].count > 1000)\nif self.calls > 1: top[0].data[...] = 0"
-    part = module_of(filled("relu", RELU | {"forward": f"{RELU['forward']}\n{later}"}), "relu.py", "a solution")
+    part = module_of(
+        filled("relu", RELU | {"forward": f"{RELU['forward']}\n{later}"}), "relu.py", "a solution"
+    )
     assert all(step.passed for step in steps(exercise, part))
     step = in_network(exercise, part, 2)
     assert not step.passed and step.lines[0].startswith("The loss of iteration ")

@@ -8,7 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.confidence import Poses, cells_of, evidence_of_track, fitted, poses_of, text_of, true_labels
+from experiments.confidence import (
+    Poses,
+    cells_of,
+    evidence_of_track,
+    fitted,
+    poses_of,
+    text_of,
+    true_labels,
+)
 from experiments.constants import tracked_labels
 from handpose.estimate.finder import FoundHand
 from handpose.estimate.packaged import SYNTHETIC_HAND
@@ -45,13 +53,21 @@ def poses(name: str, weights: Weights, seed: int, count: int = 400) -> Poses:
     rng = np.random.default_rng(seed)
     lengths = (rng.gamma(1.0, 4.0, (count, 5)) for _ in range(3))
     evidence = Evidence(
-        rng.gamma(1.0, 4.0, (count, len(SIGNS))), rng.uniform(0, 2, count), np.zeros(count), *lengths,
+        rng.gamma(1.0, 4.0, (count, len(SIGNS))),
+        rng.uniform(0, 2, count),
+        np.zeros(count),
+        *lengths,
         rng.random((count, 5)),
     )
     hand, finger = weights
-    log_error = mean_log_error(evidence.signs, evidence.lag_mm, hand) + rng.choice([-1, 1], count) * hand.spread
+    log_error = (
+        mean_log_error(evidence.signs, evidence.lag_mm, hand)
+        + rng.choice([-1, 1], count) * hand.spread
+    )
     signs = finger_signs(judged_as_wholes(evidence, hand)[0], evidence)
-    of_fingers = signs @ finger.weights + finger.constant + rng.choice([-1, 1], (count, 5)) * finger.spread
+    of_fingers = (
+        signs @ finger.weights + finger.constant + rng.choice([-1, 1], (count, 5)) * finger.spread
+    )
     return Poses(name, evidence, np.exp(log_error), np.exp(of_fingers))
 
 
@@ -65,8 +81,12 @@ def test_weights_are_found_again() -> None:
 
 def test_weights_are_drawn_towards_those_in_use() -> None:
     """With a strong pull they stay, and the constants alone follow the errors."""
-    worse = Weights(*(Regression(1.5 * one.weights, one.constant + 1, one.spread) for one in IN_USE))
-    for found, in_use in zip(fitted([poses("a", worse, seed=1)], IN_USE, keep=100.0), IN_USE, strict=True):
+    worse = Weights(
+        *(Regression(1.5 * one.weights, one.constant + 1, one.spread) for one in IN_USE)
+    )
+    for found, in_use in zip(
+        fitted([poses("a", worse, seed=1)], IN_USE, keep=100.0), IN_USE, strict=True
+    ):
         np.testing.assert_allclose(found.weights, in_use.weights, atol=0.01)
         assert found.constant > in_use.constant + 0.9
 
@@ -87,7 +107,10 @@ def test_the_columns() -> None:
 def test_weights_are_written_and_read(tmp_path: Path) -> None:
     (tmp_path / "w.prototxt").write_text(text_of(MADE, "two\nlines"))
     for found, made in zip(read_weights(tmp_path / "w.prototxt"), MADE, strict=True):
-        assert (found.weights.tolist(), found.constant, found.spread) == (made.weights.tolist(), *made[1:])
+        assert (found.weights.tolist(), found.constant, found.spread) == (
+            made.weights.tolist(),
+            *made[1:],
+        )
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
@@ -98,7 +121,9 @@ def test_what_is_seen_of_tracked_poses(mirrored: bool) -> None:
     for frame in tracked_labels(recording, true_labels(recording), 0, mirrored, min_confidence=0):
         frames.append(frame)
         [hand] = frame.hands
-        found = judged(evidence_of_track(frame.tracker.known[hand.id], frame.tracker.estimator.model))
+        found = judged(
+            evidence_of_track(frame.tracker.known[hand.id], frame.tracker.estimator.model)
+        )
         assert hand.confidence == pytest.approx(hand.side_confidence * found.confidence[0])
         assert hand.error_mm == pytest.approx(found.error_mm[0])
         np.testing.assert_allclose(hand.finger_error_mm, found.finger_error_mm[0])
@@ -130,7 +155,9 @@ def test_labels_of_nothing() -> None:
 def test_the_command_of_the_card(tmp_path: Path) -> None:
     """With a single recording it makes a file of the form of the packaged one, and the same file again."""
     card = (SYNTHETIC_HAND / "readme.md").read_text(encoding="utf-8").replace("\\\n", " ")
-    [line] = [line for line in card.splitlines() if line.startswith("python -m experiments confidence")]
+    [line] = [
+        line for line in card.splitlines() if line.startswith("python -m experiments confidence")
+    ]
     words = shlex.split(line)[3:]
     assert ROOT / words[-1] == PACKAGED and words[-2] == "--out"
     source, labels = write_labelled(tmp_path, frames=2)
@@ -143,7 +170,8 @@ def test_the_command_of_the_card(tmp_path: Path) -> None:
         texts.append((tmp_path / f"{name}.prototxt").read_text(encoding="utf-8"))
     assert texts[0] == texts[1]
     made, packaged = (
-        [row.split(":")[0] for row in text.splitlines() if row[0] != "#"] for text in (texts[0], PACKAGED.read_text())
+        [row.split(":")[0] for row in text.splitlines() if row[0] != "#"]
+        for text in (texts[0], PACKAGED.read_text())
     )
     assert made == packaged
 
@@ -153,10 +181,15 @@ def test_synthetic_recordings() -> None:
     words = ["confidence", "--synthetic", "rest", "--cameras", "icvl", "--seconds", "0.2"]
     done = run_tool("experiments.__main__", *words)
     head, *rows = done.out.splitlines()
-    assert head.split()[:3] == ["recording", "hands", "sure"] and rows[0].startswith("synthetic rest of icvl, in use")
+    assert head.split()[:3] == ["recording", "hands", "sure"] and rows[0].startswith(
+        "synthetic rest of icvl, in use"
+    )
     assert "hand {" in rows and "finger {" in rows
 
 
 def test_nothing_to_fit_to() -> None:
     done = run_tool("experiments.__main__", "confidence", status=2)
-    assert "one of the arguments --recording --synthetic is required" in done.err and done.err.count("\n") == 1
+    assert (
+        "one of the arguments --recording --synthetic is required" in done.err
+        and done.err.count("\n") == 1
+    )

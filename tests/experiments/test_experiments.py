@@ -14,7 +14,15 @@ import pytest
 import netlib
 from experiments import bench, fit, parts
 from experiments.__main__ import NAMES
-from experiments.example_nets import NETS, Example, Text, Workload, hand_deploy, hand_training, ordinary
+from experiments.example_nets import (
+    NETS,
+    Example,
+    Text,
+    Workload,
+    hand_deploy,
+    hand_training,
+    ordinary,
+)
 from experiments.package_model import rounded
 from experiments.tracking import cells_of, follow
 from handpose.estimate.packaged import HAND_FINDER, SYNTHETIC_HAND, read_card
@@ -56,7 +64,10 @@ def test_help_is_the_docstring(name: str) -> None:
     ("words", "message"),
     [
         ("tabel1", "unknown experiment 'tabel1' (did you mean 'table1'?); expected table1, bench"),
-        ("bench --rounds 0", "bench: error: argument --rounds: expected an integer of at least 1, found '0'"),
+        (
+            "bench --rounds 0",
+            "bench: error: argument --rounds: expected an integer of at least 1, found '0'",
+        ),
         ("table1", "table1: error: the following arguments are required: NETWORK"),
     ],
 )
@@ -70,19 +81,35 @@ def test_bench(keep_threads: None) -> None:
     """Our time is measured without any peer; a ratio is the peer's time divided by ours."""
     done = run("bench", "--nets", "LeNet", "hand-1", "--rounds", "1", "--threads", "1", "--cpu")
     rows = [line.split() for line in done.out.splitlines()[2:]]
-    assert {row[0] for row in rows} == {"LeNet", "hand-1"} and all(float(row[1]) > 0 for row in rows)
+    assert {row[0] for row in rows} == {"LeNet", "hand-1"} and all(
+        float(row[1]) > 0 for row in rows
+    )
     for row in (row for row in rows if len(row) > 2):
-        assert float(row[-1]) == pytest.approx(float(row[-2]) / float(row[1]), abs=0.02 + 0.02 * float(row[-1]))
+        assert float(row[-1]) == pytest.approx(
+            float(row[-2]) / float(row[1]), abs=0.02 + 0.02 * float(row[-1])
+        )
 
 
 @pytest.mark.skipif(not netlib.engine.has_fast(), reason="there is no fast/")
 def test_parts(keep_threads: None) -> None:
     """A named part has a row with the ratios of time and memory."""
-    done = run("parts", "--nets", "LeNet", "--parts", "fast Pooling", "RowWinograd", "fast HandModel", "--rounds", "1",
-               "--burst", "1e-9")
+    done = run(
+        "parts",
+        "--nets",
+        "LeNet",
+        "--parts",
+        "fast Pooling",
+        "RowWinograd",
+        "fast HandModel",
+        "--rounds",
+        "1",
+        "--burst",
+        "1e-9",
+    )
     title, head, *rows = done.out.splitlines()
     assert title.startswith("LeNet: ") and head.split()[-2:] == ["time", "memory"]
-    assert [row.split()[:-2] for row in rows if row] == [["fast", "Pooling"], ["RowWinograd"]]  # it has no HandModel
+    # it has no HandModel
+    assert [row.split()[:-2] for row in rows if row] == [["fast", "Pooling"], ["RowWinograd"]]
     assert all(float(cell) > 0 for row in rows if row for cell in row.split()[-2:])
 
 
@@ -105,7 +132,18 @@ def test_fit(small_blocks: None) -> None:
 
 def test_tracking() -> None:
     """There is a row for each hand of both recordings, and a line for all."""
-    done = run("tracking", "--scripts", "rest", "left", "--seeds", "3", "--rate", "10", "--frame-by-frame", *RECORDING)
+    done = run(
+        "tracking",
+        "--scripts",
+        "rest",
+        "left",
+        "--seeds",
+        "3",
+        "--rate",
+        "10",
+        "--frame-by-frame",
+        *RECORDING,
+    )
     head, right, left, last = done.out.splitlines()
     assert head.split()[:6] == ["script", "camera", "seed", "hand", "in", "sight"]
     assert right.split()[:7] == ["rest", "icvl", "3", "0", "right", "3", "100.0%"]
@@ -132,21 +170,38 @@ def one_hand(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_table1(one_hand: Path, tmp_path: Path, keep_threads: None) -> None:
     """A network is trained in two stages and scored; the second run only scores."""
-    words = ["table1", "direct_parameter", "--data", one_hand, "--iterations", "4", "--work", tmp_path]
+    words = [
+        "table1",
+        "direct_parameter",
+        "--data",
+        one_hand,
+        "--iterations",
+        "4",
+        "--work",
+        tmp_path,
+    ]
     first, head, row = run(*words).out.splitlines()
     assert first.startswith(f"72 test frames of {one_hand} (synthetic); ")
     assert row.split()[:4] == ["direct_parameter", "adam", "4", "1"] and "cube of 261" in head
     states = sorted(path.name for path in tmp_path.glob("*.solverstate.h5"))
-    assert [name.partition("_iter_")[2] for name in states] == ["3.solverstate.h5", "4.solverstate.h5"]
+    assert [name.partition("_iter_")[2] for name in states] == [
+        "3.solverstate.h5",
+        "4.solverstate.h5",
+    ]
     log = next(tmp_path.glob("*.log"))
     before = log.stat().st_mtime_ns
     assert run(*words).out.splitlines()[-1] == row and log.stat().st_mtime_ns == before
     (model,) = tmp_path.glob("*_net.prototxt")
     model.write_text(model.read_text().replace("batch_size: 64", "batch_size: 32"))
-    assert "its snapshots are of another net; remove them, or choose another --work" in run(*words, status=1).err
+    assert (
+        "its snapshots are of another net; remove them, or choose another --work"
+        in run(*words, status=1).err
+    )
 
 
-def test_table1_of_a_bottleneck_with_the_papers_solver(one_hand: Path, tmp_path: Path, keep_threads: None) -> None:
+def test_table1_of_a_bottleneck_with_the_papers_solver(
+    one_hand: Path, tmp_path: Path, keep_threads: None
+) -> None:
     """The bottleneck starts from principal components; its angles are fitted to its joints."""
     words = ["--data", one_hand, "--recipe", "paper", "--iterations", "2", "--work", tmp_path]
     row = run("table1", "bottleneck", *words).out.splitlines()[-1].split()
@@ -156,21 +211,30 @@ def test_table1_of_a_bottleneck_with_the_papers_solver(one_hand: Path, tmp_path:
     with h5py.File(one_hand / "train_000.h5") as file:
         joints = file["joint"][...]
     assert basis.shape == (93, 30) and mean == pytest.approx(joints.mean(axis=0), abs=1e-6)
-    assert ((joints - mean) @ np.linalg.pinv(basis).T).std(axis=0) == pytest.approx(np.ones(30), abs=1e-3)
+    assert ((joints - mean) @ np.linalg.pinv(basis).T).std(axis=0) == pytest.approx(
+        np.ones(30), abs=1e-3
+    )
 
 
 def test_table1_without_data(tmp_path: Path) -> None:
     done = run("table1", "ours", "--data", tmp_path / "gone", status=1)
-    assert done.err.count("\n") == 1 and f"make_synthetic.py --recipe one_hand --out {tmp_path / 'gone'}" in done.err
+    assert (
+        done.err.count("\n") == 1
+        and f"make_synthetic.py --recipe one_hand --out {tmp_path / 'gone'}" in done.err
+    )
     done = run("table1", "direct_parameter_exact", "--setting", "nyu", status=1)
-    assert done.err.startswith("direct_parameter_exact: the exact angles of NYU's frames are unknown")
+    assert done.err.startswith(
+        "direct_parameter_exact: the exact angles of NYU's frames are unknown"
+    )
 
 
 def test_package_model(tmp_path: Path, small_blocks: None) -> None:
     """The packaged file is smaller, and the fit reads it with its error tables; a place for it is checked first."""
     big, small = tmp_path / "big.caffemodel.h5", tmp_path / "small.caffemodel.h5"
     netlib.Net(DEPLOY, read_card(SYNTHETIC_HAND).weights, netlib.TEST).save(big)
-    out = run("package_model", big, "--model", DEPLOY, "--out", small, "--bits", "6", "--frames", "1").out
+    out = run(
+        "package_model", big, "--model", DEPLOY, "--out", small, "--bits", "6", "--frames", "1"
+    ).out
     assert "24 frames of the recipe people: network " in out and "with 6 bits " in out
     assert small.stat().st_size < 0.5 * big.stat().st_size
     run("fit", "--network", small, DEPLOY, "--frames", "1", "--recipes", "nyu", "--plans", "fast")
@@ -230,7 +294,11 @@ def test_a_track_compared_with_single_frames() -> None:
     """Errors are compared where both find the hand."""
     done: list[int] = []
     found = follow(MadeRecording(), MadeTracker(), alone, progress=done.append)  # type: ignore[arg-type]
-    assert (found.scores.frames, found.scores.invented, done) == (4, 1, [1, 1, 1, 1]) and found.seconds > 0
+    assert (found.scores.frames, found.scores.invented, done) == (
+        4,
+        1,
+        [1, 1, 1, 1],
+    ) and found.seconds > 0
     (id,) = found.scores.hands
     assert found.both[id] == pytest.approx(np.array([[3, 2], [3, 2]]))
     assert cells_of(found, id)[:5] == ["3", "66.7%", "3.0", "3.0", "2.0"]
@@ -241,7 +309,9 @@ def test_a_track_compared_with_single_frames() -> None:
 
 def test_true_joints_are_read_as_shown() -> None:
     """The true joints of a recording are recognised as the gestures shown."""
-    done = run_tool("experiments.__main__", "gestures", "--truth", "--seconds", "6.5", "--seeds", "1", "--left")
+    done = run_tool(
+        "experiments.__main__", "gestures", "--truth", "--seconds", "6.5", "--seeds", "1", "--left"
+    )
     _, *rows, last = done.out.splitlines()
     assert sum(row.split()[1] != "0" for row in rows) >= 2 and float(last.split("%")[0]) > 95
 
@@ -266,7 +336,11 @@ def test_peers_compute_the_same(example: Example, tmp_path: Path, keep_threads: 
     """The outputs, or the gradients, of every installed peer agree with ours."""
     pytest.importorskip("onnx")
     jobs = dict(bench.peers_of(example.name, Workload(example, tmp_path), 1))
-    peers = [(f"OpenCV {cv2.__version__}", "cv2"), ("onnxruntime", "onnxruntime"), ("PyTorch", "torch")]
+    peers = [
+        (f"OpenCV {cv2.__version__}", "cv2"),
+        ("onnxruntime", "onnxruntime"),
+        ("PyTorch", "torch"),
+    ]
     if example.trains:
         peers = [("PyTorch eager", "torch"), ("PyTorch channels_last", "torch")]
     assert list(jobs) == [peer for peer, package in peers if find_spec(package)]
@@ -283,9 +357,19 @@ def test_a_peer_that_differs(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize("name", [name for name in NETS if not name.startswith("hand")])
 def test_the_nets(name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Each net has one output, and about as many parameters as published."""
-    monkeypatch.setattr(fillers, "_draw", lambda array, draw: None)  # the values do not matter, and take seconds
-    known = {"CaffeNet": 61.0, "GoogLeNet": 7.0, "SqueezeNet": 1.24, "MobileNet-v1": 4.25, "MobileNet-v2": 3.54,
-             "ResNet-50": 25.6, "VGG-16": 138.4, "LeNet": 0.43, "CIFAR-10": 0.146}
+    # the values do not matter, and take seconds
+    monkeypatch.setattr(fillers, "_draw", lambda array, draw: None)
+    known = {
+        "CaffeNet": 61.0,
+        "GoogLeNet": 7.0,
+        "SqueezeNet": 1.24,
+        "MobileNet-v1": 4.25,
+        "MobileNet-v2": 3.54,
+        "ResNet-50": 25.6,
+        "VGG-16": 138.4,
+        "LeNet": 0.43,
+        "CIFAR-10": 0.146,
+    }
     phase = netlib.TRAIN if NETS[name].trains else netlib.TEST
     net = netlib.Net(prototxt.parse(NETS[name].text(tmp_path)), phase)
     assert len(net.outputs) == 1
@@ -300,7 +384,9 @@ def results(folder: Path, engine: str) -> list[np.ndarray]:
         work = Workload(example, folder, engine)
         work.run()
         again = work.run()
-        found.append(np.array(next(iter(work.net.params.values()))[0].data if again is None else again))
+        found.append(
+            np.array(next(iter(work.net.params.values()))[0].data if again is None else again)
+        )
     return found
 
 
@@ -310,12 +396,18 @@ def test_without_a_part(tmp_path: Path, keep_threads: None) -> None:
     expected = results(tmp_path, "fast")
     for name, part in parts.parts_of_fast().items():
         with part.off():
-            for ours, wanted in zip(results(tmp_path, "plain" if name == parts.FAST else "fast"), expected):
-                np.testing.assert_allclose(ours, wanted, rtol=0, atol=1e-4 * np.abs(wanted).max(), err_msg=name)
+            for ours, wanted in zip(
+                results(tmp_path, "plain" if name == parts.FAST else "fast"), expected
+            ):
+                np.testing.assert_allclose(
+                    ours, wanted, rtol=0, atol=1e-4 * np.abs(wanted).max(), err_msg=name
+                )
 
 
 @pytest.mark.skipif(not netlib.engine.has_fast(), reason="there is no fast/")
-def test_the_ratios_of_a_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, keep_threads: None) -> None:
+def test_the_ratios_of_a_part(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, keep_threads: None
+) -> None:
     """A part that saves half the time and a third of the memory has the ratios 2 and 1.5."""
     base = parts.Measured(NETS["LeNet"], tmp_path)
     base.peak = 100

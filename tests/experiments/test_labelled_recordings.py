@@ -32,19 +32,28 @@ def test_constants_with_numbers_are_counted(tmp_path: Path) -> None:
 def test_few_numbers_are_tuned() -> None:
     """A new one replaces another; what is listed as not tuned exists."""
     assert {"ENOUGH", "SURE"} <= set(constants.tuned()["tracking.hand_track"])
-    assert all(set(names) <= set(constants.constants()[module]) for module, names in constants.NOT_TUNED.items())
+    assert all(
+        set(names) <= set(constants.constants()[module])
+        for module, names in constants.NOT_TUNED.items()
+    )
     assert sum(map(len, constants.tuned().values())) <= 99
 
 
-@pytest.mark.parametrize(("text", "line"), [
-    ("tracking.hand_track.NO=1", "no such constant"),
-    ("tracking.hand_track.SURE=x", "'x' is no number"),
-    ("tracking.smoothing.PLACE=1", "its value is more than a number"),
-    ("estimate.finder.FOCAL_PX=1", "handpose/estimate/finder.py has used its value"),
-    ("estimate.hand.MIN_PRESENCE=0.5", "handpose/estimate/.* has used its value"),  # as a default argument
-    ("tracking.hand_track.SURE=1", "already loaded"),
-])
-def test_constants_that_cannot_be_set(text: str, line: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("tracking.hand_track.NO=1", "no such constant"),
+        ("tracking.hand_track.SURE=x", "'x' is no number"),
+        ("tracking.smoothing.PLACE=1", "its value is more than a number"),
+        ("estimate.finder.FOCAL_PX=1", "handpose/estimate/finder.py has used its value"),
+        # as a default argument
+        ("estimate.hand.MIN_PRESENCE=0.5", "handpose/estimate/.* has used its value"),
+        ("tracking.hand_track.SURE=1", "already loaded"),
+    ],
+)
+def test_constants_that_cannot_be_set(
+    text: str, line: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     if "loaded" in line:
         import handpose.tracking.tracker  # noqa: F401
     else:
@@ -60,10 +69,17 @@ def test_constants_are_set_before_the_tracker_is_loaded(monkeypatch: pytest.Monk
     from handpose.tracking import hand_track, present_hands
 
     far = images.FAR_MM
-    for module, name in ((hand_track, "SURE"), (present_hands, "LOOK"), (hand_track, "LOOK"), (support, "FAR_MM")):
+    for module, name in (
+        (hand_track, "SURE"),
+        (present_hands, "LOOK"),
+        (hand_track, "LOOK"),
+        (support, "FAR_MM"),
+    ):
         monkeypatch.setattr(module, name, getattr(module, name))
     monkeypatch.delitem(sys.modules, "handpose.tracking.tracker", raising=False)
-    set_constants(["tracking.hand_track.SURE=inf", "tracking.present_hands.LOOK=1", "fit.support.FAR_MM=9"])
+    set_constants(
+        ["tracking.hand_track.SURE=inf", "tracking.present_hands.LOOK=1", "fit.support.FAR_MM=9"]
+    )
     assert np.inf == hand_track.SURE and hand_track.LOOK == present_hands.LOOK == 1
     assert support.FAR_MM == 9 and far == images.FAR_MM
 
@@ -71,7 +87,15 @@ def test_constants_are_set_before_the_tracker_is_loaded(monkeypatch: pytest.Monk
 def test_the_columns() -> None:
     """Means over seeds; shares over all frames."""
     first, second = [Seen(10, 0.95, True), None], [Seen(40, 0.95, False), Seen(20, 0.5, True)]
-    assert cells_of([first, second]) == ["20.00", "10.00", "30.00", "25.0%", "66.7%", "66.7%", "50.0%"]
+    assert cells_of([first, second]) == [
+        "20.00",
+        "10.00",
+        "30.00",
+        "25.0%",
+        "66.7%",
+        "66.7%",
+        "50.0%",
+    ]
     assert cells_of([[None]])[3:] == ["100.0%", "", "", ""]
 
 
@@ -80,14 +104,18 @@ def test_a_recording_is_scored(tmp_path: Path, mirrored: bool) -> None:
     """A frame without a label is left out; labels are those of the joints that the tracker reports."""
     source, labels = write_labelled(tmp_path, unlabelled=[1])
     seen = list(followed(str(source), constants.labels_of(labels), 0, mirrored))
-    assert len(seen) == 3 and all(one is not None and one.is_right_side and one.error_mm < 20 for one in seen[1:])
+    assert len(seen) == 3 and all(
+        one is not None and one.is_right_side and one.error_mm < 20 for one in seen[1:]
+    )
 
 
 def test_labels_of_another_recording(tmp_path: Path) -> None:
     source, path = write_labelled(tmp_path)
     labels = constants.labels_of(path)
     for others in (labels[1:], np.repeat(labels, 2, axis=0)):
-        with pytest.raises(DataError, match=f"take: expected as many frames as labels, {len(others)}"):
+        with pytest.raises(
+            DataError, match=f"take: expected as many frames as labels, {len(others)}"
+        ):
             list(followed(str(source), others, 0, False))
 
 
@@ -98,8 +126,15 @@ def hand(presence: float, off: float, right: float = 0.9) -> FoundHand:
 def test_a_labelled_hand_is_found_once() -> None:
     """The next answer near it is false, and one near a doubtful hand is not counted."""
     frame = Labelled(np.zeros((480, 640)), NYU, [(PLACE, "left")], [PLACE + (500, 0, 0)])
-    answers = judged([hand(0.9, 70), hand(0.8, 10), hand(0.7, 300), hand(0.6, 450), hand(0.5, 0, 0.5)], frame)
-    assert [(one.presence, one.true) for one in answers] == [(0.9, True), (0.8, False), (0.7, False), (0.5, False)]
+    answers = judged(
+        [hand(0.9, 70), hand(0.8, 10), hand(0.7, 300), hand(0.6, 450), hand(0.5, 0, 0.5)], frame
+    )
+    assert [(one.presence, one.true) for one in answers] == [
+        (0.9, True),
+        (0.8, False),
+        (0.7, False),
+        (0.5, False),
+    ]
     assert answers[0] == Answer(0.9, True, "right", right_side=False, off_mm=70.0)
 
 
@@ -127,7 +162,13 @@ def test_the_labels_of_a_recording_and_its_half(tmp_path: Path) -> None:
 
 
 def test_the_packaged_finder_is_measured() -> None:
-    done = run_tool("experiments.__main__", "finder", HAND_FINDER / "hand_finder.caffemodel.h5", "--scenes", "16")
+    done = run_tool(
+        "experiments.__main__",
+        "finder",
+        HAND_FINDER / "hand_finder.caffemodel.h5",
+        "--scenes",
+        "16",
+    )
     head, drawn, other = done.out.splitlines()[-3:]
     assert head.startswith("frames of")
     for line, name in ((drawn, "test"), (other, "other")):
@@ -138,10 +179,17 @@ def test_the_packaged_finder_is_measured() -> None:
 def test_labels_that_are_none(tmp_path: Path) -> None:
     (tmp_path / "x.npy").write_bytes(b"no array")
     np.save(tmp_path / "flat.npy", np.zeros(3))
-    for name, message in (("x", "not an array of numbers"), ("flat", r"\(3,\), expected joints \(frames, \.\.\., 3\)")):
+    for name, message in (
+        ("x", "not an array of numbers"),
+        ("flat", r"\(3,\), expected joints \(frames, \.\.\., 3\)"),
+    ):
         with pytest.raises(DataError, match=rf"{name}\.npy: {message}"):
             next(recorded("frames", {"left": tmp_path / f"{name}.npy"}, "all"))
-    with pytest.raises(DataError, match=r"flat.npy: expected an .npy of joints \(frames, 5, 4, 3\) in mm"):
+    with pytest.raises(
+        DataError, match=r"flat.npy: expected an .npy of joints \(frames, 5, 4, 3\) in mm"
+    ):
         constants.labels_of(tmp_path / "flat.npy")
-    with pytest.raises(DataError, match=r"'up=x\.npy', expected left=LABELS\.npy or right=LABELS\.npy"):
+    with pytest.raises(
+        DataError, match=r"'up=x\.npy', expected left=LABELS\.npy or right=LABELS\.npy"
+    ):
         labels_of(["up=x.npy"])

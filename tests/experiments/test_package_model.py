@@ -31,12 +31,17 @@ def test_rounding(value: float, bits: int, negative: bool) -> None:
     number = np.float32(-value if negative else value)
     mantissa, exponent = np.frexp(np.float64(number))
     expected = np.ldexp(np.rint(mantissa * 2 ** (bits + 1)), exponent - bits - 1)
-    np.testing.assert_array_equal(rounded(np.array([[number, 0]]), bits), np.float32([[expected, 0]]))
+    np.testing.assert_array_equal(
+        rounded(np.array([[number, 0]]), bits), np.float32([[expected, 0]])
+    )
 
 
 def test_a_model_file(tmp_path: Path) -> None:
     """The file is read back as weights and as the network's errors, and is smaller than its numbers."""
-    net, path = netlib.Net(HAND_FINDER / "deploy.prototxt", netlib.TEST, seed=3), tmp_path / "x.caffemodel.h5"
+    net, path = (
+        netlib.Net(HAND_FINDER / "deploy.prototxt", netlib.TEST, seed=3),
+        tmp_path / "x.caffemodel.h5",
+    )
     for blobs in net.params.values():
         for blob in blobs:
             blob.data[...] = rounded(blob.data, 8)
@@ -46,7 +51,9 @@ def test_a_model_file(tmp_path: Path) -> None:
     for name, blobs in net.params.items():
         for one, other in zip(blobs, again.params[name]):
             np.testing.assert_array_equal(one.data, other.data)
-    np.testing.assert_array_equal(read_errors(path, CapsuleModel(SKELETON, 150.0)).limbs, errors.limbs)
+    np.testing.assert_array_equal(
+        read_errors(path, CapsuleModel(SKELETON, 150.0)).limbs, errors.limbs
+    )
     numbers = sum(blob.count for blobs in net.params.values() for blob in blobs)
     assert numbers > 10_000 and path.stat().st_size < 0.7 * 4 * numbers
 
@@ -54,7 +61,9 @@ def test_a_model_file(tmp_path: Path) -> None:
 def command_of(folder: Path) -> list[str]:
     """The words of the packaging command in a model's card, from ``package_model`` on."""
     text = (folder / "readme.md").read_text(encoding="utf-8").replace("\\\n", " ")
-    [line] = [line for line in text.splitlines() if line.startswith("python -m experiments package_model")]
+    [line] = [
+        line for line in text.splitlines() if line.startswith("python -m experiments package_model")
+    ]
     return shlex.split(line)[3:]
 
 
@@ -73,8 +82,12 @@ def structure_of(path: Path) -> dict[str, object]:
     return found
 
 
-@pytest.mark.parametrize("folder", [SYNTHETIC_HAND, PAPER_HAND, HAND_FINDER], ids=lambda folder: folder.name)
-def test_the_command_of_a_card_makes_its_file(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "folder", [SYNTHETIC_HAND, PAPER_HAND, HAND_FINDER], ids=lambda folder: folder.name
+)
+def test_the_command_of_a_card_makes_its_file(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Names, shapes, types and attributes are those of the packaged file; so are the weights, which are rounded."""
     for module in (generator, fit):
         monkeypatch.setattr(module, "BLOCK", 24)
@@ -84,7 +97,9 @@ def test_the_command_of_a_card_makes_its_file(folder: Path, tmp_path: Path, monk
     words[1], words[model], words[out] = str(card.weights), str(card.net), str(tmp_path / "made.h5")
     run_tool("experiments.__main__", *words, "--frames", "1")
     assert structure_of(tmp_path / "made.h5") == structure_of(card.weights)
-    packaged, made = (netlib.Net(card.net, path, netlib.TEST) for path in (card.weights, tmp_path / "made.h5"))
+    packaged, made = (
+        netlib.Net(card.net, path, netlib.TEST) for path in (card.weights, tmp_path / "made.h5")
+    )
     for name, blobs in packaged.params.items():
         for one, other in zip(blobs, made.params[name], strict=True):
             np.testing.assert_array_equal(one.data, other.data)

@@ -9,7 +9,16 @@ import numpy as np
 import pytest
 
 from experiments import table1
-from experiments.table1 import NETWORKS, PROTOTXT, RECIPES, derived_net, layers_of, scores, solvers, text_of
+from experiments.table1 import (
+    NETWORKS,
+    PROTOTXT,
+    RECIPES,
+    derived_net,
+    layers_of,
+    scores,
+    solvers,
+    text_of,
+)
 from handpose.scoring.held_out import Predictions
 from handpose.synthetic.generator import Generator
 from layers.hand import skeleton
@@ -31,45 +40,86 @@ def test_every_net_is_one(network: str, recipe: str) -> None:
     """
     printed = str(derived_net(network, RECIPES[recipe], LISTS))
     param = load_parameter(prototxt.parse(printed))
-    sources = [str(layer.blocks["hdf5_data_param"].values("source")[0]) for layer in param.layer[:2]]
-    assert sources == ['"/data/train.txt"', '"/data/test.txt"'] and str(prototxt.parse(printed)) == printed
+    sources = [
+        str(layer.blocks["hdf5_data_param"].values("source")[0]) for layer in param.layer[:2]
+    ]
+    assert (
+        sources == ['"/data/train.txt"', '"/data/test.txt"']
+        and str(prototxt.parse(printed)) == printed
+    )
     kinds = [layer.type for layer in param.layer]
-    assert ("Dropout" in kinds, "SmoothL1Loss" in kinds) == ((False, True) if recipe == "adam" else (True, False))
-    own, ours = (text[text.index('name: "convL1"') : text.index('name: "ReLUFC2"')]
-                 for text in (printed, str(derived_net("ours", RECIPES[recipe], LISTS))))
+    assert ("Dropout" in kinds, "SmoothL1Loss" in kinds) == (
+        (False, True) if recipe == "adam" else (True, False)
+    )
+    own, ours = (
+        text[text.index('name: "convL1"') : text.index('name: "ReLUFC2"')]
+        for text in (printed, str(derived_net("ours", RECIPES[recipe], LISTS)))
+    )
     assert own == ours
 
 
 def test_by_the_papers_recipe_a_net_is_its_file_with_other_data() -> None:
-    derived, own = derived_net("ours", RECIPES["paper"], LISTS), prototxt.parse_file(PROTOTXT / NETWORKS["ours"])
-    changed = [(str(a), str(b)) for a, b in zip(layers_of(derived), layers_of(own)) if str(a) != str(b)]
+    derived, own = (
+        derived_net("ours", RECIPES["paper"], LISTS),
+        prototxt.parse_file(PROTOTXT / NETWORKS["ours"]),
+    )
+    changed = [
+        (str(a), str(b)) for a, b in zip(layers_of(derived), layers_of(own)) if str(a) != str(b)
+    ]
     assert len(changed) == 2 and all('"HDF5Data"' in a for a, _ in changed)
-    assert "batch_size: 512" in changed[0][0] and "batch_size: 256" in changed[1][0] and "shuffle" in changed[0][0]
+    assert (
+        "batch_size: 512" in changed[0][0]
+        and "batch_size: 256" in changed[1][0]
+        and "shuffle" in changed[0][0]
+    )
 
 
 def test_our_recipes_net_is_that_for_synthetic_hands() -> None:
     """Only the data, the augmentation and the second head differ from the net for synthetic hands."""
-    ours, others = PROTOTXT / "synthetic_train_test.prototxt", ("data", "augment", "direct", "direct_loss")
-    wanted = [str(layer) for layer in layers_of(prototxt.parse_file(ours)) if text_of(layer, "name") not in others]
-    assert [str(layer) for layer in layers_of(derived_net("ours", RECIPES["adam"], LISTS))][2:] == wanted
+    ours, others = (
+        PROTOTXT / "synthetic_train_test.prototxt",
+        ("data", "augment", "direct", "direct_loss"),
+    )
+    wanted = [
+        str(layer)
+        for layer in layers_of(prototxt.parse_file(ours))
+        if text_of(layer, "name") not in others
+    ]
+    assert [str(layer) for layer in layers_of(derived_net("ours", RECIPES["adam"], LISTS))][
+        2:
+    ] == wanted
 
 
 def test_the_weight_of_physlimit() -> None:
     net = derived_net("ours", RECIPES["paper"], LISTS)
     table1.set_limit(net, 10.0, "L2")
     *_, limit = layers_of(net)
-    assert (text_of(limit, "type"), text_of(limit, "loss_weight")) == ("PhysLimit", "10.0") and "L2" in str(limit)
+    assert (text_of(limit, "type"), text_of(limit, "loss_weight")) == (
+        "PhysLimit",
+        "10.0",
+    ) and "L2" in str(limit)
     with pytest.raises(NetlibError, match="no PhysLimit"):
         table1.set_limit(derived_net("direct_joint", RECIPES["paper"], LISTS), 10.0, "L2")
 
 
 def test_the_papers_solver() -> None:
     """The rate is the paper's for nine tenths of the iterations, then a tenth of it."""
-    ((last, tree),) = solvers(RECIPES["paper"], 4000, {"net": Path('a "b".prototxt'), "random_seed": 3})
+    ((last, tree),) = solvers(
+        RECIPES["paper"], 4000, {"net": Path('a "b".prototxt'), "random_seed": 3}
+    )
     solver = schema.read(tree, messages.SolverParameter, "solver")
     paper = solver_parameter.read(RECIPES["paper"].solver)
-    assert last == solver.max_iter == 4000 and solver.net == 'a "b".prototxt' and solver.random_seed == 3
-    assert (solver.momentum, solver.type, solver.test_iter, solver.snapshot) == (paper.momentum, paper.type, (), 0)
+    assert (
+        last == solver.max_iter == 4000
+        and solver.net == 'a "b".prototxt'
+        and solver.random_seed == 3
+    )
+    assert (solver.momentum, solver.type, solver.test_iter, solver.snapshot) == (
+        paper.momentum,
+        paper.type,
+        (),
+        0,
+    )
     assert learning_rate(solver, 3599) == paper.base_lr
     assert learning_rate(solver, 3600) == pytest.approx(paper.base_lr / 10)
 
@@ -79,8 +129,12 @@ def test_our_recipe_falls_in_a_straight_line() -> None:
     (branch, first), (last, second) = solvers(RECIPES["adam"], 20000, {})
     trunk, end = (schema.read(tree, messages.SolverParameter, "solver") for tree in (first, second))
     assert (branch, trunk.max_iter, last, end.max_iter) == (14000, 14000, 20000, 20000)
-    assert learning_rate(trunk, 500) == pytest.approx(0.001) and learning_rate(trunk, 13999) == pytest.approx(0.002)
-    assert [learning_rate(end, i) for i in (14000, 17000, 20000)] == pytest.approx([0.002, 0.001, 0])
+    assert learning_rate(trunk, 500) == pytest.approx(0.001) and learning_rate(
+        trunk, 13999
+    ) == pytest.approx(0.002)
+    assert [learning_rate(end, i) for i in (14000, 17000, 20000)] == pytest.approx(
+        [0.002, 0.001, 0]
+    )
 
 
 # ---------------------------------------------------------------------------------------------- scores
@@ -96,17 +150,28 @@ def predicted(inputs: np.ndarray, bones: np.ndarray | None = None) -> Prediction
     """The predictions of a network with a hand model, for hands of these bones."""
     kinematics = kinematics_of(SKELETON)
     joints = kinematics.joints(inputs)
-    return Predictions(joints, kinematics.joints(INPUTS, bones), inputs, joints, HALF_CUBE, {}, "a test")
+    return Predictions(
+        joints, kinematics.joints(INPUTS, bones), inputs, joints, HALF_CUBE, {}, "a test"
+    )
 
 
 def test_scores_of_a_perfect_network() -> None:
     """True joints have no error, with true or with fitted angles, except for angles that joints do not determine."""
     perfect = predicted(INPUTS)
     row = scores(perfect, INPUTS, INPUTS, INPUTS, None, SKELETON)
-    assert row == {"error": "0.00", "cube of 300": "0.00", "cube of 261": "0.00", "fitted angles": "0.00°",
-                   "exact angles": "0.00°", "out of limits": "0.0%", "max <= 40": "100.0%"}
+    assert row == {
+        "error": "0.00",
+        "cube of 300": "0.00",
+        "cube of 261": "0.00",
+        "fitted angles": "0.00°",
+        "exact angles": "0.00°",
+        "out of limits": "0.0%",
+        "max <= 40": "100.0%",
+    }
     bare = replace(perfect, dof=None)
-    row = scores(bare, table1.angles_of(bare, SKELETON, lambda done: None), INPUTS, None, None, SKELETON)
+    row = scores(
+        bare, table1.angles_of(bare, SKELETON, lambda done: None), INPUTS, None, None, SKELETON
+    )
     assert (row["error"], row["exact angles"], row["out of limits"]) == ("0.00", "–", "–")
     assert float(row["fitted angles"].rstrip("°")) < 2
 
@@ -116,8 +181,9 @@ def test_mm_are_those_of_the_frames_cube() -> None:
     moved = INPUTS.copy()
     moved[:, SKELETON.dof_names.index("palm_x")] += 0.1
     row = scores(predicted(moved), moved, INPUTS + 0.01, INPUTS, None, SKELETON)
-    assert [float(row[name]) for name in ("error", "cube of 300", "cube of 261")] == pytest.approx([14.025, 15, 13.05],
-                                                                                                   abs=0.006)
+    assert [float(row[name]) for name in ("error", "cube of 300", "cube of 261")] == pytest.approx(
+        [14.025, 15, 13.05], abs=0.006
+    )
     assert row["exact angles"] == "0.00°" and float(row["fitted angles"].rstrip("°")) > 0.2
 
 

@@ -34,12 +34,19 @@ def agree(net_of: Callable[..., netlib.Net]) -> Callable[..., netlib.Net]:
         found = {name: net.blobs[name].data.copy() for name in tops}
         found |= {f"d{name}": diff.copy() for name, diff in diffs.items()}
         for param in net.learnable:
-            found |= {param.label: param.blob.data.copy(), f"d{param.label}": param.blob.diff.copy()}
+            found |= {
+                param.label: param.blob.data.copy(),
+                f"d{param.label}": param.blob.diff.copy(),
+            }
         return found
 
     def check(
-        text: str, *batches: dict[str, np.ndarray], tolerance: float, phase: int = netlib.TRAIN,
-        dtype: Any = np.float64, prepare: Callable[[netlib.Net], object] = lambda net: None,
+        text: str,
+        *batches: dict[str, np.ndarray],
+        tolerance: float,
+        phase: int = netlib.TRAIN,
+        dtype: Any = np.float64,
+        prepare: Callable[[netlib.Net], object] = lambda net: None,
     ) -> netlib.Net:
         nets = [net_of(text, phase, dtype=dtype, engine=name) for name in ("plain", "fast")]
         for net in nets:
@@ -48,8 +55,11 @@ def agree(net_of: Callable[..., netlib.Net]) -> Callable[..., netlib.Net]:
             plain, fast = (passed(net, batch) for net in nets)
             for name, wanted in plain.items():
                 assert fast[name].shape == wanted.shape
-                size = max(np.abs(wanted[np.abs(wanted) < 1e30]).max(initial=0), 1)  # not of an empty window's maximum
-                np.testing.assert_allclose(fast[name], wanted, rtol=tolerance, atol=tolerance * size, err_msg=name)
+                # not of an empty window's maximum
+                size = max(np.abs(wanted[np.abs(wanted) < 1e30]).max(initial=0), 1)
+                np.testing.assert_allclose(
+                    fast[name], wanted, rtol=tolerance, atol=tolerance * size, err_msg=name
+                )
         return nets[1]
 
     return check

@@ -37,29 +37,46 @@ def test_one_thread_a_product(first: str) -> None:
 
 
 def test_the_user_decides() -> None:
-    note = run("import netlib; print(netlib.BLAS_NOTE)", OPENBLAS_NUM_THREADS="2", OPENBLAS_CORETYPE="Haswell")
-    assert note == "BLAS: kernels Haswell (OPENBLAS_CORETYPE), threads per product: 2 (OPENBLAS_NUM_THREADS)"
+    note = run(
+        "import netlib; print(netlib.BLAS_NOTE)",
+        OPENBLAS_NUM_THREADS="2",
+        OPENBLAS_CORETYPE="Haswell",
+    )
+    assert (
+        note
+        == "BLAS: kernels Haswell (OPENBLAS_CORETYPE), threads per product: 2 (OPENBLAS_NUM_THREADS)"
+    )
 
 
 def test_late_import_is_told() -> None:
-    note = run("import numpy, netlib, os; print(netlib.BLAS_NOTE, os.environ.get('OPENBLAS_CORETYPE'))")
+    note = run(
+        "import numpy, netlib, os; print(netlib.BLAS_NOTE, os.environ.get('OPENBLAS_CORETYPE'))"
+    )
     assert "kernels chosen by OpenBLAS" in note and note.endswith("None")
 
 
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the thresholds are those of the GNU C library")
-@pytest.mark.parametrize(("given", "few"), [({}, True), ({"MALLOC_TRIM_THRESHOLD_": "100000"}, False)])
+@pytest.mark.skipif(
+    not sys.platform.startswith("linux"), reason="the thresholds are those of the GNU C library"
+)
+@pytest.mark.parametrize(
+    ("given", "few"), [({}, True), ({"MALLOC_TRIM_THRESHOLD_": "100000"}, False)]
+)
 def test_freed_memory_is_used_again(given: dict[str, str], few: bool) -> None:
     """Arrays of a few MB cost no page faults once others have been freed, unless the user has set another threshold."""
     if not hasattr(ctypes.CDLL(None), "mallopt"):
         pytest.skip("not the GNU C library")
-    code = ("import netlib, numpy, resource\n"
-            "def faults(): return resource.getrusage(resource.RUSAGE_SELF).ru_minflt\n"
-            "def work(): return [numpy.ones(500_000), numpy.ones(500_000)]\n"
-            "work(); work(); before = faults()\nfor _ in range(20): work()\nprint(faults() - before)")
+    code = (
+        "import netlib, numpy, resource\n"
+        "def faults(): return resource.getrusage(resource.RUSAGE_SELF).ru_minflt\n"
+        "def work(): return [numpy.ones(500_000), numpy.ones(500_000)]\n"
+        "work(); work(); before = faults()\nfor _ in range(20): work()\nprint(faults() - before)"
+    )
     assert (int(run(code, **given)) < 2000) == few
 
 
-@pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="Linux lists the files that a process has mapped")
+@pytest.mark.skipif(
+    not Path("/proc/self/maps").exists(), reason="Linux lists the files that a process has mapped"
+)
 def test_a_mapped_file_with_an_odd_name(tmp_path: Path) -> None:
     """A mapped file whose name is not UTF-8 is skipped, and the libraries after it are found."""
     (tmp_path / os.fsdecode(b"a_openblas\xe9.so")).write_bytes(b"no library")
@@ -69,5 +86,7 @@ def test_a_mapped_file_with_an_odd_name(tmp_path: Path) -> None:
         "held = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)\n"
         "import numpy; print(len(list(blas._loaded('openblas'))))"
     )
-    plain = run("import netlib, numpy; from fast import blas; print(len(list(blas._loaded('openblas'))))")
+    plain = run(
+        "import netlib, numpy; from fast import blas; print(len(list(blas._loaded('openblas'))))"
+    )
     assert run(code) == plain

@@ -23,13 +23,28 @@ from netlib.blob import Array, Blob, Blobs
 from tests.support.nets import inputs
 
 CASES = range(100)
-SMALL_BLOCKS = {"depthwise.MAX_VALUES": 700, "depthwise.BAND_VALUES": 50,
-                "depthwise.MIN_CHANNELS": 2, "rows.BLOCK_BYTES": 3000, "rows.LENGTH": 8,
-                "rows.MIN_ROWS": 2, "winograd.BLOCK_BYTES": 3000,
-                "winograd.MIN_TILES": 6, "winograd.MIN_PART": 4, "winograd.FEW_TILES": 20, "winograd.WEIGHT_BYTES": 900,
-                "winograd.MIN_OUTPUTS": 1, "winograd.MIN_COST": 0, "geometry.MIN_BLOCK_COST": 0,
-                "row_winograd.BLOCK_BYTES": 3000, "row_winograd.MIN_IMAGES": 1, "columns.COLUMN_BYTES": 3000,
-                "columns.MIN_COLUMNS": 5, "columns.MIN_WINDOWS": 1, "fusing.BLOCK": 100}
+SMALL_BLOCKS = {
+    "depthwise.MAX_VALUES": 700,
+    "depthwise.BAND_VALUES": 50,
+    "depthwise.MIN_CHANNELS": 2,
+    "rows.BLOCK_BYTES": 3000,
+    "rows.LENGTH": 8,
+    "rows.MIN_ROWS": 2,
+    "winograd.BLOCK_BYTES": 3000,
+    "winograd.MIN_TILES": 6,
+    "winograd.MIN_PART": 4,
+    "winograd.FEW_TILES": 20,
+    "winograd.WEIGHT_BYTES": 900,
+    "winograd.MIN_OUTPUTS": 1,
+    "winograd.MIN_COST": 0,
+    "geometry.MIN_BLOCK_COST": 0,
+    "row_winograd.BLOCK_BYTES": 3000,
+    "row_winograd.MIN_IMAGES": 1,
+    "columns.COLUMN_BYTES": 3000,
+    "columns.MIN_COLUMNS": 5,
+    "columns.MIN_WINDOWS": 1,
+    "fusing.BLOCK": 100,
+}
 
 
 def options(rng: np.random.Generator) -> tuple[str, tuple[int, ...]]:
@@ -44,7 +59,11 @@ def options(rng: np.random.Generator) -> tuple[str, tuple[int, ...]]:
         inputs, outputs = pick(16, 32, 48), pick(16, 32, 48)
     most = 6 if axes < 3 else 4
     is_square, is_dense = rng.random() < 0.5, rng.random() < 0.5
-    kernel = [pick(1, 3, min(5, most))] * axes if is_square else [int(rng.integers(1, most)) for _ in range(axes)]
+    kernel = (
+        [pick(1, 3, min(5, most))] * axes
+        if is_square
+        else [int(rng.integers(1, most)) for _ in range(axes)]
+    )
     stride = [1 if is_dense else pick(1, 2, 3) for _ in range(axes)]
     dilation = [1 if is_dense else pick(1, 2) for _ in range(axes)]
     pad = [int(rng.integers(0, k + 1)) for k in kernel]
@@ -53,15 +72,24 @@ def options(rng: np.random.Generator) -> tuple[str, tuple[int, ...]]:
         for k, d, p in zip(kernel, dilation, pad)
     ]
     text = f"num_output: {group * outputs} group: {group} bias_term: {str(rng.random() < 0.8).lower()} "
-    for name, values in (("kernel_size", kernel), ("stride", stride), ("dilation", dilation), ("pad", pad)):
+    for name, values in (
+        ("kernel_size", kernel),
+        ("stride", stride),
+        ("dilation", dilation),
+        ("pad", pad),
+    ):
         text += "".join(f"{name}: {value} " for value in values)
     shape = pick(0, 1, 2, 3, 9), group * inputs, *sizes
     return text + 'weight_filler { type: "gaussian" } bias_filler { type: "gaussian" }', shape
 
 
-def run(kind: str, text: str, x: Array, engine: str, dtype: type, dy: Array | None = None) -> list[Array]:
+def run(
+    kind: str, text: str, x: Array, engine: str, dtype: type, dy: Array | None = None
+) -> list[Array]:
     """Return y, or dx and the gradients of the parameters for dy."""
-    layer = gradcheck.make_layer(f'type: "{kind}" convolution_param {{ {text} }}', [x], engine=engine, dtype=dtype)
+    layer = gradcheck.make_layer(
+        f'type: "{kind}" convolution_param {{ {text} }}', [x], engine=engine, dtype=dtype
+    )
     if engine == "fast":
         assert isinstance(layer, (FastConvolution, FastDeconvolution))
     bottom, top = Blobs([Blob(x.shape, dtype)]), Blobs([Blob((), dtype)])
@@ -77,7 +105,9 @@ def run(kind: str, text: str, x: Array, engine: str, dtype: type, dy: Array | No
     return [bottom[0].diff, *(param.diff for param in layer.blobs)]
 
 
-def compare(kind: str, text: str, shape: tuple[int, ...], rng: np.random.Generator, dtype: type) -> None:
+def compare(
+    kind: str, text: str, shape: tuple[int, ...], rng: np.random.Generator, dtype: type
+) -> None:
     """Compare forward and backward of both engines."""
     x = rng.normal(size=shape).astype(dtype)
     want = run(kind, text, x, "plain", dtype)
@@ -86,7 +116,9 @@ def compare(kind: str, text: str, shape: tuple[int, ...], rng: np.random.Generat
     got = run(kind, text, x, "fast", dtype) + run(kind, text, x, "fast", dtype, dy)
     for number, (one, other) in enumerate(zip(got, want)):
         tolerance = 1e-12 if dtype is np.float64 else 1e-4 if number else 1e-5
-        np.testing.assert_allclose(one, other, rtol=0, atol=tolerance * np.abs(other).max(initial=1e-3))
+        np.testing.assert_allclose(
+            one, other, rtol=0, atol=tolerance * np.abs(other).max(initial=1e-3)
+        )
 
 
 @pytest.mark.parametrize("kind", ["Convolution", "Deconvolution"])
@@ -105,14 +137,23 @@ def test_random_options(kind: str, case: int) -> None:
 @pytest.mark.parametrize("sizes", [(106, 104), (104, 106), (7, 50)])
 @pytest.mark.parametrize("options", ["kernel_size: 3 pad: 2 stride: 3", "kernel_size: 3 pad: 1"])
 def test_bottoms_of_several_sizes(
-    agree: Callable[..., netlib.Net], rng: np.random.Generator, kind: str, sizes: tuple[int, int], options: str
+    agree: Callable[..., netlib.Net],
+    rng: np.random.Generator,
+    kind: str,
+    sizes: tuple[int, int],
+    options: str,
 ) -> None:
     """Each bottom may have another algorithm; memory that both use has no values of the other one."""
     shapes = {f"x{i}": (2, 3, n, n) for i, n in enumerate(sizes)}
-    text = (f'layer {{ name: "c" type: "{kind}" bottom: "x0" bottom: "x1" top: "y0" top: "y1" convolution_param {{'
-            f' num_output: 3 group: 3 {options} weight_filler {{ type: "gaussian" }} }} }}')
-    agree(f"force_backward: true {inputs(**shapes)} {text}", {x: rng.normal(size=shape) for x, shape in shapes.items()},
-          tolerance=1e-12)
+    text = (
+        f'layer {{ name: "c" type: "{kind}" bottom: "x0" bottom: "x1" top: "y0" top: "y1" convolution_param {{'
+        f' num_output: 3 group: 3 {options} weight_filler {{ type: "gaussian" }} }} }}'
+    )
+    agree(
+        f"force_backward: true {inputs(**shapes)} {text}",
+        {x: rng.normal(size=shape) for x, shape in shapes.items()},
+        tolerance=1e-12,
+    )
 
 
 def geometry_for(algorithm: Algorithm, rng: np.random.Generator, channels: int) -> Geometry:
@@ -127,7 +168,9 @@ def geometry_for(algorithm: Algorithm, rng: np.random.Generator, channels: int) 
         return Geometry(two(1, 5), two(1, 4), two(0, 4), two(1, 3), channels)
     if isinstance(algorithm, Filter):
         kernel = two(1, 6)
-        return Geometry(kernel, two(1, 4), tuple(k // 2 if k % 2 else 0 for k in kernel), (1, 1), channels)
+        return Geometry(
+            kernel, two(1, 4), tuple(k // 2 if k % 2 else 0 for k in kernel), (1, 1), channels
+        )
     if isinstance(algorithm, Phases):
         return Geometry(two(1, 5), (1, 1), two(0, 4), two(1, 4), 1)
     kernel = two(1, 6)
@@ -153,18 +196,26 @@ def test_each_algorithm(algorithm: Algorithm, case: int, monkeypatch: pytest.Mon
     N, C = int(rng.integers(0, 6)), int(rng.integers(1, 5))
     g = geometry_for(algorithm, rng, C)
     O = C * int(rng.integers(1, 3)) if g.group > 1 else int(rng.integers(1, 5))
-    sizes = [max(d * (k - 1) + 1 - 2 * p, 1) + int(rng.integers(0, 20))
-             for k, d, p in zip(g.kernel, g.dilation, g.pad)]
-    windows = [(n + 2 * p - d * (k - 1) - 1) // s + 1
-               for n, k, s, p, d in zip(sizes, g.kernel, g.stride, g.pad, g.dilation)]
+    sizes = [
+        max(d * (k - 1) + 1 - 2 * p, 1) + int(rng.integers(0, 20))
+        for k, d, p in zip(g.kernel, g.dilation, g.pad)
+    ]
+    windows = [
+        (n + 2 * p - d * (k - 1) - 1) // s + 1
+        for n, k, s, p, d in zip(sizes, g.kernel, g.stride, g.pad, g.dilation)
+    ]
     x, w, dy = (
         rng.normal(size=(N, C, *sizes)),
         rng.normal(size=(O, C // g.group, *g.kernel)),
         rng.normal(size=(N, O, *windows)),
     )
     bias, bias_x = rng.normal(size=O), rng.normal(size=C)
-    after = After(rng.normal(size=O) if case % 4 else None, bias if case % 3 else None, case % 5 < 2)
-    after_x = After(rng.normal(size=C) if case % 5 else None, bias_x if case % 4 == 1 else None, case % 7 < 3)
+    after = After(
+        rng.normal(size=O) if case % 4 else None, bias if case % 3 else None, case % 5 < 2
+    )
+    after_x = After(
+        rng.normal(size=C) if case % 5 else None, bias_x if case % 4 == 1 else None, case % 7 < 3
+    )
     found = []
     for one in (algorithm, Columns()):
         y, dx, dw = np.full(dy.shape, np.nan), np.full(x.shape, np.nan), np.ones(w.shape)
@@ -173,8 +224,11 @@ def test_each_algorithm(algorithm: Algorithm, case: int, monkeypatch: pytest.Mon
         (one if "transpose" in has else Columns()).transpose(g, dy, w, after_x, dx)
         (one if "gradient" in has else Columns()).gradient(g, x, dy, dw)
         found.append((y, dx, dw))
-        if set(g.stride) == {1} and O == C and min(g.turned.pad) >= 0 and (
-            not isinstance(algorithm, Filter) or windows == sizes
+        if (
+            set(g.stride) == {1}
+            and O == C
+            and min(g.turned.pad) >= 0
+            and (not isinstance(algorithm, Filter) or windows == sizes)
         ):
             turned = np.full(x.shape, np.nan)
             Turned(one).transpose(g, dy, w, after_x, turned)
@@ -183,22 +237,27 @@ def test_each_algorithm(algorithm: Algorithm, case: int, monkeypatch: pytest.Mon
         np.testing.assert_allclose(got, want, rtol=0, atol=1e-11)
 
 
-@pytest.mark.parametrize(("x_shape", "w_shape", "group", "names"), [
-    ((8, 128, 16, 16), (128, 128, 3, 3), 1, ["Winograd", "Winograd", "Winograd"]),
-    ((8, 32, 16, 16), (32, 32, 3, 3), 1, ["RowWinograd", "RowWinograd", "RowWinograd"]),
-    ((8, 16, 16, 16), (16, 16, 5, 5), 1, ["RowWinograd", "RowWinograd", "RowWinograd"]),
-    ((8, 16, 16, 16), (16, 16, 3, 3), 1, ["Rows", "Rows", "Rows"]),
-    ((8, 32, 20, 20), (32, 1, 3, 3), 32, ["Depthwise", "Depthwise", "Depthwise"]),
-    ((8, 64, 16, 16), (32, 64, 1, 1), 1, ["Columns", "Columns", "Columns"]),
-    ((1, 512, 7, 7), (512, 512, 3, 3), 1, ["Columns", "Columns", "Columns"]),
-    ((8, 3, 32, 32), (32, 3, 5, 5), 1, ["Rows", "Columns", "RowWinograd"]),
-    ((8, 64, 16, 16), (64, 32, 5, 5), 2, ["RowWinograd", "RowWinograd", "RowWinograd"]),
-    ((8, 32, 40, 40), (32, 1, 3, 3), 32, ["Filter", "Filter", "Depthwise"]),
-    ((8, 32, 20, 20), (64, 1, 3, 3), 32, ["Depthwise", "Depthwise", "Depthwise"]),
-    ((8, 64, 20, 20), (32, 2, 3, 3), 32, ["Columns", "Depthwise", "Columns"]),
-    ((2, 16, 8, 16, 16), (16, 16, 3, 3, 3), 1, ["Rows", "Rows", "Rows"]),
-])
-def test_the_choice(x_shape: tuple[int, ...], w_shape: tuple[int, ...], group: int, names: list[str]) -> None:
+@pytest.mark.parametrize(
+    ("x_shape", "w_shape", "group", "names"),
+    [
+        ((8, 128, 16, 16), (128, 128, 3, 3), 1, ["Winograd", "Winograd", "Winograd"]),
+        ((8, 32, 16, 16), (32, 32, 3, 3), 1, ["RowWinograd", "RowWinograd", "RowWinograd"]),
+        ((8, 16, 16, 16), (16, 16, 5, 5), 1, ["RowWinograd", "RowWinograd", "RowWinograd"]),
+        ((8, 16, 16, 16), (16, 16, 3, 3), 1, ["Rows", "Rows", "Rows"]),
+        ((8, 32, 20, 20), (32, 1, 3, 3), 32, ["Depthwise", "Depthwise", "Depthwise"]),
+        ((8, 64, 16, 16), (32, 64, 1, 1), 1, ["Columns", "Columns", "Columns"]),
+        ((1, 512, 7, 7), (512, 512, 3, 3), 1, ["Columns", "Columns", "Columns"]),
+        ((8, 3, 32, 32), (32, 3, 5, 5), 1, ["Rows", "Columns", "RowWinograd"]),
+        ((8, 64, 16, 16), (64, 32, 5, 5), 2, ["RowWinograd", "RowWinograd", "RowWinograd"]),
+        ((8, 32, 40, 40), (32, 1, 3, 3), 32, ["Filter", "Filter", "Depthwise"]),
+        ((8, 32, 20, 20), (64, 1, 3, 3), 32, ["Depthwise", "Depthwise", "Depthwise"]),
+        ((8, 64, 20, 20), (32, 2, 3, 3), 32, ["Columns", "Depthwise", "Columns"]),
+        ((2, 16, 8, 16, 16), (16, 16, 3, 3, 3), 1, ["Rows", "Rows", "Rows"]),
+    ],
+)
+def test_the_choice(
+    x_shape: tuple[int, ...], w_shape: tuple[int, ...], group: int, names: list[str]
+) -> None:
     pad = tuple(k // 2 for k in w_shape[2:])
     g = Geometry(w_shape[2:], (1, 1), pad, (1, 1), group)
     chosen = choose(g, x_shape, (x_shape[0], w_shape[0], *x_shape[2:]))
@@ -227,9 +286,14 @@ def test_the_types_of_forks_have_the_depthwise_algorithm(kind):
     found = []
     for type_ in ("Convolution", kind):
         layer: Any = gradcheck.make_layer(
-            f'type: "{type_}" convolution_param {{ {options} }}', [x], dtype=np.float32, engine="fast"
+            f'type: "{type_}" convolution_param {{ {options} }}',
+            [x],
+            dtype=np.float32,
+            engine="fast",
         )
         layer.reshape([Blob(x.shape)], [Blob(())])
         [chosen] = layer.algorithms
-        found.append([type(getattr(chosen, part)) for part in ("correlate", "transpose", "gradient")])
+        found.append(
+            [type(getattr(chosen, part)) for part in ("correlate", "transpose", "gradient")]
+        )
     assert found[0] == found[1] == [Depthwise] * 3

@@ -47,17 +47,26 @@ CHAINS = {
 }
 
 
-def make(first: str, chain: str, shape: tuple[int, ...], engine: str, end: str = "", phase: int = 1) -> netlib.Net:
+def make(
+    first: str, chain: str, shape: tuple[int, ...], engine: str, end: str = "", phase: int = 1
+) -> netlib.Net:
     """A net with one convolution and layers in place behind it; its parameters are random."""
     text = FIRST[first] % FILLERS if "%" in FIRST[first] else FIRST[first]
     lines = [inputs(x=shape), f'layer {{ name: "first" bottom: "x" top: "y" {text} }}']
-    lines += [f'layer {{ name: "l{i}" bottom: "y" top: "y" {kind} }}' for i, kind in enumerate(CHAINS[chain][0])]
-    net = netlib.Net(prototxt.parse("\n".join(lines) + end), phase, dtype=np.float32, engine=engine, seed=3)
+    lines += [
+        f'layer {{ name: "l{i}" bottom: "y" top: "y" {kind} }}'
+        for i, kind in enumerate(CHAINS[chain][0])
+    ]
+    net = netlib.Net(
+        prototxt.parse("\n".join(lines) + end), phase, dtype=np.float32, engine=engine, seed=3
+    )
     rng = np.random.default_rng(5)
     for layer in net.layers:
         for param in layer.blobs:
             param.data[...] = (
-                rng.uniform(0.5, 1.5, param.shape) if layer.type == "BatchNorm" else rng.normal(size=param.shape)
+                rng.uniform(0.5, 1.5, param.shape)
+                if layer.type == "BatchNorm"
+                else rng.normal(size=param.shape)
             )
     return net
 
@@ -87,7 +96,9 @@ def test_the_plain_layers_values(
         y = plain.blobs["y"].data.copy()
         size = np.abs(y).max()
         if "relu6" in chain:  # the rounding is that of larger values
-            plain.forward(end=f"l{len(CHAINS[chain][0]) - 2}" if len(CHAINS[chain][0]) > 1 else "first")
+            plain.forward(
+                end=f"l{len(CHAINS[chain][0]) - 2}" if len(CHAINS[chain][0]) > 1 else "first"
+            )
             size = np.abs(plain.blobs["y"].data).max()
         np.testing.assert_allclose(fast.blobs["y"].data, y, rtol=0, atol=1e-5 * size)
     for net in (plain, fast):
@@ -99,15 +110,20 @@ def test_the_plain_layers_values(
 
 @pytest.mark.parametrize(
     ("chain", "count"),
-    [("relu", 1), ("norm, scale, relu", 0), ("norm of the batch, scale, relu", 2), ("norm of the batch", 1)],
+    [
+        ("relu", 1),
+        ("norm, scale, relu", 0),
+        ("norm of the batch, scale, relu", 2),
+        ("norm of the batch", 1),
+    ],
 )
 def test_a_backward_pass(chain: str, count: int, rng: np.random.Generator) -> None:
     """Only a ReLU, and a Scale behind a BatchNorm by the statistics of the batch, are fused if gradients are computed,
     which are those of the plain engine, as are the diffs of all blobs, also if parts of the net are run."""
-    end = (
-        'layer { name: "l" type: "Reduction" bottom: "y" top: "l" loss_weight: 1 reduction_param { operation: SUMSQ } }'
+    end = 'layer { name: "l" type: "Reduction" bottom: "y" top: "l" loss_weight: 1 reduction_param { operation: SUMSQ } }'
+    plain, fast = (
+        make("rows", chain, (3, 4, 9, 9), engine, end, netlib.TRAIN) for engine in ("plain", "fast")
     )
-    plain, fast = (make("rows", chain, (3, 4, 9, 9), engine, end, netlib.TRAIN) for engine in ("plain", "fast"))
     assert fused(fast) == count
     x = rng.normal(size=(3, 4, 9, 9)).astype(np.float32)
     for turn in range(3):
@@ -120,10 +136,15 @@ def test_a_backward_pass(chain: str, count: int, rng: np.random.Generator) -> No
                 net.backward(start="l")
         for name, blob in plain.blobs.items():
             size = np.abs(blob.diff).max()
-            np.testing.assert_allclose(fast.blobs[name].diff, blob.diff, rtol=0, atol=1e-4 * size, err_msg=name)
+            np.testing.assert_allclose(
+                fast.blobs[name].diff, blob.diff, rtol=0, atol=1e-4 * size, err_msg=name
+            )
         largest = max(np.abs(one.diff).max() for params in plain.params.values() for one in params)
         for name, params in plain.params.items():
             for one, other in zip(params, fast.params[name]):
-                size = np.abs(one.diff).max() if "batch" not in chain else largest  # that of a bias before it is zero
-                np.testing.assert_allclose(other.diff, one.diff, rtol=0, atol=1e-4 * max(size, 1e-3))
+                # that of a bias before it is zero
+                size = np.abs(one.diff).max() if "batch" not in chain else largest
+                np.testing.assert_allclose(
+                    other.diff, one.diff, rtol=0, atol=1e-4 * max(size, 1e-3)
+                )
                 np.testing.assert_allclose(other.data, one.data, rtol=1e-5, atol=1e-5)

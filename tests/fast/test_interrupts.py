@@ -39,7 +39,8 @@ TEXT = (
 )
 RNG = np.random.default_rng(0)
 FIRST, SECOND = (
-    {"x": RNG.normal(size=(count, 2, 9, 9)), "z": RNG.normal(size=(8 - count, 2, 9, 9))} for count in (5, 4)
+    {"x": RNG.normal(size=(count, 2, 9, 9)), "z": RNG.normal(size=(8 - count, 2, 9, 9))}
+    for count in (5, 4)
 )
 OPERATIONS: dict[str, Callable[[netlib.Net], object]] = {
     "forward": lambda net: net.forward(**FIRST),
@@ -96,6 +97,8 @@ def test_an_interrupt_at_any_line(name: str) -> None:
         for blob in plain.blobs:
             for half in ("data", "diff"):
                 found, expected = (getattr(one.blobs[blob], half) for one in (net, plain))
-                np.testing.assert_allclose(found, expected, 1e-8, 1e-8, err_msg=f"line {line}: {half} of {blob}")
+                np.testing.assert_allclose(
+                    found, expected, 1e-8, 1e-8, err_msg=f"line {line}: {half} of {blob}"
+                )
         line += STRIDE
     assert line > STRIDE

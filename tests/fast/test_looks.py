@@ -69,7 +69,10 @@ MOMENTS: dict[str, Change] = {
     "the same shape again": lambda net, rng: (passes(net, rng, "fb"), reshape(net, rng, None, 9)),
     "fewer items": lambda net, rng: (passes(net, rng, "fb"), reshape(net, rng, 2, 9)),
     "fewer items of one input": lambda net, rng: (passes(net, rng, "fb"), reshape(net, rng, 2, 1)),
-    "fewer items in the blob alone": lambda net, rng: (passes(net, rng, "fb"), reshape(net, rng, 2, 1, whole=False)),
+    "fewer items in the blob alone": lambda net, rng: (
+        passes(net, rng, "fb"),
+        reshape(net, rng, 2, 1, whole=False),
+    ),
     "a part": lambda net, rng: (passes(net, rng, "fb"), run_part(net, rng)),
 }
 
@@ -148,8 +151,13 @@ def agree(fast: Any, plain: Any, where: str, may_fail: bool) -> bool:
 def check(seed: int) -> None:
     """Look at a random blob of a random net at a random moment."""
     slices.MAX_SLICE, rng = 2 if seed % 2 else 64, Random(seed)
-    model, phase = prototxt.parse(random_net(rng)), rng.choice([netlib.TRAIN, netlib.TRAIN, netlib.TEST])
-    plain, fast = (Net(model, phase, dtype=np.float64, seed=1, engine=engine) for engine in ("plain", "fast"))
+    model, phase = (
+        prototxt.parse(random_net(rng)),
+        rng.choice([netlib.TRAIN, netlib.TRAIN, netlib.TEST]),
+    )
+    plain, fast = (
+        Net(model, phase, dtype=np.float64, seed=1, engine=engine) for engine in ("plain", "fast")
+    )
     turn, moment = divmod(seed, len(MOMENTS))
     turn, what = divmod(turn, len(WRITTEN))
     moment, what, half = list(MOMENTS)[moment], WRITTEN[what], ("data", "diff")[turn % 2]
@@ -178,7 +186,12 @@ def check(seed: int) -> None:
             passes(net, np.random.default_rng([seed, 2]), "fb")
         for name in fast.blobs:
             for side in ("data", "diff"):
-                agree(look(fast, name, side), look(plain, name, side), f"seed {seed}, later: {side} of {name}", False)
+                agree(
+                    look(fast, name, side),
+                    look(plain, name, side),
+                    f"seed {seed}, later: {side} of {name}",
+                    False,
+                )
 
 
 @pytest.mark.filterwarnings("ignore")

@@ -21,19 +21,64 @@ VALUES = [np.inf, -np.inf, np.nan, 3e38]  # the last is finite, but its transfor
 CASES: list[tuple[str, str, tuple[int, ...], list[str]]] = [
     ("Convolution", "num_output: 48 kernel_size: 3 pad: 1", (7, 48, 16, 16), ["Winograd"] * 3),
     ("Convolution", "num_output: 48 kernel_size: 3 pad: 1", (5, 48, 32, 32), ["Winograd"] * 3),
-    ("Convolution", "num_output: 64 kernel_size: 3 pad: 1 group: 2", (8, 64, 9, 10), ["RowWinograd"] * 3),
+    (
+        "Convolution",
+        "num_output: 64 kernel_size: 3 pad: 1 group: 2",
+        (8, 64, 9, 10),
+        ["RowWinograd"] * 3,
+    ),
     ("Convolution", "num_output: 16 kernel_size: 5 pad: 2", (8, 16, 13, 14), ["RowWinograd"] * 3),
     ("Convolution", "num_output: 16 kernel_size: 3 pad: 1", (8, 16, 13, 14), ["Rows"] * 3),
     ("Convolution", "num_output: 2 kernel_size: 3 pad: 1", (8, 4, 13, 14), ["Columns"] * 3),
-    ("Convolution", "num_output: 8 group: 4 kernel_size: 3 pad: 1", (3, 4, 12, 11), ["Depthwise"] * 3),
-    ("Convolution", "num_output: 4 group: 4 kernel_size: 5 pad: 2", (3, 4, 12, 1), ["Depthwise"] * 3),
-    ("Convolution", "num_output: 8 group: 4 kernel_size: 3 pad: 1", (3, 4, 20, 21), ["Depthwise"] * 3),
-    ("Convolution", "num_output: 4 group: 4 kernel_size: 3 pad: 1", (3, 4, 40, 41), ["Filter", "Filter", "Depthwise"]),
-    ("Convolution", "num_output: 4 group: 4 kernel_size: 9 pad: 4", (3, 4, 40, 41), ["Depthwise"] * 3),
-    ("Convolution", "num_output: 4 group: 4 kernel_size: 3 pad: 1", (3, 8, 9, 9), ["Columns", "Depthwise", "Columns"]),
-    ("Convolution", "num_output: 128 kernel_size: 3 pad: 2 dilation: 2", (2, 128, 32, 30), ["Phases"] * 3),
+    (
+        "Convolution",
+        "num_output: 8 group: 4 kernel_size: 3 pad: 1",
+        (3, 4, 12, 11),
+        ["Depthwise"] * 3,
+    ),
+    (
+        "Convolution",
+        "num_output: 4 group: 4 kernel_size: 5 pad: 2",
+        (3, 4, 12, 1),
+        ["Depthwise"] * 3,
+    ),
+    (
+        "Convolution",
+        "num_output: 8 group: 4 kernel_size: 3 pad: 1",
+        (3, 4, 20, 21),
+        ["Depthwise"] * 3,
+    ),
+    (
+        "Convolution",
+        "num_output: 4 group: 4 kernel_size: 3 pad: 1",
+        (3, 4, 40, 41),
+        ["Filter", "Filter", "Depthwise"],
+    ),
+    (
+        "Convolution",
+        "num_output: 4 group: 4 kernel_size: 9 pad: 4",
+        (3, 4, 40, 41),
+        ["Depthwise"] * 3,
+    ),
+    (
+        "Convolution",
+        "num_output: 4 group: 4 kernel_size: 3 pad: 1",
+        (3, 8, 9, 9),
+        ["Columns", "Depthwise", "Columns"],
+    ),
+    (
+        "Convolution",
+        "num_output: 128 kernel_size: 3 pad: 2 dilation: 2",
+        (2, 128, 32, 30),
+        ["Phases"] * 3,
+    ),
     ("Deconvolution", "num_output: 48 kernel_size: 3 pad: 1", (7, 48, 16, 16), ["Winograd"] * 3),
-    ("Deconvolution", "num_output: 4 kernel_size: 4 pad: 1 stride: 2", (3, 5, 9, 9), ["Columns"] * 3),
+    (
+        "Deconvolution",
+        "num_output: 4 kernel_size: 4 pad: 1 stride: 2",
+        (3, 5, 9, 9),
+        ["Columns"] * 3,
+    ),
 ]
 
 
@@ -65,10 +110,15 @@ def check_equal(got: list[Array], want: list[Array]) -> None:
 def test_convolutions(kind: str, options: str, shape: tuple[int, ...], names: list[str]) -> None:
     """One such value in x, in w or in dy, anywhere in a tile of any algorithm."""
     rng = np.random.default_rng(0)
-    sizes = gradcheck.make_layer(f'type: "{kind}" convolution_param {{ {options} }}', [np.zeros(shape)])
+    sizes = gradcheck.make_layer(
+        f'type: "{kind}" convolution_param {{ {options} }}', [np.zeros(shape)]
+    )
     bottom, top = Blobs([Blob(shape)]), Blobs([Blob(())])
     sizes.reshape(bottom, top)
-    plain = [0.05 * rng.normal(size=s).astype(np.float32) for s in (shape, sizes.blobs[0].shape, top[0].shape)]
+    plain = [
+        0.05 * rng.normal(size=s).astype(np.float32)
+        for s in (shape, sizes.blobs[0].shape, top[0].shape)
+    ]
     for value in VALUES:
         for i in range(3):
             arrays = [array.copy() for array in plain]
@@ -83,10 +133,15 @@ def test_convolutions(kind: str, options: str, shape: tuple[int, ...], names: li
 def test_a_weight_of_zero_times_infinity() -> None:
     """It is NaN, also where OpenCV would omit the weight."""
     rng = np.random.default_rng(0)
-    arrays = [rng.normal(size=size).astype(np.float32) for size in ((1, 2, 40, 40), (2, 1, 3, 3), (1, 2, 40, 40))]
+    arrays = [
+        rng.normal(size=size).astype(np.float32)
+        for size in ((1, 2, 40, 40), (2, 1, 3, 3), (1, 2, 40, 40))
+    ]
     arrays[0][0, 0, 20, 20], arrays[1][0, 0, 0, 1] = np.inf, 0
     options = "num_output: 2 group: 2 kernel_size: 3 pad: 1"
-    check_equal(*(passes(engine, "Convolution", options, arrays)[0] for engine in ("fast", "plain")))
+    check_equal(
+        *(passes(engine, "Convolution", options, arrays)[0] for engine in ("fast", "plain"))
+    )
 
 
 NET = """
@@ -101,15 +156,20 @@ layer { name: "p2" type: "Pooling" bottom: "y2" top: "z2" pooling_param { kernel
 """
 
 
-@pytest.mark.parametrize("force", ["true", "false"])  # tiles, or only the windows without background
+# tiles, or only the windows without background
+@pytest.mark.parametrize("force", ["true", "false"])
 @pytest.mark.parametrize("place", ["x", "c1", "c2"])
 def test_convolutions_on_tiles(force: str, place: str) -> None:
     """The same of convolutions and poolings on tiles, and of the next pass without such a value."""
     rng = np.random.default_rng(0)
     x = rng.uniform(-1, 1, (3, 1, 32, 32))
-    if force == "false":  # else rounding would decide which of the equal values of the background is the largest
+    # else rounding would decide which of the equal values of the background is the largest
+    if force == "false":
         x[:, :, :6] = x[:, :, 20:] = 1
-    nets = [netlib.Net(prototxt.parse(NET % (force, 3)), netlib.TRAIN, engine=e, seed=1) for e in ("plain", "fast")]
+    nets = [
+        netlib.Net(prototxt.parse(NET % (force, 3)), netlib.TRAIN, engine=e, seed=1)
+        for e in ("plain", "fast")
+    ]
     tops = rng.normal(size=nets[0].forward(x=x)["z2"].shape)
     for value in [0, np.inf, -np.inf, np.nan, 0]:
         index, results = int(rng.integers(9)), []
@@ -120,7 +180,9 @@ def test_convolutions_on_tiles(force: str, place: str) -> None:
             net.clear_param_diffs()
             net.backward(z2=tops)
             dx = [net.blobs["x"].diff.copy()] if force == "true" else []
-            results.append([z, *dx, *(p.diff.copy() for params in net.params.values() for p in params)])
+            results.append(
+                [z, *dx, *(p.diff.copy() for params in net.params.values() for p in params)]
+            )
             weight.reshape(-1)[index] = 0.1
         check_equal(results[1], results[0])
 
@@ -170,7 +232,9 @@ def test_other_windows(layer: str, phase: int) -> None:
 
 @pytest.mark.parametrize("share", [0, 1e-3, 0.03])
 @pytest.mark.parametrize(("channels", "size", "kernel"), [(64, 28, 3), (32, 16, 3), (16, 28, 5)])
-def test_large_values_spoil_only_their_windows(channels: int, size: int, kernel: int, share: float) -> None:
+def test_large_values_spoil_only_their_windows(
+    channels: int, size: int, kernel: int, share: float
+) -> None:
     """Outputs whose windows do not contain one of the values 65535, as of depth sensors, are right to 1e-3."""
     rng = np.random.default_rng(1)
     x = rng.normal(size=(8, channels, size, size)).astype(np.float32)
@@ -181,7 +245,13 @@ def test_large_values_spoil_only_their_windows(channels: int, size: int, kernel:
     found = []
     for engine, dtype in (("plain", np.float64), ("fast", np.float32)):
         text = f'layer {{ name: "c" type: "Convolution" bottom: "x" top: "y" convolution_param {{ {options} }} }}'
-        net = netlib.Net(prototxt.parse(inputs(x=x.shape) + text), netlib.TEST, engine=engine, dtype=dtype, seed=1)
+        net = netlib.Net(
+            prototxt.parse(inputs(x=x.shape) + text),
+            netlib.TEST,
+            engine=engine,
+            dtype=dtype,
+            seed=1,
+        )
         found.append(net.forward(x=x)["y"].copy())
     seen = scipy.ndimage.maximum_filter(large, size=(1, kernel, kernel))
     want, got = (y.swapaxes(0, 1)[:, ~seen] for y in found)
@@ -192,11 +262,17 @@ def test_large_values_spoil_only_their_windows(channels: int, size: int, kernel:
 def test_ordinary_values_are_not_taken_for_large_ones(values: str) -> None:
     """The guard accepts the sums of ordinary inputs, and not those with one of 65535."""
     rng = np.random.default_rng(0)
-    x = rng.standard_t(3, (2, 64, 24, 24)) if values == "long tail" else rng.normal(size=(2, 64, 24, 24))
+    x = (
+        rng.standard_t(3, (2, 64, 24, 24))
+        if values == "long tail"
+        else rng.normal(size=(2, 64, 24, 24))
+    )
     x = (np.maximum(x, 0) if values == "half zeros" else x).astype(np.float32)
     if values == "black background":
         x[..., 8:] = 0
-    sums = np.tensordot(rng.normal(size=(64, 64)), scipy.ndimage.uniform_filter(x, (0, 0, 3, 3)), (1, 1))
+    sums = np.tensordot(
+        rng.normal(size=(64, 64)), scipy.ndimage.uniform_filter(x, (0, 0, 3, 3)), (1, 1)
+    )
     check_spread(sums, x, 64)
     x[0, 0, 5, 5] = 65535
     with pytest.raises(NotFiniteError):

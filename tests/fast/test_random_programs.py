@@ -29,7 +29,8 @@ TOLERANCE = 1e-9  # of the largest value of an array, or of 1 where all are smal
 # blob and, where "B" stands, any other; it writes a new one, and another one where "Z" stands.
 CONVOLUTION = """type: "Convolution" convolution_param { num_output: <1|2|3|4> bias_term: <true|false>
     weight_filler { type: "gaussian" std: 0.5 } bias_filler { type: "uniform" min: -1 max: 1 } """
-SHARED = CONVOLUTION.replace("<1|2|3|4>", "2") + 'kernel_size: 2 } param { name: "w" }'  # of two layers
+# of two layers
+SHARED = CONVOLUTION.replace("<1|2|3|4>", "2") + 'kernel_size: 2 } param { name: "w" }'
 RELU = 'type: <"ReLU" relu_param|"ReLU" relu_param|"ReLU6" relu6_param> { negative_slope: <0|0|0|0.1> }'
 LOSS = 'type: "Reduction" loss_weight: <1|2> reduction_param { operation: SUMSQ }'
 ELEMENTWISE = {  # in place where possible
@@ -42,8 +43,10 @@ ELEMENTWISE = {  # in place where possible
     'type: "Normalize" norm_param { across_spatial: <true|false> channel_shared: false eps: 0.1 }': 1,
 }
 LAYERS = ELEMENTWISE | {
-    CONVOLUTION + "kernel_size: <1|2|2|3|4> stride: <1|1|1|2> pad: <0|0|0|1> } <||||param { lr_mult: 0 }>": 6,
-    CONVOLUTION.replace("<1|2|3|4>", "12") + "kernel_size: <2|3> pad: 1 group: <2|3|4> dilation: <1|1|2> }": 2,
+    CONVOLUTION
+    + "kernel_size: <1|2|2|3|4> stride: <1|1|1|2> pad: <0|0|0|1> } <||||param { lr_mult: 0 }>": 6,
+    CONVOLUTION.replace("<1|2|3|4>", "12")
+    + "kernel_size: <2|3> pad: 1 group: <2|3|4> dilation: <1|1|2> }": 2,
     CONVOLUTION + 'kernel_size: <2|3> } bottom: "B" top: "Z"': 1,
     SHARED: 2,
     'type: "Pooling" pooling_param { <kernel_size: 2 stride: 2|kernel_size: 3 stride: 3|kernel_size: 4 stride: 4> }': 3,
@@ -62,7 +65,10 @@ def pick(rng: Random, weights: dict[str, int], count: int) -> list[str]:
 def random_net(rng: Random) -> str:
     """Return the text of a random net. The name of an input ends in the step of its sizes: ``x1``."""
     T = rng.choice([1] * 6 + [2, 4])  # 1, or of a depth image
-    C, sizes = rng.randint(1, 4 if T == 1 else 1), [rng.randrange(max(6, 2 * T), 19, T) for _ in range(2)]
+    C, sizes = (
+        rng.randint(1, 4 if T == 1 else 1),
+        [rng.randrange(max(6, 2 * T), 19, T) for _ in range(2)],
+    )
     names = ["x1", "y1", "z1"][: rng.choice([1, 1, 1, 2, 3])] if T == 1 else [f"x{T}"]
     text = inputs(**{name: (3, C, *rng.choice([sizes, sizes, sizes[::-1]])) for name in names})
     text += rng.choice(["", "", "force_backward: true "]) if T == 1 else ""
@@ -71,12 +77,21 @@ def random_net(rng: Random) -> str:
     if T > 1:
         # A convolution and a pooling that fit together, whose windows of background the fast engine skips. A second max
         # pooling would choose between values that differ only by rounding.
-        layers = [CONVOLUTION + f"kernel_size: {T + 1} }}", *[RELU] * rng.choice([0, 1, 1]),
-                  f'type: "Pooling" pooling_param {{ kernel_size: {T} stride: {T} }}',
-                  *pick(rng, ELEMENTWISE, rng.randint(0, 3)), CONVOLUTION + "kernel_size: 1 }", LOSS]
+        layers = [
+            CONVOLUTION + f"kernel_size: {T + 1} }}",
+            *[RELU] * rng.choice([0, 1, 1]),
+            f'type: "Pooling" pooling_param {{ kernel_size: {T} stride: {T} }}',
+            *pick(rng, ELEMENTWISE, rng.randint(0, 3)),
+            CONVOLUTION + "kernel_size: 1 }",
+            LOSS,
+        ]
     for number, options in enumerate(layers):
         bottom = rng.choice([names[-1]] * 3 + names) if T == 1 else names[-1]
-        top = bottom if options in ELEMENTWISE and bottom[0] == "b" and rng.random() < 0.7 else f"b{number}"
+        top = (
+            bottom
+            if options in ELEMENTWISE and bottom[0] == "b" and rng.random() < 0.7
+            else f"b{number}"
+        )
         layer = f'layer {{ name: "n{number}" bottom: "{bottom}" top: "{top}" {options} }}\n'
         layer = layer.replace('"B"', f'"{rng.choice(names)}"').replace('"Z"', f'"{top}z"')
         while "<" in layer:
@@ -85,7 +100,10 @@ def random_net(rng: Random) -> str:
             blobs = netlib.Net(prototxt.parse(text + layer), netlib.TRAIN, engine="plain").blobs
         except netlib.NetlibError:  # the layer does not fit its bottoms
             continue
-        text, names = text + layer, [name for name in blobs if blobs[name].shape and "split" not in name]
+        text, names = (
+            text + layer,
+            [name for name in blobs if blobs[name].shape and "split" not in name],
+        )
     return text
 
 
@@ -110,7 +128,8 @@ def forward(net: netlib.Net, rng: np.random.Generator) -> dict[str, Any]:
     for name, image in given.items():
         net.blobs[name].reshape(image.shape)
         net.blobs[name].data[...] = image
-    return net.forward() if rng.random() < 0.7 else {"loss": np.array(net.run_forward())}  # as a solver does
+    # as a solver does
+    return net.forward() if rng.random() < 0.7 else {"loss": np.array(net.run_forward())}
 
 
 def backward(net: netlib.Net, rng: np.random.Generator, fewer: bool = False) -> dict[str, Any]:
@@ -121,16 +140,27 @@ def backward(net: netlib.Net, rng: np.random.Generator, fewer: bool = False) -> 
         for name in net.inputs[rng.integers(len(net.inputs)) :]:
             net.blobs[name].reshape(count, *net.blobs[name].shape[1:])
         net.reshape()
-    return net.backward(**{name: rng.normal(size=net.blobs[name].shape) for name in net.outputs if rng.random() < 0.8})
+    return net.backward(
+        **{
+            name: rng.normal(size=net.blobs[name].shape)
+            for name in net.outputs
+            if rng.random() < 0.8
+        }
+    )
 
 
 def part(net: netlib.Net, rng: np.random.Generator) -> list[str | None]:
     """Draw the first and the last layer of a part of the net."""
-    return [net.layers[i].name if rng.random() < 0.8 else None for i in sorted(rng.choice(len(net.layers), 2))]
+    return [
+        net.layers[i].name if rng.random() < 0.8 else None
+        for i in sorted(rng.choice(len(net.layers), 2))
+    ]
 
 
 def read(blobs: dict[str, Blob], *halves: str) -> dict[str, Any]:
-    return {f"{half} of {name}": getattr(blob, half) for half in halves for name, blob in blobs.items()}
+    return {
+        f"{half} of {name}": getattr(blob, half) for half in halves for name, blob in blobs.items()
+    }
 
 
 def write(rng: np.random.Generator, arrays: dict[str, Any]) -> None:
@@ -138,35 +168,68 @@ def write(rng: np.random.Generator, arrays: dict[str, Any]) -> None:
         array[...] = rng.normal(size=array.shape) if rng.random() < 0.5 else array
 
 
-OPERATIONS = {  # weight of the choice, effect, function of a net and a generator, which has the same seed for each net
+# weight of the choice, effect, function of a net and a generator, which has the same seed for each net
+OPERATIONS = {
     "forward": (17, "pass", forward),
     "forward of new images": (3, "pass", lambda net, rng: net.forward(**images(net, rng))),
-    "forward of views": (1, "pass", lambda net, rng: net.forward(**{x: net.blobs[x].data[::-1] for x in net.inputs})),
+    "forward of views": (
+        1,
+        "pass",
+        lambda net, rng: net.forward(**{x: net.blobs[x].data[::-1] for x in net.inputs}),
+    ),
     "forward part": (3, "pass", lambda net, rng: net.forward(None, *part(net, rng))),
-    "forward part, write": (2, "pass", lambda net, rng: write(rng, net.forward(net.blobs, start=net.layers[-1].name))),
+    "forward part, write": (
+        2,
+        "pass",
+        lambda net, rng: write(rng, net.forward(net.blobs, start=net.layers[-1].name)),
+    ),
     "backward": (9, "backward", backward),
     "backward of fewer items": (2, "pass", lambda net, rng: backward(net, rng, fewer=True)),
     "backward to a layer": (2, "", lambda net, rng: net.backward(end=part(net, rng)[0])),
-    "backward part": (3, "needs diffs", lambda net, rng: net.backward(None, *reversed(part(net, rng)))),
+    "backward part": (
+        3,
+        "needs diffs",
+        lambda net, rng: net.backward(None, *reversed(part(net, rng))),
+    ),
     "clear": (3, "", lambda net, rng: net.clear_param_diffs()),
     "read data": (4, "", lambda net, rng: read(net.blobs, "data")),
     "read diffs": (3, "needs diffs", lambda net, rng: read(net.blobs, "diff")),
     "write diffs": (2, "needs diffs", lambda net, rng: write(rng, read(net.blobs, "diff"))),
-    "write params": (2, "new params", lambda net, rng: write(rng, {p.label: p.blob.data for p in net.learnable})),
-    "share": (1, "new params", lambda net, rng: net.share_params(
-        netlib.Net(net.param, net.phase, dtype=np.float64, seed=2, engine=net.engine.name))),
+    "write params": (
+        2,
+        "new params",
+        lambda net, rng: write(rng, {p.label: p.blob.data for p in net.learnable}),
+    ),
+    "share": (
+        1,
+        "new params",
+        lambda net, rng: net.share_params(
+            netlib.Net(net.param, net.phase, dtype=np.float64, seed=2, engine=net.engine.name)
+        ),
+    ),
 }
 
 
 def check(seed: int) -> None:
     """Run the program of a seed; every second one in slices of two items, so that there are several."""
     slices.MAX_SLICE, rng = 2 if seed % 2 else 64, Random(seed)
-    model, phase = prototxt.parse(random_net(rng)), rng.choice([netlib.TRAIN, netlib.TRAIN, netlib.TEST])
-    nets = [netlib.Net(model, phase, dtype=np.float64, seed=1, engine=engine) for engine in ("plain", "fast", "fast")]
+    model, phase = (
+        prototxt.parse(random_net(rng)),
+        rng.choice([netlib.TRAIN, netlib.TRAIN, netlib.TEST]),
+    )
+    nets = [
+        netlib.Net(model, phase, dtype=np.float64, seed=1, engine=engine)
+        for engine in ("plain", "fast", "fast")
+    ]
     state = ""  # or "diffs", those of the last pass, or "new params", to which no diffs belong
-    some = pick(rng, {name: weight for name, (weight, _, _) in OPERATIONS.items()}, rng.randint(3, 12))
+    some = pick(
+        rng, {name: weight for name, (weight, _, _) in OPERATIONS.items()}, rng.randint(3, 12)
+    )
     for number, name in enumerate(["forward of new images", *some, "read data", "read diffs"]):
-        (_, effect, operation), where = OPERATIONS[name], f"program {seed}, operation {number} ({name})"
+        (_, effect, operation), where = (
+            OPERATIONS[name],
+            f"program {seed}, operation {number} ({name})",
+        )
         if effect == "needs diffs" and state != "diffs":
             continue
         results = []
@@ -175,10 +238,17 @@ def check(seed: int) -> None:
             try:
                 found = operation(net, np.random.default_rng([seed, number])) or {}
                 found |= read({name: net.blobs[name] for name in net.outputs}, "data")
-                results.append(found | read({param.label: param.blob for param in net.learnable}, "data", "diff"))
+                results.append(
+                    found
+                    | read({param.label: param.blob for param in net.learnable}, "data", "diff")
+                )
             except netlib.NetlibError as error:
                 results.append(error)
-        if any("run forward first" in str(one) for one in results if isinstance(one, netlib.NetlibError)):
+        if any(
+            "run forward first" in str(one)
+            for one in results
+            if isinstance(one, netlib.NetlibError)
+        ):
             return  # an engine may have to run other layers again
         plain, one, four = results
         assert type(plain) is type(one) is type(four), f"{where}: returned or raised {results}"
@@ -186,8 +256,12 @@ def check(seed: int) -> None:
             return  # after a failed pass, half of the blobs have new shapes
         for what in plain:
             size = abs(plain[what][np.isfinite(plain[what])]).max(initial=1)
-            np.testing.assert_allclose(one[what], plain[what], 0, TOLERANCE * size, err_msg=f"{where}: {what}")
-            np.testing.assert_array_equal(four[what], one[what], f"{where}: {what} on 1 and on 4 threads")
+            np.testing.assert_allclose(
+                one[what], plain[what], 0, TOLERANCE * size, err_msg=f"{where}: {what}"
+            )
+            np.testing.assert_array_equal(
+                four[what], one[what], f"{where}: {what} on 1 and on 4 threads"
+            )
         state = {"pass": "", "new params": effect, "backward": state or "diffs"}.get(effect, state)
 
 

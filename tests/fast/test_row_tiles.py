@@ -14,7 +14,8 @@ def fast(x, w, b, dy, tile=None, bottom_tile=None):
     _N, _C, _H, W = x.shape
     O, _, kh, kw = w.shape
     layer = gradcheck.make_layer(
-        f'type: "Convolution" convolution_param {{ num_output: {O} kernel_h: {kh} kernel_w: {kw} }}', [x]
+        f'type: "Convolution" convolution_param {{ num_output: {O} kernel_h: {kh} kernel_w: {kw} }}',
+        [x],
     )
     bottom, top = tiled(x.shape, bottom_tile), tiled(dy.shape, tile)
     if tile:
@@ -31,7 +32,14 @@ def fast(x, w, b, dy, tile=None, bottom_tile=None):
 @pytest.mark.parametrize("tile", [None, 1, 2, 3, 4, 5])
 @pytest.mark.parametrize(
     ("image", "kernel"),
-    [((5, 5), (1, 1)), ((5, 5), (5, 5)), ((8, 12), (5, 5)), ((7, 4), (2, 3)), ((3, 11), (3, 1)), ((6, 9), (1, 4))],
+    [
+        ((5, 5), (1, 1)),
+        ((5, 5), (5, 5)),
+        ((8, 12), (5, 5)),
+        ((7, 4), (2, 3)),
+        ((3, 11), (3, 1)),
+        ((6, 9), (1, 4)),
+    ],
 )
 def test_any_size(rng, image, kernel, tile, bottom_tile):
     """Forward is the definition, backward its transpose; images that are adjacent in a row do not affect each other."""

@@ -124,7 +124,9 @@ def is_sliced(net: netlib.Net) -> bool:
 
 
 @pytest.mark.parametrize("items", [1, 2, 5, 10])
-@pytest.mark.parametrize("start", ["", "force_backward: true "], ids=["training", "with the image's gradient"])
+@pytest.mark.parametrize(
+    "start", ["", "force_backward: true "], ids=["training", "with the image's gradient"]
+)
 @pytest.mark.parametrize("engine", ["plain", "fast"])
 def test_slices_give_what_layer_by_layer_gives(
     net_of: MakeNet, monkeypatch: pytest.MonkeyPatch, start: str, items: int, engine: str
@@ -142,16 +144,22 @@ def test_slices_give_what_layer_by_layer_gives(
     assert_close(got, want, 1e-12)
 
 
-@pytest.mark.parametrize("background", ["none", "nothing else", "another value", "nothing else, and zero"])
+@pytest.mark.parametrize(
+    "background", ["none", "nothing else", "another value", "nothing else, and zero"]
+)
 def test_any_background_gives_the_same(net_of: MakeNet, background: str) -> None:
     inputs = batch(4)
     if background == "none":
-        inputs["depth"] = np.random.default_rng(0).normal(size=inputs["depth"].shape).astype(np.float32)
+        inputs["depth"] = (
+            np.random.default_rng(0).normal(size=inputs["depth"].shape).astype(np.float32)
+        )
     elif background == "another value":
         inputs["depth"] = inputs["depth"] * np.float32(0.3) - np.float32(2)
     else:
         inputs["depth"][...] = 0 if "zero" in background else 1
-    assert_close(everything(net_of(PAPER), inputs), everything(layer_by_layer(net_of(PAPER)), inputs), 2e-5)
+    assert_close(
+        everything(net_of(PAPER), inputs), everything(layer_by_layer(net_of(PAPER)), inputs), 2e-5
+    )
 
 
 def expected_of(net_of: MakeNet, inputs: Arrays) -> dict[str, Arrays]:
@@ -203,7 +211,9 @@ def test_a_look_costs_one_pass_and_all_blobs_are_stored_from_then_on(
     repeated = []
     store = SlicedStep.store
     monkeypatch.setattr(SlicedStep, "store", lambda self: repeated.append(self) or store(self))
-    assert [blob.data.shape for blob in net.blobs.values()] == [blob.shape for blob in net.blobs.values()]
+    assert [blob.data.shape for blob in net.blobs.values()] == [
+        blob.shape for blob in net.blobs.values()
+    ]
     assert len(repeated) == 1
     assert hidden(net) == []
 
@@ -288,16 +298,24 @@ CONV = """
             convolution_param { num_output: 2 kernel_size: 3 weight_filler { type: "xavier" } } }
     layer { name: "r%s" type: "ReLU" bottom: "%s" top: "%s" }
 """
-OF_X, OF_Y = (CONV % (name, bottom, name, name, name, name) for name, bottom in (("cx", "fx"), ("cy", "y")))
+OF_X, OF_Y = (
+    CONV % (name, bottom, name, name, name, name) for name, bottom in (("cx", "fx"), ("cy", "y"))
+)
 
 
-@pytest.mark.parametrize("order", [OF_X + OF_Y, OF_Y + OF_X], ids=["filtered first", "filtered last"])
-def test_blobs_of_different_numbers_of_items(agree: Agree, rng: np.random.Generator, order: str) -> None:
+@pytest.mark.parametrize(
+    "order", [OF_X + OF_Y, OF_Y + OF_X], ids=["filtered first", "filtered last"]
+)
+def test_blobs_of_different_numbers_of_items(
+    agree: Agree, rng: np.random.Generator, order: str
+) -> None:
     """Numbers of items differ between blobs after a Filter, in every pass, or if one of two inputs is reshaped."""
     x, y = rng.normal(size=(2, 6, 1, 8, 8)).astype(np.float32)
     chosen = [1, 1, 1, 1], [1, 0, 0, 1], [0, 1, 1, 1], [0, 0, 0, 0], [1, 1, 1, 1]
     batches = [{"x": x[:4], "y": y[:4], "s": np.array(items)} for items in chosen]
-    net = agree(TWO_SIZES % order, *batches, {**batches[0], "y": y}, tolerance=1e-5, dtype=np.float32)
+    net = agree(
+        TWO_SIZES % order, *batches, {**batches[0], "y": y}, tolerance=1e-5, dtype=np.float32
+    )
     assert [net.blobs[name].shape[0] for name in ("cx", "cy")] == [4, 6]
 
 
@@ -317,13 +335,16 @@ def test_relu_after_max_pooling_is_relu_before_it(agree: Agree) -> None:
     def whole_numbers(net: netlib.Net) -> None:
         net.params["c"][0].data[...] = np.array([[1, 0], [0, 1], [-1, -1]])[:, :, None, None]
 
-    x = np.random.default_rng(0).integers(-2, 2, (3, 2, 6, 6))  # equal values, and windows without positive ones
+    # equal values, and windows without positive ones
+    x = np.random.default_rng(0).integers(-2, 2, (3, 2, 6, 6))
     net = agree(text, {"x": x}, tolerance=1e-6, dtype=np.float32, prepare=whole_numbers)
     step = next(step for step in net.steps if isinstance(step, SlicedStep))
     assert [at.layer.name for at in step.run.order] == ["c", "p", "r", "d"]
 
 
-def test_a_relu_that_changed_places_leaves_the_diff_of_a_pooled_output_alone(net_of: MakeNet) -> None:
+def test_a_relu_that_changed_places_leaves_the_diff_of_a_pooled_output_alone(
+    net_of: MakeNet,
+) -> None:
     text = """
         force_backward: true
         layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 3 dim: 1 dim: 6 dim: 6 } } }
@@ -349,11 +370,16 @@ ODD = """
 """
 
 
-def test_only_a_monotone_layer_changes_places_with_a_max_pooling(agree: Agree, rng: np.random.Generator) -> None:
+def test_only_a_monotone_layer_changes_places_with_a_max_pooling(
+    agree: Agree, rng: np.random.Generator
+) -> None:
     """The maximum of -x is not minus the maximum of x."""
-    text = ODD % 'type: "Power" power_param { scale: -1 }' + """
+    text = (
+        ODD % 'type: "Power" power_param { scale: -1 }'
+        + """
         layer { name: "d" type: "Convolution" bottom: "p" top: "d"
                 convolution_param { num_output: 1 kernel_size: 1 weight_filler { type: "xavier" } } }"""
+    )
     agree(text, {"x": rng.normal(size=(3, 1, 9, 8))}, tolerance=2e-5, dtype=np.float32)
 
 
@@ -365,7 +391,10 @@ def test_no_relu_changes_places_with_a_max_pooling_that_has_empty_windows(net_of
     x = np.random.default_rng(0).normal(size=(3, 1, 9, 8))
     for net in (net_of(text), layer_by_layer(net_of(text))):
         net.params["d"][0].data[...] = 1
-        assert np.isneginf(net.forward(x=x)["d"]).tolist() == [[[[False, False, True]] * 2 + [[True] * 3]]] * 3
+        assert (
+            np.isneginf(net.forward(x=x)["d"]).tolist()
+            == [[[[False, False, True]] * 2 + [[True] * 3]]] * 3
+        )
 
 
 def test_a_look_repeats_only_what_ran_in_slices(net_of: MakeNet, rng: np.random.Generator) -> None:
@@ -399,7 +428,9 @@ CHANGES = {  # of a batch of images
 
 
 @pytest.mark.parametrize("change", CHANGES)
-def test_a_look_after_an_input_was_written_gives_the_values_of_the_pass(net_of: MakeNet, change: str) -> None:
+def test_a_look_after_an_input_was_written_gives_the_values_of_the_pass(
+    net_of: MakeNet, change: str
+) -> None:
     net, expected = net_of(PAPER), expected_of(net_of, batch(3))
     everything(net, batch(3))
     CHANGES[change](net.blobs["depth"].data)
@@ -413,7 +444,9 @@ def test_backward_after_an_input_was_written_is_an_error(net_of: MakeNet, change
     net = net_of(PAPER)
     feed(net, batch(3))
     CHANGES[change](net.blobs["depth"].data)
-    with pytest.raises(NetlibError, match=r"blob 'depth' was written between forward and backward.* such as 'c1'"):
+    with pytest.raises(
+        NetlibError, match=r"blob 'depth' was written between forward and backward.* such as 'c1'"
+    ):
         net.backward()
     net.forward()
     net.backward()
@@ -461,7 +494,9 @@ def test_a_look_after_the_diff_of_a_top_was_written(net_of: MakeNet) -> None:
 
 
 @pytest.mark.parametrize("name, shape", [("depth", (5, 1, 128, 128)), ("label", (5, 10))])
-def test_a_look_after_a_blob_was_reshaped(net_of: MakeNet, name: str, shape: tuple[int, ...]) -> None:
+def test_a_look_after_a_blob_was_reshaped(
+    net_of: MakeNet, name: str, shape: tuple[int, ...]
+) -> None:
     net, expected = net_of(PAPER), expected_of(net_of, batch(3))
     everything(net, batch(3))
     net.blobs[name].reshape(shape)
@@ -486,13 +521,17 @@ def test_diffs_of_a_pass_before_are_unknown(net_of: MakeNet) -> None:
     everything(net, batch(3, seed=1))
     feed(net, batch(3))
     check_blob(net, "c1", "data", expected)
-    with pytest.raises(NetlibError, match=r"the diff of blob 'p1' is unknown.*read it directly after backward"):
+    with pytest.raises(
+        NetlibError, match=r"the diff of blob 'p1' is unknown.*read it directly after backward"
+    ):
         net.blobs["p1"].diff  # noqa: B018
     net.backward()
     check_blob(net, "p1", "diff", expected)
 
 
-def test_a_pass_that_fails_in_a_slice_leaves_unknown_blobs(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_pass_that_fails_in_a_slice_leaves_unknown_blobs(
+    net_of: MakeNet, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """An access is an error. A part that computes them, or the next pass, makes them known."""
     net, expected = net_of(PAPER), expected_of(net_of, batch(3))
     everything(net, batch(3, seed=1))
@@ -504,7 +543,9 @@ def test_a_pass_that_fails_in_a_slice_leaves_unknown_blobs(net_of: MakeNet, monk
         patch.setattr(type(net.layer_dict["p1"]), "forward", fail)
         with pytest.raises(KeyboardInterrupt):
             net.forward(**batch(3))
-    with pytest.raises(NetlibError, match="the data of blob 'c2' is unknown: the last pass did not complete"):
+    with pytest.raises(
+        NetlibError, match="the data of blob 'c2' is unknown: the last pass did not complete"
+    ):
         net.blobs["c2"].data  # noqa: B018
     net.forward(end="p1")
     check_blob(net, "p1", "data", expected)
@@ -514,7 +555,9 @@ def test_a_pass_that_fails_in_a_slice_leaves_unknown_blobs(net_of: MakeNet, monk
     check_blob(net, "p2", "data", expected)
 
 
-def test_a_pass_that_fails_after_the_slices(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_pass_that_fails_after_the_slices(
+    net_of: MakeNet, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Blobs of layers that have run have the new values, as in Caffe."""
     net, expected = net_of(PAPER), expected_of(net_of, batch(3))
     everything(net, batch(3, seed=1))
@@ -529,7 +572,9 @@ def test_a_pass_that_fails_after_the_slices(net_of: MakeNet, monkeypatch: pytest
     check_blob(net, "c1", "data", expected)
 
 
-def test_a_hidden_blob_cannot_be_read_during_a_pass(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_hidden_blob_cannot_be_read_during_a_pass(
+    net_of: MakeNet, monkeypatch: pytest.MonkeyPatch
+) -> None:
     net = net_of(PAPER)
     layer = net.layer_dict["fc"]
     forward = layer.forward
@@ -554,12 +599,20 @@ SPLIT = """
 
 
 @pytest.mark.parametrize("overwritten", ["", "b"])
-def test_tops_of_a_split_share_memory_unless_a_layer_overwrites_it(net_of: MakeNet, overwritten: str) -> None:
-    over = f'layer {{ name: "over" type: "Exp" bottom: "{overwritten}" top: "{overwritten}" }}' if overwritten else ""
+def test_tops_of_a_split_share_memory_unless_a_layer_overwrites_it(
+    net_of: MakeNet, overwritten: str
+) -> None:
+    over = (
+        f'layer {{ name: "over" type: "Exp" bottom: "{overwritten}" top: "{overwritten}" }}'
+        if overwritten
+        else ""
+    )
     text, x = inputs(x=(1, 4)) + SPLIT % over, np.arange(4.0).reshape(1, 4)
     fast, plain = net_of(text, engine="fast"), net_of(text, engine="plain")
     for factor in (1, 2):
-        np.testing.assert_array_equal(fast.forward(x=factor * x)["d"], plain.forward(x=factor * x)["d"])
+        np.testing.assert_array_equal(
+            fast.forward(x=factor * x)["d"], plain.forward(x=factor * x)["d"]
+        )
     a, b, c = (fast.blobs[name].data for name in "abc")
     assert np.shares_memory(a, b) == (not overwritten)
     assert np.shares_memory(a, c)
@@ -570,10 +623,16 @@ def test_tops_of_a_split_share_memory_unless_a_layer_overwrites_it(net_of: MakeN
 
 def test_after_a_step_of_a_solver_all_blobs_have_its_values(tmp_path: Path) -> None:
     """Also those that were not stored, with dropout, and although the weights have been updated since."""
-    text = PAPER.replace('layer { name: "fc" type', 'layer { name: "drop" type: "Dropout" bottom: "c3" top: "c3" } '
-                         'layer { name: "fc" type')
-    (tmp_path / "solver.prototxt").write_text(f'net_param {{ {text} }} base_lr: 0.1 lr_policy: "fixed" random_seed: 2')
-    fast, plain = (netlib.get_solver(tmp_path / "solver.prototxt", engine=name) for name in ("fast", "plain"))
+    text = PAPER.replace(
+        'layer { name: "fc" type',
+        'layer { name: "drop" type: "Dropout" bottom: "c3" top: "c3" } layer { name: "fc" type',
+    )
+    (tmp_path / "solver.prototxt").write_text(
+        f'net_param {{ {text} }} base_lr: 0.1 lr_policy: "fixed" random_seed: 2'
+    )
+    fast, plain = (
+        netlib.get_solver(tmp_path / "solver.prototxt", engine=name) for name in ("fast", "plain")
+    )
     for solver in (fast, plain):
         for name, array in batch(2, flat=False).items():
             solver.net.blobs[name].data[...] = array
@@ -581,4 +640,6 @@ def test_after_a_step_of_a_solver_all_blobs_have_its_values(tmp_path: Path) -> N
     assert hidden(fast.net) == HIDDEN
     for name, blob in plain.net.blobs.items():
         assert difference(fast.net.blobs[name].data, blob.data) <= 2e-5, name
-        assert np.linalg.norm(fast.net.blobs[name].diff - blob.diff) <= 1e-2 * np.linalg.norm(blob.diff), name
+        assert np.linalg.norm(fast.net.blobs[name].diff - blob.diff) <= 1e-2 * np.linalg.norm(
+            blob.diff
+        ), name

@@ -32,32 +32,54 @@ IN_PLACE = """
 
 def both(net_of: MakeNet, text: str, **options: int) -> tuple[netlib.Net, netlib.Net]:
     """Create the same net with the fast and the plain engine, in float64."""
-    fast, plain = (net_of(text, engine=engine, dtype=np.float64, **options) for engine in ("fast", "plain"))
+    fast, plain = (
+        net_of(text, engine=engine, dtype=np.float64, **options) for engine in ("fast", "plain")
+    )
     return fast, plain
 
 
-@pytest.mark.parametrize("between, loss", [("", "c"), (POOLING, "p")], ids=["convolution", "pooling"])
+@pytest.mark.parametrize(
+    "between, loss", [("", "c"), (POOLING, "p")], ids=["convolution", "pooling"]
+)
 def test_narrower_and_lower_images_after_wider_and_higher_ones(
     agree: Agree, rng: np.random.Generator, between: str, loss: str
 ) -> None:
     """The padding of tiles has no values of larger images whose tiles had the same shape."""
     sizes = [(9, 6), (9, 5), (9, 6), (8, 6), (8, 5), (9, 5)]
-    agree(CONVOLUTION % (between, loss), *({"x": rng.normal(size=(3, 1, *size))} for size in sizes), tolerance=1e-11)
+    agree(
+        CONVOLUTION % (between, loss),
+        *({"x": rng.normal(size=(3, 1, *size))} for size in sizes),
+        tolerance=1e-11,
+    )
 
 
 @pytest.mark.parametrize(
     "function",
-    ['type: "Power" power_param { scale: -1 shift: 0.5 }', 'type: "Power" power_param { shift: 1 }',
-     'type: "Sigmoid"', 'type: "TanH"', 'type: "ReLU" relu_param { negative_slope: 0.1 }', 'type: "ReLU"'],
+    [
+        'type: "Power" power_param { scale: -1 shift: 0.5 }',
+        'type: "Power" power_param { shift: 1 }',
+        'type: "Sigmoid"',
+        'type: "TanH"',
+        'type: "ReLU" relu_param { negative_slope: 0.1 }',
+        'type: "ReLU"',
+    ],
 )
-def test_a_layer_that_overwrites_pooled_values(agree: Agree, rng: np.random.Generator, function: str) -> None:
+def test_a_layer_that_overwrites_pooled_values(
+    agree: Agree, rng: np.random.Generator, function: str
+) -> None:
     """A ReLU is not moved behind a pooling whose values are overwritten, because its backward reads their signs."""
-    agree(CONVOLUTION % (POOLING + IN_PLACE % function, "d"), {"x": rng.normal(size=(3, 1, 9, 6))}, tolerance=1e-11)
+    agree(
+        CONVOLUTION % (POOLING + IN_PLACE % function, "d"),
+        {"x": rng.normal(size=(3, 1, 9, 6))},
+        tolerance=1e-11,
+    )
 
 
 @pytest.mark.parametrize("change", ["parameters", "shared parameters", "output"])
 @pytest.mark.parametrize("half", ["data", "diff"])
-def test_a_first_look_shows_the_last_pass(net_of: MakeNet, rng: np.random.Generator, half: str, change: str) -> None:
+def test_a_first_look_shows_the_last_pass(
+    net_of: MakeNet, rng: np.random.Generator, half: str, change: str
+) -> None:
     """The first access returns the values of the last pass, even if blobs were modified or shared since."""
     text = CONVOLUTION % (POOLING + IN_PLACE % 'type: "Sigmoid"', "d")
     fast, plain = both(net_of, text)

@@ -51,7 +51,9 @@ def test_tiles_of_the_same_kind_are_not_copied() -> None:
 
 def compare(T, x, y, share, bottom_tile=None, top_tile=None):
     """Compare the values and gradients of a layer with the definition."""
-    layer = gradcheck.make_layer(f'type: "Pooling" pooling_param {{ kernel_size: {T} stride: {T} }}', [x])
+    layer = gradcheck.make_layer(
+        f'type: "Pooling" pooling_param {{ kernel_size: {T} stride: {T} }}', [x]
+    )
     bottom, top = Blobs([tiled(x.shape, bottom_tile)]), Blobs([tiled(y.shape, top_tile)])
     layer.reshape(bottom, top)
     store(bottom[0], "data", x)

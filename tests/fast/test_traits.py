@@ -18,7 +18,10 @@ from tests.support.layer_cases import CASES, forward, made
 
 def test_every_entry_is_a_layer_type() -> None:
     """Every entry of the table is the class of a layer type; others would never be used."""
-    assert {class_at(PACKAGE, place) for place in TABLE} <= {*LAYER_TYPES.values(), *BY_BOTTOMS.values()}
+    assert {class_at(PACKAGE, place) for place in TABLE} <= {
+        *LAYER_TYPES.values(),
+        *BY_BOTTOMS.values(),
+    }
 
 
 def test_a_fast_class_is_its_plain_class_with_another_computation() -> None:
@@ -81,7 +84,9 @@ def test_backward_reads_only_what_it_says(name: str) -> None:
         for blob in top:
             blob.diff[...] = 1
         if spoil:
-            for blob in ([] if traits_of(layer).reads_bottom else bottom) + ([] if traits_of(layer).reads_top else top):
+            for blob in ([] if traits_of(layer).reads_bottom else bottom) + (
+                [] if traits_of(layer).reads_top else top
+            ):
                 blob.data[...] = np.nan
         layer.backward(top, wanted, bottom)
         found.append([blob.diff.copy() for blob, want in zip(bottom, wanted) if want])

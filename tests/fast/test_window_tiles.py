@@ -58,13 +58,19 @@ def test_forward_and_backward(rng, seen, T, k, size, dtype):
     w, b = rng.normal(size=(2, 1, k, k)).astype(dtype), rng.normal(size=2).astype(dtype)
     bottom, top = blobs(x, 2, k, T)
     assert fits(bottom, top, w.shape)
-    layer = gradcheck.make_layer('type: "Convolution" convolution_param { num_output: 2 kernel_size: 1 }', [x])
+    layer = gradcheck.make_layer(
+        'type: "Convolution" convolution_param { num_output: 2 kernel_size: 1 }', [x]
+    )
     layer.dtype = np.dtype(dtype)
     way, exact = WindowTiles(), 1e-4 if dtype == np.float32 else 1e-12
     way.forward(layer, bottom, top, w, b)
     found = top.sparse
     want = convolve(x, w, b)
-    assert np.allclose(dense(found, want.shape, T, found.values + found.bias[:, None], found.rest), want, atol=exact)
+    assert np.allclose(
+        dense(found, want.shape, T, found.values + found.bias[:, None], found.rest),
+        want,
+        atol=exact,
+    )
     dy = rng.normal(size=want.shape).astype(dtype)
     mark = np.zeros(want.shape)
     A = len(found.window)
@@ -79,7 +85,9 @@ def test_forward_and_backward(rng, seen, T, k, size, dtype):
     dw, db = np.ones_like(w), np.ones_like(b)
     way.backward(layer, bottom, top, w, dw, db, False)
     u = rng.normal(size=w.shape)
-    assert np.isclose(((dw - 1) * u).sum(), (dy * convolve(x, u, np.zeros(2))).sum(), rtol=exact, atol=exact)
+    assert np.isclose(
+        ((dw - 1) * u).sum(), (dy * convolve(x, u, np.zeros(2))).sum(), rtol=exact, atol=exact
+    )
     assert np.allclose(db - 1, dy.sum(axis=(0, 2, 3)), rtol=exact, atol=exact)
 
 
@@ -99,7 +107,9 @@ def test_only_windows_that_see_something_are_stored():
     x = np.ones((1, 1, 16, 16), np.float32)
     x[0, 0, 9, 9] = 0
     bottom, top = blobs(x, 1, 5, 4)
-    layer = gradcheck.make_layer('type: "Convolution" convolution_param { num_output: 1 kernel_size: 1 }', [x])
+    layer = gradcheck.make_layer(
+        'type: "Convolution" convolution_param { num_output: 1 kernel_size: 1 }', [x]
+    )
     layer.dtype = np.dtype(np.float32)
     WindowTiles().forward(layer, bottom, top, np.ones((1, 1, 5, 5), np.float32), None)
     assert [(w // 3, w % 3) for w in top.sparse.window] == [(1, 1), (1, 2), (2, 1), (2, 2)]

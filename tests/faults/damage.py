@@ -1,6 +1,6 @@
 """Seeded damage to the content of a file, as by disks, networks, editors and attackers.
 
-    content = damaged(content, content_of_another_file, random.Random("weights 17"), is_text=False)
+content = damaged(content, content_of_another_file, random.Random("weights 17"), is_text=False)
 """
 
 from __future__ import annotations
@@ -9,11 +9,58 @@ import random
 import re
 from collections.abc import Callable
 
-INTEGERS = (0, 1, 2, 127, 128, 255, 256, 65535, 65536, 10**6, 2**31 - 1, 2**31, 2**32 - 1, 2**63 - 1, 2**64 - 1)
-NUMBERS = (b"0", b"-1", b"1", b"3", b"255", b"2147483647", b"2147483648", b"9999999999999999999", b"-2147483648",
-           b"1e308", b"1e-320", b"nan", b"-inf", b"0x7fffffff", b"1_000", "\u0663".encode(), b"1.2.3", b"9" * 5000, b"")
-NAMES = (b"a\nb", b"\x1b[31mred", b"nul\0byte", b"\xff\xfe", b"\xed\xb0\x80", b"../../x", b"/", b"", b"x" * 5000,
-         b"b/x/0", b"data", "\u202eright".encode())
+INTEGERS = (
+    0,
+    1,
+    2,
+    127,
+    128,
+    255,
+    256,
+    65535,
+    65536,
+    10**6,
+    2**31 - 1,
+    2**31,
+    2**32 - 1,
+    2**63 - 1,
+    2**64 - 1,
+)
+NUMBERS = (
+    b"0",
+    b"-1",
+    b"1",
+    b"3",
+    b"255",
+    b"2147483647",
+    b"2147483648",
+    b"9999999999999999999",
+    b"-2147483648",
+    b"1e308",
+    b"1e-320",
+    b"nan",
+    b"-inf",
+    b"0x7fffffff",
+    b"1_000",
+    "\u0663".encode(),
+    b"1.2.3",
+    b"9" * 5000,
+    b"",
+)
+NAMES = (
+    b"a\nb",
+    b"\x1b[31mred",
+    b"nul\0byte",
+    b"\xff\xfe",
+    b"\xed\xb0\x80",
+    b"../../x",
+    b"/",
+    b"",
+    b"x" * 5000,
+    b"b/x/0",
+    b"data",
+    "\u202eright".encode(),
+)
 NUMBER = re.compile(rb"(?<![\w.])-?\d+\.?\d*(e-?\d+)?")
 NAME = re.compile(rb'"[^"\n]*"')
 WORD = re.compile(rb"[A-Za-z_]\w*")
@@ -40,11 +87,17 @@ def extreme_integer(content: bytes, donor: bytes, rng: random.Random) -> bytes:
     size = rng.choice((4, 8))
     at = rng.randrange(min(len(content), rng.choice((4096, len(content)))) // size + 1) * size
     number = (rng.choice(INTEGERS) + rng.choice((0, 0, -1))) % 256**size
-    return content[:at] + number.to_bytes(size, rng.choice(("little", "little", "big"))) + content[at + size :]
+    return (
+        content[:at]
+        + number.to_bytes(size, rng.choice(("little", "little", "big")))
+        + content[at + size :]
+    )
 
 
 def truncate(content: bytes, donor: bytes, rng: random.Random) -> bytes:
-    return content[: rng.choice((0, 1, rng.randrange(len(content)), rng.randrange(len(content)), -1))]
+    return content[
+        : rng.choice((0, 1, rng.randrange(len(content)), rng.randrange(len(content)), -1))
+    ]
 
 
 def change_range(content: bytes, donor: bytes, rng: random.Random) -> bytes:
@@ -52,12 +105,24 @@ def change_range(content: bytes, donor: bytes, rng: random.Random) -> bytes:
     first = rng.randrange(len(content))
     last = min(len(content), first + rng.choice((1, 8, 64, 512, 4096)))
     middle = rng.randrange(first, last + 1)
-    before, left, right, after = content[:first], content[first:middle], content[middle:last], content[last:]
-    return before + rng.choice((
-        b"\0" * (last - first) + after, b"\xff" * (last - first) + after, after, (left + right) * 20 + after,
-        right + left + after, rng.randbytes(last - first) + left + right + after, donor[first:last] + after,
-        donor[rng.randrange(len(donor)) :],
-    ))
+    before, left, right, after = (
+        content[:first],
+        content[first:middle],
+        content[middle:last],
+        content[last:],
+    )
+    return before + rng.choice(
+        (
+            b"\0" * (last - first) + after,
+            b"\xff" * (last - first) + after,
+            after,
+            (left + right) * 20 + after,
+            right + left + after,
+            rng.randbytes(last - first) + left + right + after,
+            donor[first:last] + after,
+            donor[rng.randrange(len(donor)) :],
+        )
+    )
 
 
 def extreme_numbers(content: bytes, donor: bytes, rng: random.Random) -> bytes:
@@ -76,19 +141,32 @@ def odd_name(content: bytes, donor: bytes, rng: random.Random) -> bytes:
 
 
 def missing_or_repeated_mark(content: bytes, donor: bytes, rng: random.Random) -> bytes:
-    return _replace(MARK, content, rng.choice(MARK.findall(content) or [b" "]) * rng.choice((0, 0, 2, 200)), rng)
+    return _replace(
+        MARK, content, rng.choice(MARK.findall(content) or [b" "]) * rng.choice((0, 0, 2, 200)), rng
+    )
 
 
 def deep_nesting(content: bytes, donor: bytes, rng: random.Random) -> bytes:
     depth, at = rng.choice((90, 200, 20000)), rng.choice((0, len(content)))
-    return content[:at] + rng.choice((b"\na {", b"[")) * depth + b"}" * rng.choice((0, depth)) + content[at:]
+    return (
+        content[:at]
+        + rng.choice((b"\na {", b"[")) * depth
+        + b"}" * rng.choice((0, depth))
+        + content[at:]
+    )
 
 
 def other_encoding(content: bytes, donor: bytes, rng: random.Random) -> bytes:
-    return rng.choice((
-        b"\xef\xbb\xbf" + content, content.replace(b"\n", b"\r\n"), content.replace(b"\n", b"\r"), content + b"\0" * 9,
-        content.decode("utf-8", "replace").encode("utf-16"), content.replace(b"e", "é".encode("latin-1"), 1),
-    ))
+    return rng.choice(
+        (
+            b"\xef\xbb\xbf" + content,
+            content.replace(b"\n", b"\r\n"),
+            content.replace(b"\n", b"\r"),
+            content + b"\0" * 9,
+            content.decode("utf-8", "replace").encode("utf-16"),
+            content.replace(b"e", "é".encode("latin-1"), 1),
+        )
+    )
 
 
 def _replace(pattern: re.Pattern[bytes], content: bytes, new: bytes, rng: random.Random) -> bytes:
@@ -98,8 +176,23 @@ def _replace(pattern: re.Pattern[bytes], content: bytes, new: bytes, rng: random
     return content[:first] + new + content[last:]
 
 
-Damage = Callable[[bytes, bytes, random.Random], bytes]  # content, content of another file, random generator
-ANY: tuple[Damage, ...] = (flip_bits, flip_bits, extreme_integer, extreme_integer, truncate, change_range, change_range)
+# content, content of another file, random generator
+Damage = Callable[[bytes, bytes, random.Random], bytes]
+ANY: tuple[Damage, ...] = (
+    flip_bits,
+    flip_bits,
+    extreme_integer,
+    extreme_integer,
+    truncate,
+    change_range,
+    change_range,
+)
 TEXT: tuple[Damage, ...] = (
-    extreme_numbers, extreme_numbers, odd_name, odd_name, missing_or_repeated_mark, deep_nesting, other_encoding,
+    extreme_numbers,
+    extreme_numbers,
+    odd_name,
+    odd_name,
+    missing_or_repeated_mark,
+    deep_nesting,
+    other_encoding,
 )

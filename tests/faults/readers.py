@@ -38,10 +38,16 @@ layers { name: "i" type: INNER_PRODUCT bottom: "c" top: "i" inner_product_param 
 """
 DATA_LAYER = """layer { name: "d" type: "%s" top: "data" top: "label" %s
     hdf5_data_param { source: "list.txt" batch_size: 6 } image_data_param { source: "list.txt" batch_size: 5 } }"""
-PRODUCT = inputs(data=(1, 3, 4, 5)) + """layer { name: "p" type: "InnerProduct" bottom: "data" top: "y"
+PRODUCT = (
+    inputs(data=(1, 3, 4, 5))
+    + """layer { name: "p" type: "InnerProduct" bottom: "data" top: "y"
     inner_product_param { num_output: 3 weight_filler { type: "xavier" } } }"""
-HAND = inputs(x=(2, 47)) + """layer { name: "h" type: "HandModel" bottom: "x" top: "y"
+)
+HAND = (
+    inputs(x=(2, 47))
+    + """layer { name: "h" type: "HandModel" bottom: "x" top: "y"
     hand_model_param { skeleton: "hand.prototxt" } }"""
+)
 
 
 class Reader(NamedTuple):
@@ -64,18 +70,27 @@ def put(name: str, text: str) -> str:
 
 
 def put_picture(name: str, shape: tuple[int, ...]) -> str:
-    assert cv2.imwrite(name, cv2.blur(np.random.default_rng(0).integers(0, 255, shape, np.uint8), (5, 5)))
+    assert cv2.imwrite(
+        name, cv2.blur(np.random.default_rng(0).integers(0, 255, shape, np.uint8), (5, 5))
+    )
     return name
 
 
 def make_nets() -> list[str]:
     """Write a net of every layer type that needs no file, and some larger nets."""
     found = [put("old.prototxt", OLD_NET.replace("BLOBS", ""))]
-    found.append(put("ssd.prototxt", (ROOT / "tests/layers/detection/small_ssd.prototxt").read_text(encoding="utf-8")))
+    found.append(
+        put(
+            "ssd.prototxt",
+            (ROOT / "tests/layers/detection/small_ssd.prototxt").read_text(encoding="utf-8"),
+        )
+    )
     for kind, (options, bottoms, more) in CASES.items():
         if kind != "DetectionOutput":  # needs prior boxes, as in small_ssd
             shapes = {f"x{i}": np.shape(array) for i, array in enumerate(bottoms(2))}
-            ends = [f'bottom: "{name}"' for name in shapes] + [f'top: "y{i}"' for i in range(more.get("tops", 1))]
+            ends = [f'bottom: "{name}"' for name in shapes] + [
+                f'top: "y{i}"' for i in range(more.get("tops", 1))
+            ]
             layer = f'layer {{ name: "l" type: "{kind}" {" ".join(ends)} {options} }}\n'
             found.append(put(f"{kind}.prototxt", inputs(**shapes) + layer))
     return found
@@ -89,7 +104,10 @@ def run_once(path: Path) -> None:
 
 def make_training() -> list[str]:
     """Write the files of a training, in which state and weights of iteration 5 are of an earlier version."""
-    for file in [*(ROOT / "tests/netlib/older").iterdir(), *(RECORDED / "solvers").glob("train?.h5")]:
+    for file in [
+        *(ROOT / "tests/netlib/older").iterdir(),
+        *(RECORDED / "solvers").glob("train?.h5"),
+    ]:
         shutil.copy(file, file.name)
     return ["solver.prototxt", "net.prototxt", put("list.txt", "train0.h5\ntrain1.h5\n")]
 
@@ -119,7 +137,9 @@ def read_skeleton(path: Path) -> None:
 def make_weights() -> list[str]:
     """Write weights of a net of 2014, of Caffe itself, and of this project in both formats."""
     make_training()
-    text = OLD_NET.replace("BLOBS", "blobs { num: 1 channels: 1 height: 2 width: 8 " + "data: 0.5 " * 16 + "}")
+    text = OLD_NET.replace(
+        "BLOBS", "blobs { num: 1 channels: 1 height: 2 width: 8 " + "data: 0.5 " * 16 + "}"
+    )
     Path("old.caffemodel").write_bytes(wire.encode(prototxt.parse(text), AnyNetParameter))
     shutil.copy(RECORDED / "solvers" / "init.caffemodel", "caffe.caffemodel")
     for name in ("net.caffemodel.h5", "net.caffemodel"):
@@ -142,7 +162,11 @@ def make_states() -> list[str]:
     make_training()
     for layout in ("HDF5", "BINARYPROTO"):
         netlib.get_solver("solver.prototxt", max_iter=2, snapshot_format=layout).solve()
-    return [f"older_iter_2.{kind}{suffix}" for suffix in (".h5", "") for kind in ("solverstate", "caffemodel")]
+    return [
+        f"older_iter_2.{kind}{suffix}"
+        for suffix in (".h5", "")
+        for kind in ("solverstate", "caffemodel")
+    ]
 
 
 def read_state(path: Path) -> Any:
@@ -150,7 +174,13 @@ def read_state(path: Path) -> Any:
     solver = netlib.get_solver("solver.prototxt", seed=99, snapshot=0, snapshot_after_train=False)
 
     def everything() -> list[Any]:
-        return [solver.iter, values(solver.net), solver.history, list(solver.smoothed), solver.net.layer_states()]
+        return [
+            solver.iter,
+            values(solver.net),
+            solver.history,
+            list(solver.smoothed),
+            solver.net.layer_states(),
+        ]
 
     with unchanged_if_refused(everything):
         solver.restore(str(path).replace("caffemodel", "solverstate"))
@@ -184,7 +214,13 @@ def make_hdf5() -> list[str]:
     rng = np.random.default_rng(4)
     write_hdf5("a.h5", data=rng.uniform(-0.9, 0.9, (5, 2, 3)).astype("f4"), label=np.zeros(5, "f4"))
     with h5py.File("b.h5", "w") as file:
-        file.create_dataset("data", data=np.ones((40, 2, 3), "f4"), chunks=(8, 2, 3), compression="gzip", shuffle=True)
+        file.create_dataset(
+            "data",
+            data=np.ones((40, 2, 3), "f4"),
+            chunks=(8, 2, 3),
+            compression="gzip",
+            shuffle=True,
+        )
         file.create_dataset("label", data=np.arange(40), maxshape=(None,))
     with h5py.File("c.h5", "w", libver="latest") as file:
         file["group/deep"] = np.zeros((3, 2, 3), np.float16)
@@ -194,11 +230,24 @@ def make_hdf5() -> list[str]:
 
 
 def make_pictures() -> list[str]:
-    found = [put_picture("a.png", (12, 16, 3)), put_picture("b.jpg", (12, 16, 3)), put_picture("c.png", (12, 16)),
-             put_picture("d.bmp", (12, 16, 3)), put_picture("e.png", (12, 16, 4))]
+    found = [
+        put_picture("a.png", (12, 16, 3)),
+        put_picture("b.jpg", (12, 16, 3)),
+        put_picture("c.png", (12, 16)),
+        put_picture("d.bmp", (12, 16, 3)),
+        put_picture("e.png", (12, 16, 4)),
+    ]
     write_blob(Path("mean.binaryproto"), np.full((1, 3, 12, 16), 100, np.float32))
-    put("net.prototxt", DATA_LAYER % ("ImageData", 'transform_param { mean_file: "mean.binaryproto" crop_size: 8 }'))
-    return [*found, put("list.txt", "".join(f"{name} {i}\n" for i, name in enumerate(found))), "mean.binaryproto"]
+    put(
+        "net.prototxt",
+        DATA_LAYER
+        % ("ImageData", 'transform_param { mean_file: "mean.binaryproto" crop_size: 8 }'),
+    )
+    return [
+        *found,
+        put("list.txt", "".join(f"{name} {i}\n" for i, name in enumerate(found))),
+        "mean.binaryproto",
+    ]
 
 
 def read_pictures(path: Path) -> None:
@@ -206,7 +255,9 @@ def read_pictures(path: Path) -> None:
     read_batches(path)
     if path.suffix in (".png", ".jpg", ".bmp"):
         load_image(path)
-    done = run_tool("compute_image_mean", "list.txt", "-resize_width=4", "-resize_height=4", status=None)
+    done = run_tool(
+        "compute_image_mean", "list.txt", "-resize_width=4", "-resize_height=4", status=None
+    )
     if done.status:
         raise NetlibError(done.err.strip().split("\n")[-1])
 
@@ -228,8 +279,11 @@ READERS = (
     Reader("skeleton", make_skeleton, read_skeleton),
     Reader("weights", make_weights, read_weights),
     Reader("state", make_states, read_state, exact=True),
-    Reader("state of an earlier version",
-           lambda: [*make_training()[3:], "older_iter_5.solverstate.h5", "older_iter_5.caffemodel.h5"], read_state),
+    Reader(
+        "state of an earlier version",
+        lambda: [*make_training()[3:], "older_iter_5.solverstate.h5", "older_iter_5.caffemodel.h5"],
+        read_state,
+    ),
     Reader("HDF5 data", make_hdf5, read_batches),
     Reader("pictures", make_pictures, read_pictures),
 )

@@ -59,8 +59,10 @@ THINGS: tuple[Callable[[Path], object], ...] = (  # in the place of a file
 
 SIZES = (0, 1, 100, 1000, 4096, 20000)  # limits of a file, in bytes
 
-pytestmark = [pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork"),
-              pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")]
+pytestmark = [
+    pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork"),
+    pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning"),
+]
 
 
 @pytest.fixture(autouse=True)
@@ -94,16 +96,22 @@ def failures(reader: Reader, folder: Path, cases: int = CASES) -> list[str]:
     found: list[str] = []
     first = 0
     while first < cases:
-        status, lines = in_child(functools.partial(_results, reader, files, folder, range(first, cases)))
+        status, lines = in_child(
+            functools.partial(_results, reader, files, folder, range(first, cases))
+        )
         begun = [line for line in lines if line.startswith("begin ")]
         found += [line for line in lines if not line.startswith("begin ")]
         if status and not begun[-1].endswith("may crash"):
-            found.append(f"{begun[-1]}: ended by {signal.Signals(-status).name if status < 0 else status}")
+            found.append(
+                f"{begun[-1]}: ended by {signal.Signals(-status).name if status < 0 else status}"
+            )
         first = int(begun[-1].split()[1]) + 1
     return found
 
 
-def _results(reader: Reader, files: dict[str, bytes], folder: Path, numbers: range) -> Iterator[str]:
+def _results(
+    reader: Reader, files: dict[str, bytes], folder: Path, numbers: range
+) -> Iterator[str]:
     """Yield a line at the begin of each case and for each failure."""
     expected = set()
     for name in files:  # an undamaged file can be read
@@ -118,10 +126,13 @@ def _results(reader: Reader, files: dict[str, bytes], folder: Path, numbers: ran
     for number in numbers:
         rng = random.Random(f"{reader.name} {number}")
         path = Path(rng.choice(list(files)))
-        content = damaged(files[str(path)], files[rng.choice(list(files))], rng, path.suffix in TEXT_SUFFIXES)
+        content = damaged(
+            files[str(path)], files[rng.choice(list(files))], rng, path.suffix in TEXT_SUFFIXES
+        )
         may_crash = MAGIC in content[:1024] and not SEAL.fullmatch(content[-SEAL_BYTES:])
         yield f"begin {number} {path}{' may crash' if may_crash else ''}"
-        case = shutil.copytree(folder / "good", folder / f"case{number}")  # a new name because of caches
+        # a new name because of caches
+        case = shutil.copytree(folder / "good", folder / f"case{number}")
         os.chdir(case)
         path.unlink()
         if number % 10:
@@ -129,7 +140,9 @@ def _results(reader: Reader, files: dict[str, bytes], folder: Path, numbers: ran
         else:
             rng.choice(THINGS)(path)
         signal.alarm(LIMIT_S)
-        if failure := _failure(reader, path, expected if reader.exact and content not in files.values() else set()):
+        if failure := _failure(
+            reader, path, expected if reader.exact and content not in files.values() else set()
+        ):
             yield f"{number} {path}: {failure}"
         signal.alarm(0)
         shutil.rmtree(case)
@@ -187,7 +200,11 @@ def test_no_flipped_bit_in_a_binary_solver_state_is_believed() -> None:
     refused = 0
     for _ in range(200):
         bit = rng.randrange(len(content) * 8)
-        path.write_bytes(content[: bit // 8] + bytes([content[bit // 8] ^ 1 << bit % 8]) + content[bit // 8 + 1 :])
+        path.write_bytes(
+            content[: bit // 8]
+            + bytes([content[bit // 8] ^ 1 << bit % 8])
+            + content[bit // 8 + 1 :]
+        )
         try:
             assert digest(read_state(path)) == expected
         except NetlibError as error:
@@ -211,7 +228,9 @@ def write_tracks(value: int) -> None:
     names = "--json a.json --csv a.csv --sheet a.png"
     with Outputs(parser.parse_args(names.split()), header, 30.0) as writer:
         for frame in any_track(header, 1, value + 1):
-            writer.write(np.full((header.camera.height, header.camera.width), 900, np.float32), frame)
+            writer.write(
+                np.full((header.camera.height, header.camera.width), 900, np.float32), frame
+            )
 
 
 def write_recordings(value: int) -> None:
@@ -228,7 +247,9 @@ def contents() -> dict[str, bytes]:
     return {name: path.read_bytes() for name, path in found.items() if ".netlib." not in name}
 
 
-def written(write: Callable[[int], None], arm: Callable[[int], object], number: int) -> Iterator[str]:
+def written(
+    write: Callable[[int], None], arm: Callable[[int], object], number: int
+) -> Iterator[str]:
     """Write new files under a fault; yields the line of its error."""
     arm(number)
     try:
@@ -252,10 +273,17 @@ def kill_before_rename(number: int) -> None:
 
 def full_disk(number: int) -> None:
     """Let the change of a file with this number fail, and all that need space after it."""
+
     def happens(event: str, arguments: tuple[Any, ...]) -> None:
         nonlocal number
-        writes = event in ("os.mkdir", "fsync") or (event == "open" and (arguments[2] or 0) & (os.O_RDWR | os.O_WRONLY))
-        if writes and not isinstance(arguments[0], int) and not str(arguments[0]).startswith(("/dev/", "<_io")):
+        writes = event in ("os.mkdir", "fsync") or (
+            event == "open" and (arguments[2] or 0) & (os.O_RDWR | os.O_WRONLY)
+        )
+        if (
+            writes
+            and not isinstance(arguments[0], int)
+            and not str(arguments[0]).startswith(("/dev/", "<_io"))
+        ):
             number -= 1
             if number <= 0:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -273,7 +301,9 @@ def limited_size(number: int) -> None:
 
 @pytest.mark.parametrize("write", [write_nets, write_tracks, write_recordings])
 @pytest.mark.parametrize("fault", [kill_before_rename, full_disk, limited_size])
-def test_old_or_new(write: Callable[[int], None], fault: Callable[[int], object], folder: Path) -> None:
+def test_old_or_new(
+    write: Callable[[int], None], fault: Callable[[int], object], folder: Path
+) -> None:
     write(1)
     old = contents()
     os.chdir(shutil.copytree(folder / "good", folder / "new"))
@@ -286,12 +316,20 @@ def test_old_or_new(write: Callable[[int], None], fault: Callable[[int], object]
         status, lines = in_child(functools.partial(written, write, fault, number))
         line = "".join(lines)
         is_over = not status and not line
-        assert status == -signal.SIGKILL if fault is kill_before_rename and not is_over else not status, (number, line)
+        assert (
+            status == -signal.SIGKILL if fault is kill_before_rename and not is_over else not status
+        ), (number, line)
         if line:
-            assert line.isprintable() and any(Path(name).name in line for name in [*new, "frames"]), line
+            assert line.isprintable() and any(
+                Path(name).name in line for name in [*new, "frames"]
+            ), line
         for name, content in contents().items():
             is_growing = Path(name).suffix in (".json", ".csv") and content.endswith(b"\n")
-            assert content in (old.get(name), new.get(name)) or (is_growing and line), (number, name, line)
+            assert content in (old.get(name), new.get(name)) or (is_growing and line), (
+                number,
+                name,
+                line,
+            )
         assert set(old) - set(contents()) == set(), (number, line)
         write(2)
         assert contents() == new, number

@@ -9,7 +9,8 @@ import pytest
 from handpose.fit.body import CapsuleModel
 from tests.support.packaged_hand import SKELETON
 
-SHARED = Path(__file__).parents[2].parent / "shared" / "data"  # real frames, on machines that have them
+# real frames, on machines that have them
+SHARED = Path(__file__).parents[2].parent / "shared" / "data"
 
 
 @pytest.fixture

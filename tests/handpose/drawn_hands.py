@@ -9,7 +9,8 @@ from handpose.body.render import Capsules
 from handpose.synthetic.pose_prior import Bodies, BodySampler
 from handpose.synthetic.surface_prior import DEFAULT_SURFACE, SurfacePrior, draw_capsules
 
-ARM_BEHIND = SurfacePrior(towards_camera=-0.2)  # the hand is nearer than the arm, as when held towards the camera
+# the hand is nearer than the arm, as when held towards the camera
+ARM_BEHIND = SurfacePrior(towards_camera=-0.2)
 
 
 def capsules_of(
@@ -21,4 +22,6 @@ def capsules_of(
 ) -> Capsules:
     """Capsules in mm of hands whose crop centres (N, 3) or (3,) are given in mm."""
     center = np.broadcast_to(np.asarray(center_mm, float), (len(hands.joints), 3))
-    return draw_capsules(rng, prior, sampler.surface, hands.inputs, hands.bones, hands.scale, CUBE_MM / 2, center)
+    return draw_capsules(
+        rng, prior, sampler.surface, hands.inputs, hands.bones, hands.scale, CUBE_MM / 2, center
+    )

@@ -17,7 +17,9 @@ def test_every_name_exists(name):
 
 def test_other_names_do_not_exist():
     """A misspelled name is an AttributeError, as of any module, and so an ImportError of a from-import."""
-    with pytest.raises(AttributeError, match=r"^module 'handpose' has no attribute 'load_predictors'$"):
+    with pytest.raises(
+        AttributeError, match=r"^module 'handpose' has no attribute 'load_predictors'$"
+    ):
         handpose.load_predictors  # noqa: B018
     with pytest.raises(ImportError):
         from handpose import open_recordings  # noqa: F401

@@ -22,7 +22,11 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def run(program: str, *words: str, status: int = 0) -> Done:
-    code = ["-m", "handpose"] if program == "handpose" else ["-c", "from handpose.__main__ import netlib; netlib()"]
+    code = (
+        ["-m", "handpose"]
+        if program == "handpose"
+        else ["-c", "from handpose.__main__ import netlib; netlib()"]
+    )
     return run_python(*code, *words, status=status)
 
 
@@ -33,13 +37,20 @@ def listed(program: str) -> str:
 
 
 @pytest.fixture
-def shown(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+def shown(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., str]:
     """``shown("track", "--help")``: the output of ``handpose track --help``, run in this process, which is faster."""
 
     def run(*words: str) -> str:
         interrupt = signal.getsignal(signal.SIGINT)
-        with monkeypatch.context() as patch, warnings.catch_warnings(), pytest.raises(SystemExit) as ended:
-            patch.setattr(tools, "_is_program", False)  # as the signal and the warnings, changed by tools.begin
+        with (
+            monkeypatch.context() as patch,
+            warnings.catch_warnings(),
+            pytest.raises(SystemExit) as ended,
+        ):
+            # as the signal and the warnings, changed by tools.begin
+            patch.setattr(tools, "_is_program", False)
             patch.setattr(sys, "argv", ["handpose", *words])
             patch.setattr(sys, "path", [*sys.path])
             patch.setitem(sys.modules, "__main__", sys.modules["__main__"])
@@ -53,12 +64,18 @@ def shown(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
 
 def test_every_tool_is_a_command() -> None:
     """Every tool is a command named with dashes, and the list has a sentence about each."""
-    assert {path.name for path in (ROOT / "tools").glob("[!_]*.py")} == {path.name for path in commands().values()}
-    assert {"demo", "predict", "track", "record", "train", "test", "caffe", "export-onnx"} <= set(commands())
+    assert {path.name for path in (ROOT / "tools").glob("[!_]*.py")} == {
+        path.name for path in commands().values()
+    }
+    assert {"demo", "predict", "track", "record", "train", "test", "caffe", "export-onnx"} <= set(
+        commands()
+    )
     known = [name for names in GROUPS.values() for name in names]
     assert sorted(known) == sorted(commands())
     lines = listed("handpose").splitlines()
-    found = [match for line in lines if (match := re.fullmatch(r"  ([a-z0-9-]+) +[A-Z].*[.?]", line))]
+    found = [
+        match for line in lines if (match := re.fullmatch(r"  ([a-z0-9-]+) +[A-Z].*[.?]", line))
+    ]
     assert [match[1] for match in found] == known
     assert [line[:-1] for line in lines if line.endswith(":")] == list(GROUPS)
 
@@ -75,24 +92,45 @@ def test_help_of_an_installed_command_names_commands(shown: Callable[..., str]) 
     for name, path in commands().items():
         text = path.read_text(encoding="utf-8")
         if "tools/" in text or "docs/" in text:
-            assert not re.search(r"tools/\w+\.py|docs/\w+\.md|python -m mpi4py", shown(name, "--help")), name
+            assert not re.search(
+                r"tools/\w+\.py|docs/\w+\.md|python -m mpi4py", shown(name, "--help")
+            ), name
     assert "'handpose docs live'" in shown("track", "--help")
     assert "mpiexec -n 4 handpose train" in shown("train", "--help")
 
 
-@pytest.mark.parametrize(("line", "status", "texts"), [
-    ("handpose train", 2, ["usage: handpose train [-h]", "\nhandpose train: error: "]),
-    ("handpose export_onnx --help", 0, ["usage: handpose export-onnx [-h]", "handpose export-onnx prototxt/nyu_de"]),
-    ("handpose caffe train --help", 0, ["usage: handpose caffe [-h]"]),
-    ("handpose --version", 0, [f"handpose {__version__}\n"]),
-    ("handpose trian", 2, ["handpose: error: unknown command 'trian' (did you mean 'train'?); 'handpose --help'"]),
-    ("netlib run --help", 0, ["usage: netlib run [-h]", "\n    netlib run deploy.prototxt net.caffemodel cat.jpg"]),
-    ("netlib plot_log --help", 0, ["usage: netlib plot-log [-h]"]),
-    ("netlib run-net --help", 0, ["usage: netlib run-net [-h]"]),
-    ("netlib --version", 0, [f"netlib {__version__}\n"]),
-    ("netlib test", 2, ["usage: netlib test [-h]", "netlib test: error: "]),
-    ("netlib trian", 2, ["netlib: error: unknown command 'trian' (did you mean 'train'?); 'netlib --help'"]),
-])
+@pytest.mark.parametrize(
+    ("line", "status", "texts"),
+    [
+        ("handpose train", 2, ["usage: handpose train [-h]", "\nhandpose train: error: "]),
+        (
+            "handpose export_onnx --help",
+            0,
+            ["usage: handpose export-onnx [-h]", "handpose export-onnx prototxt/nyu_de"],
+        ),
+        ("handpose caffe train --help", 0, ["usage: handpose caffe [-h]"]),
+        ("handpose --version", 0, [f"handpose {__version__}\n"]),
+        (
+            "handpose trian",
+            2,
+            ["handpose: error: unknown command 'trian' (did you mean 'train'?); 'handpose --help'"],
+        ),
+        (
+            "netlib run --help",
+            0,
+            ["usage: netlib run [-h]", "\n    netlib run deploy.prototxt net.caffemodel cat.jpg"],
+        ),
+        ("netlib plot_log --help", 0, ["usage: netlib plot-log [-h]"]),
+        ("netlib run-net --help", 0, ["usage: netlib run-net [-h]"]),
+        ("netlib --version", 0, [f"netlib {__version__}\n"]),
+        ("netlib test", 2, ["usage: netlib test [-h]", "netlib test: error: "]),
+        (
+            "netlib trian",
+            2,
+            ["netlib: error: unknown command 'trian' (did you mean 'train'?); 'netlib --help'"],
+        ),
+    ],
+)
 def test_messages_name_the_command_that_was_typed(line: str, status: int, texts: list[str]) -> None:
     """Usage, errors and examples; errors alone go to stderr."""
     done = run(*line.split(), status=status)

@@ -90,14 +90,21 @@ def by_hand(run: Callable[..., Run]) -> Callable[..., None]:
         np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-15)
 
     def compare(
-        layer: str, bottoms: Sequence[ArrayLike], tops: Sequence[ArrayLike], dy: Sequence[ArrayLike] = (),
-        dx: Sequence[Any] = (), dparams: Sequence[ArrayLike] = (), **options: Any,
+        layer: str,
+        bottoms: Sequence[ArrayLike],
+        tops: Sequence[ArrayLike],
+        dy: Sequence[ArrayLike] = (),
+        dx: Sequence[Any] = (),
+        dparams: Sequence[ArrayLike] = (),
+        **options: Any,
     ) -> None:
         kind, _, text = layer.partition(" ")
         done = run(f'type: "{kind}" {text}', *bottoms, tops=len(tops), **options)
         for found, wanted in zip(done.ys, tops):
             equal(found, wanted)
-        for found, wanted in zip(done.backward(*dy, wanted=[one is not None for one in dx]) if dx else [], dx):
+        for found, wanted in zip(
+            done.backward(*dy, wanted=[one is not None for one in dx]) if dx else [], dx
+        ):
             if wanted is not None:
                 equal(found, wanted)
         for param, wanted in zip(done.layer.blobs, dparams):
@@ -110,7 +117,9 @@ def by_hand(run: Callable[..., Run]) -> Callable[..., None]:
 def check() -> Callable[..., None]:
     """``check(text, x, ...)`` runs the gradient check."""
 
-    def make(text: str, *bottoms: ArrayLike, tops: int = 1, phase: Phase = "TRAIN", **options: Any) -> None:
+    def make(
+        text: str, *bottoms: ArrayLike, tops: int = 1, phase: Phase = "TRAIN", **options: Any
+    ) -> None:
         gradcheck.check(gradcheck.make_layer(text, bottoms, tops, phase), bottoms, tops, **options)
 
     return make

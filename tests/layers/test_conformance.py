@@ -40,7 +40,9 @@ def test_in_place_if_it_says_so(name: str) -> None:
     options = CASES[name][2]
     if options.get("tops", 1) == 1:
         gradcheck.check(layer, bottoms, in_place=True, **options)
-    apart, together = (forward(layer, bottoms, options.get("tops", 1), in_place) for in_place in (False, True))
+    apart, together = (
+        forward(layer, bottoms, options.get("tops", 1), in_place) for in_place in (False, True)
+    )
     assert all(np.array_equal(a, b) for a, b in zip(apart, together))
 
 
@@ -59,7 +61,9 @@ def test_only_wanted_gradients_are_written(name: str) -> None:
 
 
 @every_type
-def test_forced_backward_asks_for_the_gradients_that_there_are(net_of: Callable[..., Net], name: str) -> None:
+def test_forced_backward_asks_for_the_gradients_that_there_are(
+    net_of: Callable[..., Net], name: str
+) -> None:
     """``force_backward`` computes the gradient of every bottom that has one, and of no label, index or image."""
     options, bottoms, more = CASES[name]
     arrays = {f"x{i}": np.asarray(x, np.float64) for i, x in enumerate(bottoms(2))}
@@ -67,7 +71,9 @@ def test_forced_backward_asks_for_the_gradients_that_there_are(net_of: Callable[
     for blob, x in arrays.items():
         text += f'input: "{blob}" input_shape {{ {" ".join(f"dim: {size}" for size in x.shape)} }} '
     text += f'layer {{ name: "it" type: "{name}" {options} {" ".join(f"bottom: {blob!r}" for blob in arrays)} '
-    net = net_of(text + " ".join(f'top: "y{i}"' for i in range(more.get("tops", 1))) + " }", dtype=np.float64)
+    net = net_of(
+        text + " ".join(f'top: "y{i}"' for i in range(more.get("tops", 1))) + " }", dtype=np.float64
+    )
     wanted = FORCED.get(name, more.get("wanted", [True] * len(arrays)))
     assert list(net.connections[-1].propagate_down) == wanted
     net.forward(**arrays)
@@ -80,7 +86,9 @@ def test_forced_backward_asks_for_the_gradients_that_there_are(net_of: Callable[
 def test_types_that_share_a_block_read_the_same_in_it() -> None:
     blocks: dict[str, list[Any]] = {}
     for name, cls in LAYER_TYPES.items():
-        fields = [(f.name, f.type, f.metadata.get("number")) for f in dataclasses.fields(cls.param_type)]
+        fields = [
+            (f.name, f.type, f.metadata.get("number")) for f in dataclasses.fields(cls.param_type)
+        ]
         blocks.setdefault(block_name(cls, name), []).append(fields)
     assert len(blocks["softmax_param"]) == 2
     assert all(fields == each[0] for each in blocks.values() for fields in each)

@@ -48,7 +48,12 @@ def solver_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> MakeSolver:
 
     def make(net: str, options: str = "", seed: int | None = None) -> netlib.Solver:
         (tmp_path / "net.prototxt").write_text(net)
-        for default in ("base_lr: 0.1", 'lr_policy: "fixed"', "max_iter: 100", 'snapshot_prefix: "snap"'):
+        for default in (
+            "base_lr: 0.1",
+            'lr_policy: "fixed"',
+            "max_iter: 100",
+            'snapshot_prefix: "snap"',
+        ):
             if default.split(":")[0] + ":" not in options:
                 options += f" {default}"
         (tmp_path / "solver.prototxt").write_text(f'net: "net.prototxt" {options}')

@@ -17,7 +17,8 @@ LINEAR = (
     'layer { name: "%s" type: "InnerProduct" bottom: "%s" top: "%s" '
     'inner_product_param { num_output: 2 weight_filler { type: "constant" value: %g } } }'
 )
-CHAIN = X + LINEAR % ("a", "x", "y", 3) + LINEAR % ("b", "y", "z", 5)  # dx = 2 * 2 * 3 * 5 = 60 for dz = 1
+# dx = 2 * 2 * 3 * 5 = 60 for dz = 1
+CHAIN = X + LINEAR % ("a", "x", "y", 3) + LINEAR % ("b", "y", "z", 5)
 
 
 def net_of(text: str) -> netlib.Net:
@@ -73,7 +74,10 @@ def test_a_diff_that_the_caller_wrote_stays() -> None:
 def test_a_middle_blob_that_was_written_and_read_keeps_its_values() -> None:
     """After forward(start=...), backward runs the layers before it once, but not over what the others have read."""
     net = net_of(
-        X + LINEAR % ("a", "x", "y", 1) + layer("ReLU", bottom='bottom: "y"', top="r") + LINEAR % ("b", "r", "z", 1)
+        X
+        + LINEAR % ("a", "x", "y", 1)
+        + layer("ReLU", bottom='bottom: "y"', top="r")
+        + LINEAR % ("b", "r", "z", 1)
     )
     net.blobs["y"].data[...] = [[1, -1], [0, 2]]
     net.forward(start="k")
@@ -105,7 +109,10 @@ RANDOM = {
 @pytest.mark.parametrize("what", list(RANDOM))
 def test_a_net_whose_forward_pass_changes_the_next_one_needs_forward_first(what: str) -> None:
     net, other = net_of(RANDOM[what]), net_of(RANDOM[what])
-    with pytest.raises(netlib.LayerError, match=rf"layer 'k': backward was called before forward, which {what}: run"):
+    with pytest.raises(
+        netlib.LayerError,
+        match=rf"layer 'k': backward was called before forward, which {what}: run",
+    ):
         net.backward()
     np.testing.assert_array_equal(net.forward()["y"], other.forward()["y"])
     net.backward()

@@ -37,7 +37,9 @@ def test_an_assigned_parameter_shares_its_memory() -> None:
     assert own[0] is kept and kept.shape == (2, 3) and (kept.data == 5).all()
     kept.diff[...] = 3
     assert (other.diff == 3).all()
-    with pytest.raises(ValueError, match=r"<Blob 3x2 float32> cannot take the place of <Blob 4 float32>"):
+    with pytest.raises(
+        ValueError, match=r"<Blob 3x2 float32> cannot take the place of <Blob 4 float32>"
+    ):
         own[1] = other
     with pytest.raises(ValueError, match="float64"):
         own[0] = Blob((2, 3), np.float64)

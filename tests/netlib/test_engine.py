@@ -20,7 +20,9 @@ def test_plain_is_always_there(net_of: MakeNet) -> None:
     net = net_of(NET, engine="plain")
     assert net.engine.name == "plain"
     assert type(net.engine) is Engine
-    assert [(type(step), step.connections) for step in net.steps] == [(Step, [at]) for at in net.connections]
+    assert [(type(step), step.connections) for step in net.steps] == [
+        (Step, [at]) for at in net.connections
+    ]
 
 
 @needs_fast
@@ -41,7 +43,9 @@ def test_an_unknown_engine(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> 
         net_of(NET)
 
 
-def test_without_its_folder_fast_is_refused_by_name_only(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_its_folder_fast_is_refused_by_name_only(
+    net_of: MakeNet, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("netlib.engine.has_fast", lambda: False)
     monkeypatch.delenv("NETLIB_ENGINE", raising=False)
     engine._engine.cache_clear()

@@ -16,18 +16,22 @@ def filled(filler: Filler, shape: tuple[int, ...] = SHAPE) -> np.ndarray:
     return array
 
 
-@pytest.mark.parametrize(("filler", "mean", "std"), [
-    (Filler(value=2.5), 2.5, 0),
-    (Filler(), 0, 0),
-    (Filler("uniform", min=-1, max=3), 1, 4 / np.sqrt(12)),
-    (Filler("gaussian", mean=2, std=0.5), 2, 0.5),
-    (Filler("xavier"), 0, np.sqrt(1 / 2000)),
-    (Filler("xavier", variance_norm="FAN_OUT"), 0, np.sqrt(1 / 5000)),
-    (Filler("xavier", variance_norm="AVERAGE"), 0, np.sqrt(1 / 3500)),
-    (Filler("msra"), 0, np.sqrt(2 / 2000)),
-    (Filler("msra", variance_norm="FAN_OUT"), 0, np.sqrt(2 / 5000)),
-    (Filler("msra", variance_norm="AVERAGE"), 0, np.sqrt(2 / 3500)),
-], ids=lambda value: f"{value.type} {value.variance_norm}" if isinstance(value, Filler) else "")
+@pytest.mark.parametrize(
+    ("filler", "mean", "std"),
+    [
+        (Filler(value=2.5), 2.5, 0),
+        (Filler(), 0, 0),
+        (Filler("uniform", min=-1, max=3), 1, 4 / np.sqrt(12)),
+        (Filler("gaussian", mean=2, std=0.5), 2, 0.5),
+        (Filler("xavier"), 0, np.sqrt(1 / 2000)),
+        (Filler("xavier", variance_norm="FAN_OUT"), 0, np.sqrt(1 / 5000)),
+        (Filler("xavier", variance_norm="AVERAGE"), 0, np.sqrt(1 / 3500)),
+        (Filler("msra"), 0, np.sqrt(2 / 2000)),
+        (Filler("msra", variance_norm="FAN_OUT"), 0, np.sqrt(2 / 5000)),
+        (Filler("msra", variance_norm="AVERAGE"), 0, np.sqrt(2 / 3500)),
+    ],
+    ids=lambda value: f"{value.type} {value.variance_norm}" if isinstance(value, Filler) else "",
+)
 def test_mean_and_deviation(filler: Filler, mean: float, std: float) -> None:
     array = filled(filler)
     assert abs(array.mean() - mean) <= 5 * std / np.sqrt(array.size)
@@ -43,7 +47,9 @@ def test_bounds() -> None:
 @pytest.mark.parametrize(("shape", "fan_in"), [((100, 10), 10), ((10, 100), 100), ((5000,), 1)])
 def test_the_fan_in_is_count_by_outputs(shape: tuple[int, ...], fan_in: int) -> None:
     """The fan-in is count / shape[0], regardless of the meaning of the axes, as in Caffe."""
-    assert np.abs(filled(Filler("xavier"), shape)).max() == pytest.approx(np.sqrt(3 / fan_in), rel=0.01)
+    assert np.abs(filled(Filler("xavier"), shape)).max() == pytest.approx(
+        np.sqrt(3 / fan_in), rel=0.01
+    )
 
 
 def test_sparse_gaussian() -> None:

@@ -31,7 +31,9 @@ class Right(Layer):
         top[0].reshape(bottom[0].shape)
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        top[0].data[...] = self.blobs[0].data * bottom[0].data ** 2 + self.rng.normal(size=bottom[0].shape)
+        top[0].data[...] = self.blobs[0].data * bottom[0].data ** 2 + self.rng.normal(
+            size=bottom[0].shape
+        )
 
     def backward(self, top: Blobs, propagate_down: list[bool], bottom: Blobs) -> None:
         self.blobs[0].diff[...] += (top[0].diff * bottom[0].data ** 2).sum(axis=0)
@@ -63,7 +65,9 @@ def scale(array: np.ndarray, place: object, factor: float) -> None:
 
 
 Forgets = spoilt("Forgets", after=lambda self, top, bottom: scale(bottom[0].diff, (1, 1), np.nan))
-Overwrites = spoilt("Overwrites", before=lambda self, top, bottom: scale(self.blobs[0].diff, ..., 0))
+Overwrites = spoilt(
+    "Overwrites", before=lambda self, top, bottom: scale(self.blobs[0].diff, ..., 0)
+)
 Wrong = spoilt("Wrong", after=lambda self, top, bottom: scale(bottom[0].diff, (2, 0), 1.0001))
 IgnoresTop = spoilt("IgnoresTop", before=lambda self, top, bottom: top[0].diff.fill(1))
 
@@ -92,18 +96,29 @@ class Rounds(Right):
     """Computes in float32."""
 
     def forward(self, bottom: Blobs, top: Blobs) -> None:
-        top[0].data[...] = (self.blobs[0].data * bottom[0].data**2).astype(np.float32)
+        top[0].data[...] = (self.blobs[0].data * bottom[0].data ** 2).astype(np.float32)
 
 
-@pytest.mark.parametrize(("cls", "message"), [
-    (Forgets, r"Forgets: gradient of bottom 0 at \(1, 1\): backward computed nan"),
-    (Overwrites, r"Overwrites: gradient of parameter 0 at \(\d,\)"),
-    (Wrong, r"Wrong: gradient of bottom 0 at \(2, 0\): backward computed [-\d.]+, central differences give [-\d.e]+$"),
-    (IgnoresTop, "IgnoresTop: gradient of"),
-    (Rounds, r"differences give [-\d.e]+; the tops are rounded to float32, which is too coarse for the differences: "
-             "compute in the dtype of the bottoms, float64 here$"),
-])
-def test_a_wrong_layer_is_caught(layer: Callable[[type[Layer]], Layer], cls: Any, message: str) -> None:
+@pytest.mark.parametrize(
+    ("cls", "message"),
+    [
+        (Forgets, r"Forgets: gradient of bottom 0 at \(1, 1\): backward computed nan"),
+        (Overwrites, r"Overwrites: gradient of parameter 0 at \(\d,\)"),
+        (
+            Wrong,
+            r"Wrong: gradient of bottom 0 at \(2, 0\): backward computed [-\d.]+, central differences give [-\d.e]+$",
+        ),
+        (IgnoresTop, "IgnoresTop: gradient of"),
+        (
+            Rounds,
+            r"differences give [-\d.e]+; the tops are rounded to float32, which is too coarse for the differences: "
+            "compute in the dtype of the bottoms, float64 here$",
+        ),
+    ],
+)
+def test_a_wrong_layer_is_caught(
+    layer: Callable[[type[Layer]], Layer], cls: Any, message: str
+) -> None:
     with pytest.raises(GradientError, match=message):
         gradcheck.check(layer(cls), [X])
 
@@ -116,20 +131,27 @@ def test_a_kink(value: float, text: str) -> None:
     if "Hinge" in text:
         x = [np.array([[0.5, 1 + value], [0.25, 2.0]]), np.array([0.0, 1.0])]
         x[0][0, 1] = value - 1
-    with pytest.raises(GradientError, match=r"; the difference to the left is .*, so there is a kink within 1e-06 of"):
+    with pytest.raises(
+        GradientError,
+        match=r"; the difference to the left is .*, so there is a kink within 1e-06 of",
+    ):
         gradcheck.check(gradcheck.make_layer(text, x), x, wanted=[True, False][: len(x)])
 
 
 def test_the_error_names_the_layer_and_its_class(module: MakeModule) -> None:
     """A layer of a user has the type Python, so its name and class are given."""
     module(
-        "own_wrong", "import netlib\n\n\nclass Wrong(netlib.Layer):\n"
+        "own_wrong",
+        "import netlib\n\n\nclass Wrong(netlib.Layer):\n"
         "    def reshape(self, bottom, top):\n        top[0].reshape(*bottom[0].shape)\n\n"
         "    def forward(self, bottom, top):\n        top[0].data[...] = bottom[0].data\n\n"
-        "    def backward(self, top, propagate_down, bottom):\n        bottom[0].diff[...] = 2 * top[0].diff\n"
+        "    def backward(self, top, propagate_down, bottom):\n        bottom[0].diff[...] = 2 * top[0].diff\n",
     )
     text = 'type: "Python" python_param { module: "own_wrong" layer: "Wrong" }'
-    for name, begin in (('name: "mine" ', r"layer 'mine' \(Wrong\): gradient of bottom 0"), ("", "Wrong: gradient of")):
+    for name, begin in (
+        ('name: "mine" ', r"layer 'mine' \(Wrong\): gradient of bottom 0"),
+        ("", "Wrong: gradient of"),
+    ):
         with pytest.raises(GradientError, match=f"^{begin}"):
             gradcheck.check(gradcheck.make_layer(name + text, [X]), [X])
 

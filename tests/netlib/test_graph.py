@@ -21,7 +21,13 @@ def backwards(net: netlib.Net) -> dict[str, list[bool]]:
 
 def test_a_blob_with_two_readers_sums_their_gradients(net_of: MakeNet) -> None:
     """A Split layer sums the gradients, as in Caffe; a loss weight on the blob counts as one more reader."""
-    text = "force_backward: true " + X + ip("a", "x", "a", "loss_weight: 2") + ip("b", "a", "b") + ip("c", "a", "c")
+    text = (
+        "force_backward: true "
+        + X
+        + ip("a", "x", "a", "loss_weight: 2")
+        + ip("b", "a", "b")
+        + ip("c", "a", "c")
+    )
     net = net_of(text)
     net.forward(x=np.ones((2, 3)))
     db, dc = np.random.default_rng(0).normal(size=(2, 2, 3)).astype(np.float32)
@@ -88,7 +94,8 @@ def test_propagate_down_true_asks_for_a_gradient(net_of: MakeNet) -> None:
 
 
 @pytest.mark.parametrize(
-    ("weight", "layer"), [(3, "loss_weight: 3"), (1, ""), (0.5, "loss_weight: 0.5"), (-1, "loss_weight: -1")]
+    ("weight", "layer"),
+    [(3, "loss_weight: 3"), (1, ""), (0.5, "loss_weight: 0.5"), (-1, "loss_weight: -1")],
 )
 def test_loss_weight(net_of: MakeNet, weight: float, layer: str) -> None:
     """The top holds the unweighted loss; the net's loss and the gradients are weighted."""
@@ -115,8 +122,14 @@ def test_loss_weight_on_an_ordinary_top(net_of: MakeNet) -> None:
 
 def test_a_loss_may_go_without_a_top(net_of: MakeNet) -> None:
     """A loss without a top is named "(automatic)" as in Caffe; it contributes to the loss and is not an output."""
-    net = net_of(X + ip("a", "x", "a") + 'layer { name: "l" type: "EuclideanLoss" bottom: "a" bottom: "x" }')
-    named = net_of(X + ip("a", "x", "a") + 'layer { name: "l" type: "EuclideanLoss" bottom: "a" bottom: "x" top: "l" }')
+    net = net_of(
+        X + ip("a", "x", "a") + 'layer { name: "l" type: "EuclideanLoss" bottom: "a" bottom: "x" }'
+    )
+    named = net_of(
+        X
+        + ip("a", "x", "a")
+        + 'layer { name: "l" type: "EuclideanLoss" bottom: "a" bottom: "x" top: "l" }'
+    )
     for one in (net, named):
         one.blobs["x"].data[...] = 1
         one.params["a"][0].data[...] = 2
@@ -133,34 +146,54 @@ VALUES = "layer 'p0' overwrites blob 's', which the gradient of layer 'r' needs:
 SIGNS = "overwrites blob 'a', of which the gradient of layer 'r' needs the signs"
 
 
-@pytest.mark.parametrize(("below", "top", "behind", "warning"), [
-    ("Sigmoid", "s", [POWER], VALUES),
-    ("TanH", "s", [POWER], VALUES),
-    ("ReLU", "s", [POWER], ""),
-    ("BNLL", "s", [POWER], ""),
-    ("ReLU", "a", ['"Power" power_param { shift: -0.5 }'], SIGNS),
-    ("ReLU", "a", ['"Scale" scale_param { filler { value: -1 } }'], SIGNS),
-    ("ReLU", "a", ['"Dropout"'], ""),
-    ("ReLU", "a", ['"ReLU"', '"Dropout"'], ""),
-    ("ReLU", "a", ['"Dropout"', '"BatchNorm"'], SIGNS),
-], ids=str)
+@pytest.mark.parametrize(
+    ("below", "top", "behind", "warning"),
+    [
+        ("Sigmoid", "s", [POWER], VALUES),
+        ("TanH", "s", [POWER], VALUES),
+        ("ReLU", "s", [POWER], ""),
+        ("BNLL", "s", [POWER], ""),
+        ("ReLU", "a", ['"Power" power_param { shift: -0.5 }'], SIGNS),
+        ("ReLU", "a", ['"Scale" scale_param { filler { value: -1 } }'], SIGNS),
+        ("ReLU", "a", ['"Dropout"'], ""),
+        ("ReLU", "a", ['"ReLU"', '"Dropout"'], ""),
+        ("ReLU", "a", ['"Dropout"', '"BatchNorm"'], SIGNS),
+    ],
+    ids=str,
+)
 def test_a_gradient_that_will_be_wrong_is_said(
-    net_of: MakeNet, caplog: pytest.LogCaptureFixture, below: str, top: str, behind: list[str], warning: str
+    net_of: MakeNet,
+    caplog: pytest.LogCaptureFixture,
+    below: str,
+    top: str,
+    behind: list[str],
+    warning: str,
 ) -> None:
     """A warning reports a layer in place that overwrites a top needed by another gradient; Caffe gives none."""
-    text = X + ip("a", "x", "a") + f'layer {{ name: "r" type: "{below}" bottom: "a" top: "{top}" }} '
+    text = (
+        X + ip("a", "x", "a") + f'layer {{ name: "r" type: "{below}" bottom: "a" top: "{top}" }} '
+    )
     for i, kind in enumerate(behind):
         text += f'layer {{ name: "p{i}" bottom: "{top}" top: "{top}" type: {kind} }} '
     net_of(text)  # without a loss nothing runs backwards, so there is no warning
     assert caplog.messages == []
-    net_of(text + f'layer {{ name: "l" type: "EuclideanLoss" bottom: "{top}" bottom: "x" top: "l" }}')
+    net_of(
+        text + f'layer {{ name: "l" type: "EuclideanLoss" bottom: "{top}" bottom: "x" top: "l" }}'
+    )
     assert len(caplog.messages) == bool(warning)
     assert warning in caplog.text
 
 
-def test_two_layers_of_one_name(net_of: MakeNet, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_two_layers_of_one_name(
+    net_of: MakeNet, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     """Both layers run, as in Caffe; the second gets a new name, so that both keep their weights."""
-    text = X + ip("a", "x", "a") + 'layer { name: "r" type: "ReLU" bottom: "a" top: "a" } ' + ip("a", "a", "b")
+    text = (
+        X
+        + ip("a", "x", "a")
+        + 'layer { name: "r" type: "ReLU" bottom: "a" top: "a" } '
+        + ip("a", "a", "b")
+    )
     net = net_of(text + 'layer { name: "r" type: "ReLU" bottom: "b" top: "b" }')
     assert list(net.layer_dict) == ["x", "a", "r", "a (2)", "r (2)"]
     assert [message.split(": a second")[1] for message in caplog.messages] == [

@@ -24,7 +24,10 @@ def test_helpers_for_layer_authors() -> None:
     """canonical_axis resolves negative axes; fail adds the position of an option."""
     layer = gradcheck.make_layer('name: "p" type: "Power" power_param { scale: 2 }', [np.zeros(3)])
     assert [layer.canonical_axis(a, Blob((2, 3, 4))) for a in (0, 2, -1, -3)] == [0, 2, 2, 0]
-    with pytest.raises(netlib.LayerError, match=r"layer 'p': axis 3 is out of range for a blob of 3 axes \(2, 3, 4\)"):
+    with pytest.raises(
+        netlib.LayerError,
+        match=r"layer 'p': axis 3 is out of range for a blob of 3 axes \(2, 3, 4\)",
+    ):
         layer.canonical_axis(3, Blob((2, 3, 4)))
     assert str(layer.fail("says", "scale")) == "<gradcheck>:1:39: error: layer 'p': says"
 

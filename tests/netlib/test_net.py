@@ -32,7 +32,9 @@ def test_the_constructor_is_pycaffes(net_of: MakeNet, tmp_path: Path) -> None:
         assert np.array_equal(net.params["ip"][0].data, first.params["ip"][0].data)
 
 
-def test_set_random_seed_decides_the_weights(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_set_random_seed_decides_the_weights(
+    net_of: MakeNet, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The seed applies to nets and solvers without their own seed; each one gets different numbers, as in Caffe."""
     monkeypatch.setattr(netlib.net, "_seeds", None)
     tree = prototxt.parse(X + ip("ip", "x", "y"))
@@ -40,7 +42,11 @@ def test_set_random_seed_decides_the_weights(net_of: MakeNet, monkeypatch: pytes
     found = []
     for seed in (1, 1, 2):
         netlib.set_random_seed(seed)
-        nets = [netlib.Net(tree, netlib.TRAIN), netlib.Net(tree, netlib.TRAIN), netlib.Solver(options).net]
+        nets = [
+            netlib.Net(tree, netlib.TRAIN),
+            netlib.Net(tree, netlib.TRAIN),
+            netlib.Solver(options).net,
+        ]
         found.append([net.params["ip"][0].data.tolist() for net in nets])
     assert found[0] == found[1]
     assert all(one != two for one, two in zip(found[1], found[2]))
@@ -113,7 +119,10 @@ def test_param_diffs_add_up_until_they_are_cleared(net_of: MakeNet) -> None:
 
 def test_copy_from_copies_by_layer_name(net_of: MakeNet, tmp_path: Path) -> None:
     """Weights are copied from a file or a net; layers that exist only in the source are returned."""
-    source, net = net_of(X + ip("a", "x", "a") + ip("more", "a", "more")), net_of(X + ip("a", "x", "y"), seed=2)
+    source, net = (
+        net_of(X + ip("a", "x", "a") + ip("more", "a", "more")),
+        net_of(X + ip("a", "x", "y"), seed=2),
+    )
     source.save(tmp_path / "w.h5")
     for origin in (source, tmp_path / "w.h5"):
         net.params["a"][0].data[...] = 0
@@ -125,13 +134,23 @@ BOTH = X + ip("a", "x", "a") + ip("b", "a", "b")
 NO_BIAS = BOTH.replace("num_output: 3", "num_output: 3 bias_term: false")
 
 
-@pytest.mark.parametrize(("saved", "text", "message"), [
-    (BOTH, X + ip("a", "x", "a") + ip("b", "a", "b", outputs=4),
-     r"layer 'b' parameter 0 has shape \(3, 3\), the net expects \(4, 3\)"),
-    (BOTH, X + ip("other", "x", "y"), "it has no layer of net ''; it has a, b.*, the net has other"),
-    (BOTH, NO_BIAS, "layer 'a' has 2 parameters, the net expects 1"),
-    (NO_BIAS, BOTH, "layer 'a' lacks parameter 1, the net has 2"),
-])
+@pytest.mark.parametrize(
+    ("saved", "text", "message"),
+    [
+        (
+            BOTH,
+            X + ip("a", "x", "a") + ip("b", "a", "b", outputs=4),
+            r"layer 'b' parameter 0 has shape \(3, 3\), the net expects \(4, 3\)",
+        ),
+        (
+            BOTH,
+            X + ip("other", "x", "y"),
+            "it has no layer of net ''; it has a, b.*, the net has other",
+        ),
+        (BOTH, NO_BIAS, "layer 'a' has 2 parameters, the net expects 1"),
+        (NO_BIAS, BOTH, "layer 'a' lacks parameter 1, the net has 2"),
+    ],
+)
 def test_weights_that_do_not_fit_change_nothing(
     net_of: MakeNet, tmp_path: Path, saved: str, text: str, message: str
 ) -> None:
@@ -174,19 +193,30 @@ def test_a_net_is_not_copied(net_of: MakeNet, how: Callable[[object], object]) -
 def test_nets_that_cannot_share_parameters_share_none(net_of: MakeNet, other: str) -> None:
     text = X + ip("a", "x", "a") + ip("b", "a", "b")
     one = net_of(text)
-    two = net_of(text.replace("num_output: 3", "num_output: 4")) if other == "shape" else net_of(text, dtype=np.float64)
-    with pytest.raises(netlib.LayerError, match="layer 'a' is in float32" if other == "dtype" else "layer 'a' has"):
+    two = (
+        net_of(text.replace("num_output: 3", "num_output: 4"))
+        if other == "shape"
+        else net_of(text, dtype=np.float64)
+    )
+    with pytest.raises(
+        netlib.LayerError, match="layer 'a' is in float32" if other == "dtype" else "layer 'a' has"
+    ):
         one.share_params(two)
     assert not np.shares_memory(one.params["a"][0].data, two.params["a"][0].data)
 
 
 def test_stages_are_added_to_those_of_the_file(net_of: MakeNet) -> None:
-    text = X + "".join(f'layer {{ name: "{s}" type: "Silence" bottom: "x" include {{ stage: "{s}" }} }}' for s in "st")
+    text = X + "".join(
+        f'layer {{ name: "{s}" type: "Silence" bottom: "x" include {{ stage: "{s}" }} }}'
+        for s in "st"
+    )
     net = net_of(text + 'state { stage: "s" }', stages=["t"])
     assert {"s", "t"} <= set(net.layer_dict)
 
 
-def test_weights_that_lack_a_layer(net_of: MakeNet, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_weights_that_lack_a_layer(
+    net_of: MakeNet, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     """A layer without weights in the file keeps its initial values, as in pycaffe, and a note is logged."""
     small, text = net_of(X + ip("a", "x", "a")), X + ip("a", "x", "a") + ip("b", "a", "b")
     small.save(tmp_path / "w.caffemodel")
@@ -194,7 +224,9 @@ def test_weights_that_lack_a_layer(net_of: MakeNet, tmp_path: Path, caplog: pyte
     path.write_text(text)
     net = netlib.Net(path, tmp_path / "w.caffemodel", netlib.TEST)
     assert np.array_equal(net.params["a"][0].data, small.params["a"][0].data)
-    assert caplog.messages == [f"{tmp_path}/w.caffemodel has no weights for b; they keep their initial values"]
+    assert caplog.messages == [
+        f"{tmp_path}/w.caffemodel has no weights for b; they keep their initial values"
+    ]
 
 
 WEIGHED = """force_backward: true
@@ -215,10 +247,14 @@ def test_the_diff_of_a_loss_is_its_weight_from_the_start(net_of, kind, phase):
     assert np.array_equal(net.blobs["loss"].diff, np.full(net.blobs["loss"].shape, 3))
 
 
-@pytest.mark.parametrize("write", [
-    lambda blob: blob.diff.fill(2), lambda blob: blob.diff.__setitem__(..., 2),
-    lambda blob: blob.diff.flat.__setitem__(0, 2),
-])
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda blob: blob.diff.fill(2),
+        lambda blob: blob.diff.__setitem__(..., 2),
+        lambda blob: blob.diff.flat.__setitem__(0, 2),
+    ],
+)
 def test_a_diff_written_before_the_first_backward_is_kept(net_of, write):
     net = net_of(WEIGHED % "EuclideanLoss")
     write(net.blobs["loss"])

@@ -54,16 +54,26 @@ def test_a_second_thread_is_told(net_of: MakeNet, use: str) -> None:
     net.forward()
     [error] = said
     assert isinstance(error, netlib.NetlibError)
-    assert str(error).startswith("net 'hand' is in use by another thread; use a separate net in each thread")
+    assert str(error).startswith(
+        "net 'hand' is in use by another thread; use a separate net in each thread"
+    )
     del net.layers[0].forward
     assert in_a_thread(getattr(net, use)) is None
 
 
-@pytest.mark.parametrize("use", [
-    lambda net: net.forward(x=np.ones((40, 1, 30, 30))), lambda net: net.backward(f=np.ones((40, 7))),
-    lambda net: net.run_forward(0, 2), lambda net: net.run_backward(0, 2),
-], ids=["inputs", "slopes", "a part forwards", "a part backwards"])
-def test_a_thread_that_is_told_changes_nothing(net_of: MakeNet, use: Callable[[netlib.Net], object]) -> None:
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda net: net.forward(x=np.ones((40, 1, 30, 30))),
+        lambda net: net.backward(f=np.ones((40, 7))),
+        lambda net: net.run_forward(0, 2),
+        lambda net: net.run_backward(0, 2),
+    ],
+    ids=["inputs", "slopes", "a part forwards", "a part backwards"],
+)
+def test_a_thread_that_is_told_changes_nothing(
+    net_of: MakeNet, use: Callable[[netlib.Net], object]
+) -> None:
     """Neither inputs nor diffs change, nor the steps of the net, which the first thread may be running."""
     net = net_of(NET)
     net.forward()
@@ -134,7 +144,10 @@ def test_two_threads_with_a_net_each(
     """Each thread gets the same results as alone, bit for bit; with shared weights only forward is compared."""
     if netlib.threads() > 1:
         netlib.set_threads(3)
-    nets, images = [net_of(NET, seed=seed) for seed in (1, 2)], rng.normal(size=(2, 5, 40, 1, 30, 30))
+    nets, images = (
+        [net_of(NET, seed=seed) for seed in (1, 2)],
+        rng.normal(size=(2, 5, 40, 1, 30, 30)),
+    )
     slopes = rng.normal(size=(40, 7))
     if shared:
         nets[1].share_params(nets[0])
@@ -144,9 +157,13 @@ def test_two_threads_with_a_net_each(
         for x in images[i]:
             nets[i].clear_param_diffs()
             found.append(nets[i].forward(x=x)["f"].copy())
-            if not shared:  # gradients of shared weights are summed: that is for one thread at a time
+            # gradients of shared weights are summed: that is for one thread at a time
+            if not shared:
                 nets[i].backward(f=slopes)
-                found += [nets[i].blobs["x"].diff.copy(), *(p.blob.diff.copy() for p in nets[i].learnable)]
+                found += [
+                    nets[i].blobs["x"].diff.copy(),
+                    *(p.blob.diff.copy() for p in nets[i].learnable),
+                ]
         return found
 
     wanted, both = [work(0), work(1)], threading.Barrier(2, timeout=60)
@@ -187,7 +204,8 @@ def test_a_forked_process_starts_threads_of_its_own(
     ours, theirs = context.Pipe()
     process = context.Process(target=lambda: theirs.send(weights()))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # Python 3.12 warns of a fork with threads
+        # Python 3.12 warns of a fork with threads
+        warnings.simplefilter("ignore", DeprecationWarning)
         process.start()
     answered = ours.poll(60)
     process.kill()

@@ -57,20 +57,30 @@ def weight(solver: netlib.Solver) -> float:
     return float(solver.net.params["ip"][0].data.item())
 
 
-@pytest.mark.parametrize(("param", "options", "expected"), [
-    ("", "", 1 - 0.1 * 2),
-    ("param { lr_mult: 3 }", "", 1 - 0.3 * 2),
-    ("param { lr_mult: 0 }", "weight_decay: 0.5 momentum: 0.9", 1),
-    ("", "weight_decay: 0.5", 1 - 0.1 * (2 + 0.5)),
-    ("param { decay_mult: 4 }", "weight_decay: 0.5", 1 - 0.1 * (2 + 2)),
-    ("", 'weight_decay: 0.5 regularization_type: "L1"', 1 - 0.1 * (2 + 0.5)),
-    ("", "iter_size: 3", 1 - 0.1 * 2),
-    ("", "clip_gradients: 1", 1 - 0.1 * 1),
-    ("", "clip_gradients: 3", 1 - 0.1 * 2),
-    ("", "clip_gradients: 3 iter_size: 3", 1 - 0.1 * 1),  # the sum, 6, is clipped to 3, then divided by 3
-    ("", "clip_gradients: 3 iter_size: 3 weight_decay: 0.5", 1 - 0.1 * 1.5),  # decay is not clipped
-])
-def test_one_update_by_hand(solver_of: MakeSolver, param: str, options: str, expected: float) -> None:
+@pytest.mark.parametrize(
+    ("param", "options", "expected"),
+    [
+        ("", "", 1 - 0.1 * 2),
+        ("param { lr_mult: 3 }", "", 1 - 0.3 * 2),
+        ("param { lr_mult: 0 }", "weight_decay: 0.5 momentum: 0.9", 1),
+        ("", "weight_decay: 0.5", 1 - 0.1 * (2 + 0.5)),
+        ("param { decay_mult: 4 }", "weight_decay: 0.5", 1 - 0.1 * (2 + 2)),
+        ("", 'weight_decay: 0.5 regularization_type: "L1"', 1 - 0.1 * (2 + 0.5)),
+        ("", "iter_size: 3", 1 - 0.1 * 2),
+        ("", "clip_gradients: 1", 1 - 0.1 * 1),
+        ("", "clip_gradients: 3", 1 - 0.1 * 2),
+        # the sum, 6, is clipped to 3, then divided by 3
+        ("", "clip_gradients: 3 iter_size: 3", 1 - 0.1 * 1),
+        (
+            "",
+            "clip_gradients: 3 iter_size: 3 weight_decay: 0.5",
+            1 - 0.1 * 1.5,
+        ),  # decay is not clipped
+    ],
+)
+def test_one_update_by_hand(
+    solver_of: MakeSolver, param: str, options: str, expected: float
+) -> None:
     """The sum is clipped, divided by iter_size, decayed, and passed to the update rule, in this order."""
     solver = solver_of(ONE_WEIGHT % param, options)
     solver.step(1)
@@ -82,7 +92,9 @@ def messages(caplog: pytest.LogCaptureFixture, part: str) -> list[str]:
     return [line.strip() for line in caplog.messages if part in line]
 
 
-def test_debug_info_shows_every_blob(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture) -> None:
+def test_debug_info_shows_every_blob(
+    solver_of: MakeSolver, caplog: pytest.LogCaptureFixture
+) -> None:
     """debug_info logs mean absolute values: x = 2, y = 2 and the gradient 2."""
     caplog.set_level("INFO", "netlib")
     solver_of(ONE_WEIGHT % 'param { name: "w" }', "display: 1 debug_info: true").step(1)
@@ -108,22 +120,31 @@ def test_debug_info_shows_a_blob_before_a_layer_in_place(
     """
     solver_of(ip + text, "base_lr: 0 display: 2 debug_info: true").step(2)
     assert [line for line in messages(caplog, "[Forward]") if "blob y " in line] == [
-        "[Forward] Layer ip, top blob y data: 2", "[Forward] Layer half, top blob y data: 4",
+        "[Forward] Layer ip, top blob y data: 2",
+        "[Forward] Layer half, top blob y data: 4",
     ]
     assert [line for line in messages(caplog, "[Backward]") if "blob y " in line] == [
-        "[Backward] Layer sum, bottom blob y diff: 1", "[Backward] Layer half, bottom blob y diff: 0.5",
+        "[Backward] Layer sum, bottom blob y diff: 1",
+        "[Backward] Layer half, bottom blob y diff: 0.5",
     ]
 
 
-def test_a_step_of_multistep_is_logged(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_step_of_multistep_is_logged(
+    solver_of: MakeSolver, caplog: pytest.LogCaptureFixture
+) -> None:
     caplog.set_level("INFO", "netlib")
-    solver_of(ONE_WEIGHT % "", 'lr_policy: "multistep" gamma: 0.1 stepvalue: 1 stepvalue: 3').step(5)
+    solver_of(ONE_WEIGHT % "", 'lr_policy: "multistep" gamma: 0.1 stepvalue: 1 stepvalue: 3').step(
+        5
+    )
     assert messages(caplog, "MultiStep") == [
-        "MultiStep Status: Iteration 1, step = 1", "MultiStep Status: Iteration 3, step = 2",
+        "MultiStep Status: Iteration 1, step = 1",
+        "MultiStep Status: Iteration 3, step = 2",
     ]
 
 
-@pytest.mark.parametrize("policy", ['"exp" gamma: 1.5', '"step" stepsize: 1 gamma: 10', '"inv" gamma: 1 power: -400'])
+@pytest.mark.parametrize(
+    "policy", ['"exp" gamma: 1.5', '"step" stepsize: 1 gamma: 10', '"inv" gamma: 1 power: -400']
+)
 def test_a_rate_beyond_all_numbers_ends_the_training(solver_of: MakeSolver, policy: str) -> None:
     solver = solver_of(ONE_WEIGHT % "param { lr_mult: 0 }", f"lr_policy: {policy}")
     solver.iter = 10**4
@@ -131,30 +152,39 @@ def test_a_rate_beyond_all_numbers_ends_the_training(solver_of: MakeSolver, poli
         solver.step(1)
 
 
-@pytest.mark.parametrize(("of_net", "of_solver", "state"), [
-    ("", "", NetState("TRAIN", 0)),
-    ("", "level: -1", NetState("TRAIN", -1)),
-    ("level: 7", "", NetState("TRAIN", 7)),
-    ("level: 7", "level: 0", NetState("TRAIN", 0)),
-    ("", "phase: TEST", NetState("TEST", 0)),
-    ("phase: TEST", "", NetState("TEST", 0)),
-    ("phase: TEST", "phase: TRAIN", NetState("TRAIN", 0)),
-    ('stage: "a"', 'stage: "b"', NetState("TRAIN", 0, ("a", "b"))),
-])
-def test_the_state_of_the_training_net(solver_of: MakeSolver, of_net: str, of_solver: str, state: NetState) -> None:
+@pytest.mark.parametrize(
+    ("of_net", "of_solver", "state"),
+    [
+        ("", "", NetState("TRAIN", 0)),
+        ("", "level: -1", NetState("TRAIN", -1)),
+        ("level: 7", "", NetState("TRAIN", 7)),
+        ("level: 7", "level: 0", NetState("TRAIN", 0)),
+        ("", "phase: TEST", NetState("TEST", 0)),
+        ("phase: TEST", "", NetState("TEST", 0)),
+        ("phase: TEST", "phase: TRAIN", NetState("TRAIN", 0)),
+        ('stage: "a"', 'stage: "b"', NetState("TRAIN", 0, ("a", "b"))),
+    ],
+)
+def test_the_state_of_the_training_net(
+    solver_of: MakeSolver, of_net: str, of_solver: str, state: NetState
+) -> None:
     """train_state takes precedence over the net's state, then phase TRAIN and level 0; stages are added up."""
     solver = solver_of(ONE_WEIGHT % "" + f"state {{ {of_net} }}", f"train_state {{ {of_solver} }}")
     assert solver.net.state == state
 
 
-def test_without_test_iter_nothing_is_tested(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture) -> None:
+def test_without_test_iter_nothing_is_tested(
+    solver_of: MakeSolver, caplog: pytest.LogCaptureFixture
+) -> None:
     solver = solver_of(ONE_WEIGHT % "", "test_interval: 1 max_iter: 2")
     assert solver.test_nets == []
     assert solver.solve()
     assert len(messages(caplog, "test_interval without test_iter")) == 1
 
 
-def test_a_test_iter_of_0_builds_the_test_net_only(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_test_iter_of_0_builds_the_test_net_only(
+    solver_of: MakeSolver, caplog: pytest.LogCaptureFixture
+) -> None:
     """Solvers of scripts that test by themselves, such as that of HED, have a test net and a test_iter of 0."""
     caplog.set_level("INFO", "netlib")
     solver = solver_of(ONE_WEIGHT % "", "test_iter: 0 test_interval: 1 max_iter: 2")
@@ -164,7 +194,9 @@ def test_a_test_iter_of_0_builds_the_test_net_only(solver_of: MakeSolver, caplog
     assert messages(caplog, "Testing net") and not messages(caplog, "Test net output")
 
 
-def test_an_output_of_changing_size_has_no_mean(solver_of: MakeSolver, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_output_of_changing_size_has_no_mean(
+    solver_of: MakeSolver, monkeypatch: pytest.MonkeyPatch
+) -> None:
     solver = solver_of(ONE_WEIGHT % "", "test_iter: 2 test_interval: 1")
     [net], sizes = solver.test_nets, iter([1, 2])
     monkeypatch.setattr(net, "run_forward", lambda: net.blobs["loss"].reshape(next(sizes)) or 0.0)
@@ -172,42 +204,57 @@ def test_an_output_of_changing_size_has_no_mean(solver_of: MakeSolver, monkeypat
         solver.test(0)
 
 
-def test_a_test_net_that_is_not_finite_is_said(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_test_net_that_is_not_finite_is_said(
+    solver_of: MakeSolver, caplog: pytest.LogCaptureFixture
+) -> None:
     solver = solver_of(ONE_WEIGHT % "", "test_iter: 1 test_interval: 1")
     for weight, where in ((1, []), (np.nan, ["parameter 0 of layer 'ip'"])):
         solver.net.params["ip"][0].data[...] = weight
         solver.test_all()
-        assert messages(caplog, "not finite") == [f"Test net (#0) has a value that is not finite: {s}" for s in where]
+        assert messages(caplog, "not finite") == [
+            f"Test net (#0) has a value that is not finite: {s}" for s in where
+        ]
 
 
 def test_test_nets_share_weights_and_are_averaged(solver_of: MakeSolver, rows: None) -> None:
     """Test nets share the weights, and outputs are averaged over the batches, with dropout disabled."""
-    solver = solver_of(RANDOM, "test_iter: 2 test_interval: 2 test_initialization: false random_seed: 1")
+    solver = solver_of(
+        RANDOM, "test_iter: 2 test_interval: 2 test_initialization: false random_seed: 1"
+    )
     solver.step(1)
     [means] = solver.test_all()
     plain = netlib.Net("net.prototxt", netlib.TEST)
     plain.copy_from(solver.net)
     losses = [float(plain.forward()["loss"]) for _ in range(2)]
     assert means["loss"][0] == pytest.approx(np.mean(losses), rel=1e-6)
-    assert np.shares_memory(solver.test_nets[0].params["ip"][0].data, solver.net.params["ip"][0].data)
+    assert np.shares_memory(
+        solver.test_nets[0].params["ip"][0].data, solver.net.params["ip"][0].data
+    )
 
 
-@pytest.mark.parametrize(("options", "iterations"), [
-    ("max_iter: 4 test_interval: 2", [0, 2, 4]),
-    ("max_iter: 4 test_interval: 2 test_initialization: false", [2, 4]),
-    ("max_iter: 5 test_interval: 2", [0, 2, 4]),
-    ("max_iter: 4 test_interval: 9", [0]),
-])
+@pytest.mark.parametrize(
+    ("options", "iterations"),
+    [
+        ("max_iter: 4 test_interval: 2", [0, 2, 4]),
+        ("max_iter: 4 test_interval: 2 test_initialization: false", [2, 4]),
+        ("max_iter: 5 test_interval: 2", [0, 2, 4]),
+        ("max_iter: 4 test_interval: 9", [0]),
+    ],
+)
 def test_when_tests_are_made(
     solver_of: MakeSolver, caplog: pytest.LogCaptureFixture, options: str, iterations: list[int]
 ) -> None:
     """Tests run every test_interval iterations before the update, and at 0 unless test_initialization is false."""
     caplog.set_level("INFO", "netlib")
     solver_of(ONE_WEIGHT % "", options + " test_iter: 1 snapshot_after_train: false").solve()
-    assert messages(caplog, "Testing net") == [f"Iteration {i}, Testing net (#0)" for i in iterations]
+    assert messages(caplog, "Testing net") == [
+        f"Iteration {i}, Testing net (#0)" for i in iterations
+    ]
 
 
-def test_several_test_nets(solver_of: MakeSolver, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_several_test_nets(
+    solver_of: MakeSolver, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     """``test_net`` files come first, then ``net`` for the remaining values of test_iter, each with its test_state."""
     caplog.set_level("INFO", "netlib")
     extra = 'layer { name: "p" type: "Power" bottom: "x" top: "p" include { stage: "more" } }'
@@ -223,24 +270,35 @@ def test_several_test_nets(solver_of: MakeSolver, tmp_path: Path, caplog: pytest
     assert messages(caplog, "Testing net") == [f"Iteration 0, Testing net (#{i})" for i in (0, 1)]
 
 
-@pytest.mark.parametrize(("options", "expected"), [
-    ("max_iter: 5 snapshot: 2", [2, 4, 5]),
-    ("max_iter: 4 snapshot: 2", [2, 4]),
-    ("max_iter: 3", [3]),
-    ("max_iter: 5 snapshot: 2 snapshot_after_train: false", [2, 4]),
-    ("max_iter: 3 snapshot_after_train: false", []),
-])
-def test_when_snapshots_are_written(solver_of: MakeSolver, tmp_path: Path, options: str, expected: list[int]) -> None:
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ("max_iter: 5 snapshot: 2", [2, 4, 5]),
+        ("max_iter: 4 snapshot: 2", [2, 4]),
+        ("max_iter: 3", [3]),
+        ("max_iter: 5 snapshot: 2 snapshot_after_train: false", [2, 4]),
+        ("max_iter: 3 snapshot_after_train: false", []),
+    ],
+)
+def test_when_snapshots_are_written(
+    solver_of: MakeSolver, tmp_path: Path, options: str, expected: list[int]
+) -> None:
     """Snapshots are written every ``snapshot`` updates and at the end, unless one was just written."""
     assert solver_of(ONE_WEIGHT % "", options).solve()
-    names = sorted(f"snap_iter_{i}.{kind}" for i in expected for kind in ("caffemodel", "solverstate"))
+    names = sorted(
+        f"snap_iter_{i}.{kind}" for i in expected for kind in ("caffemodel", "solverstate")
+    )
     assert sorted(path.name for path in tmp_path.glob("snap*")) == names
 
 
 @pytest.mark.parametrize(
     ("prefix", "stem"),
-    [('snapshot_prefix: "a/b"', "a/b"), ('snapshot_prefix: "new/"', "new/solver"),
-     ('snapshot_prefix: "there"', "there/solver"), ('snapshot_prefix: ""', "solver")],
+    [
+        ('snapshot_prefix: "a/b"', "a/b"),
+        ('snapshot_prefix: "new/"', "new/solver"),
+        ('snapshot_prefix: "there"', "there/solver"),
+        ('snapshot_prefix: ""', "solver"),
+    ],
 )
 def test_where_snapshots_go(solver_of: MakeSolver, tmp_path: Path, prefix: str, stem: str) -> None:
     """Snapshots in a folder, or without a prefix, are named after the solver file."""
@@ -250,7 +308,9 @@ def test_where_snapshots_go(solver_of: MakeSolver, tmp_path: Path, prefix: str, 
     assert (tmp_path / f"{stem}_iter_0.caffemodel").exists()
 
 
-def test_a_finished_training_of_another_prefix_is_written_there(solver_of: MakeSolver, tmp_path: Path) -> None:
+def test_a_finished_training_of_another_prefix_is_written_there(
+    solver_of: MakeSolver, tmp_path: Path
+) -> None:
     first = solver_of(ONE_WEIGHT % "", "max_iter: 2")
     first.solve()
     state = first.snapshots.paths(2)[1]
@@ -259,7 +319,9 @@ def test_a_finished_training_of_another_prefix_is_written_there(solver_of: MakeS
     assert Path("other_iter_2.caffemodel").exists()
 
 
-def test_a_directory_that_cannot_be_written_is_found_before_training(solver_of: MakeSolver, tmp_path: Path) -> None:
+def test_a_directory_that_cannot_be_written_is_found_before_training(
+    solver_of: MakeSolver, tmp_path: Path
+) -> None:
     (tmp_path / "file").write_text("")
     solver = solver_of(ONE_WEIGHT % "", 'snapshot_prefix: "file/x" max_iter: 2')
     with pytest.raises(netlib.WeightsError, match=r"^file: cannot write snapshots there: "):
@@ -268,7 +330,9 @@ def test_a_directory_that_cannot_be_written_is_found_before_training(solver_of: 
 
 
 @pytest.mark.parametrize("request_", ["stop", "snapshot"])
-def test_a_request_is_met_after_the_iteration(solver_of: MakeSolver, tmp_path: Path, request_: str) -> None:
+def test_a_request_is_met_after_the_iteration(
+    solver_of: MakeSolver, tmp_path: Path, request_: str
+) -> None:
     solver = solver_of(ONE_WEIGHT % "", "max_iter: 6 snapshot_after_train: false")
 
     def ask() -> None:
@@ -305,21 +369,39 @@ def test_n_updates_resume_n_more_equal_2n(
         resumed.step(7)
         assert resumed.iter == 14
         assert (everything(resumed), resumed.test(0)["loss"][0]) == wanted
-    assert len(messages(caplog, "Resuming at iteration 7: weights from snap_iter_7.caffemodel")) == 2
+    assert (
+        len(messages(caplog, "Resuming at iteration 7: weights from snap_iter_7.caffemodel")) == 2
+    )
     assert len(messages(caplog, "the resume is exact")) == 2
     assert not messages(caplog, "Changed")
 
 
-@pytest.mark.parametrize(("net", "options", "line"), [
-    (RANDOM, "base_lr: 0.05", "Changed: base_lr was 0.1, is now 0.05"),
-    (RANDOM.replace("batch_size: 5", "batch_size: 4"), "", "Changed: batch size was 5, is now 4"),
-    (RANDOM, "weight_decay: 0.1", "Changed: weight_decay was 0, is now 0.1"),
-    (RANDOM, 'lr_policy: "exp" gamma: 0.5', "Changed: lr_policy was fixed, is now exp"),
-    (RANDOM, "rampup_interval: 8", "Changed: rampup_interval was 0, is now 8"),
-    (RANDOM.replace("train.txt", "test.txt"), "", "Changed: the data files; reading starts at the first row"),
-])
+@pytest.mark.parametrize(
+    ("net", "options", "line"),
+    [
+        (RANDOM, "base_lr: 0.05", "Changed: base_lr was 0.1, is now 0.05"),
+        (
+            RANDOM.replace("batch_size: 5", "batch_size: 4"),
+            "",
+            "Changed: batch size was 5, is now 4",
+        ),
+        (RANDOM, "weight_decay: 0.1", "Changed: weight_decay was 0, is now 0.1"),
+        (RANDOM, 'lr_policy: "exp" gamma: 0.5', "Changed: lr_policy was fixed, is now exp"),
+        (RANDOM, "rampup_interval: 8", "Changed: rampup_interval was 0, is now 8"),
+        (
+            RANDOM.replace("train.txt", "test.txt"),
+            "",
+            "Changed: the data files; reading starts at the first row",
+        ),
+    ],
+)
 def test_resume_says_what_changed(
-    solver_of: MakeSolver, rows: None, caplog: pytest.LogCaptureFixture, net: str, options: str, line: str
+    solver_of: MakeSolver,
+    rows: None,
+    caplog: pytest.LogCaptureFixture,
+    net: str,
+    options: str,
+    line: str,
 ) -> None:
     state = solver_of(RANDOM).snapshot()
     caplog.set_level("INFO", "netlib")
@@ -334,7 +416,9 @@ def test_a_state_with_four_dimensional_histories(solver_of: MakeSolver, tmp_path
     solver.step(2)
     state = solver.snapshot()
     found = snapshot.read_state(state)
-    old = SolverState(2, 0, found.learned_net, [array.reshape(1, 1, 1, 1) for array in found.history], {})
+    old = SolverState(
+        2, 0, found.learned_net, [array.reshape(1, 1, 1, 1) for array in found.history], {}
+    )
     state.write_bytes(binary_format.state_image(old))
     again = solver_of(ONE_WEIGHT % "", "momentum: 0.9")
     again.restore(state)
@@ -357,13 +441,22 @@ OTHER = 'this state is of the solver type SGD, whose history has another meaning
 BIAS, TWO_INPUTS = ("bias_term: false", ""), ("dim: 1 dim: 1", "dim: 1 dim: 2")
 
 
-@bad_inputs(netlib.WeightsError, {
-    f"{replaced} {options}": ((replaced, options), f"snap_iter_1.solverstate: {line}") for replaced, options, line in (
-        (("", ""), 'type: "Adam" momentum: 0.9', OTHER.format("Adam")),
-        (("", ""), 'type: "AdaGrad"', OTHER.format("AdaGrad")),
-        (BIAS, "", "1 histories, but SGD on this net has 2; it is probably from another solver type or net"),
-        (TWO_INPUTS, "", "history 0 has shape (1, 1), layer 'ip' parameter 0 (1, 2)"))
-})
+@bad_inputs(
+    netlib.WeightsError,
+    {
+        f"{replaced} {options}": ((replaced, options), f"snap_iter_1.solverstate: {line}")
+        for replaced, options, line in (
+            (("", ""), 'type: "Adam" momentum: 0.9', OTHER.format("Adam")),
+            (("", ""), 'type: "AdaGrad"', OTHER.format("AdaGrad")),
+            (
+                BIAS,
+                "",
+                "1 histories, but SGD on this net has 2; it is probably from another solver type or net",
+            ),
+            (TWO_INPUTS, "", "history 0 has shape (1, 1), layer 'ip' parameter 0 (1, 2)"),
+        )
+    },
+)
 def test_a_state_of_another_solver_or_net_changes_nothing(
     solver_of: MakeSolver, given: tuple[tuple[str, str], str], rejected: Any
 ) -> None:
@@ -398,13 +491,17 @@ def test_a_nan_behind_finite_weights_names_the_top(solver_of: MakeSolver) -> Non
     )
     solver = solver_of(text.replace("weight_filler { value: 1 }", "weight_filler { value: -1 }"))
     with (
-        pytest.raises(netlib.DivergenceError, match=r"the loss is nan; .* in top blob 'logy' of layer 'log'"),
+        pytest.raises(
+            netlib.DivergenceError, match=r"the loss is nan; .* in top blob 'logy' of layer 'log'"
+        ),
         np.errstate(all="ignore"),
     ):
         solver.step(1)
 
 
-def test_a_diverging_training_leaves_the_last_good_snapshot(solver_of: MakeSolver, tmp_path: Path) -> None:
+def test_a_diverging_training_leaves_the_last_good_snapshot(
+    solver_of: MakeSolver, tmp_path: Path
+) -> None:
     solver = solver_of(ONE_WEIGHT % "", "base_lr: 1e9 snapshot: 1 max_iter: 100")
     with (
         pytest.raises(netlib.DivergenceError, match=r"iteration \d+: the loss is inf.*'(ip|loss)'"),
@@ -421,37 +518,82 @@ NEEDS = "expected one of net, net_param, train_net, train_net_param; found net, 
 NO_INTERVAL = "1 test nets, but no test_interval; expected at least 1"
 
 
-@bad_inputs(netlib.PrototxtError, {
-    options: f"solver.prototxt:1:{line}" for options, line in (
-        ('type: "Adan"', "21: error: unknown solver type 'Adan' (did you mean 'Adam'?); known: SGD, ..."),
-        ('lr_policy: "stp"', "21: error: unknown lr_policy 'stp' (did you mean 'step'?); known: fixed, ..."),
-        ('lr_policy: "step"', "21: error: lr_policy 'step' needs a stepsize of at least 1"),
-        ('lr_policy: "exp" gamma: -1', "38: error: lr_policy 'exp' needs a gamma that is not negative, found -1"),
-        ('lr_policy: "poly" max_iter: 0', "21: error: lr_policy 'poly' needs max_iter"),
-        ('lr_policy: "poly" power: -1', "39: error: lr_policy 'poly' needs a power that is not negative, found -1"),
-        ('type: "AdaGrad" momentum: 0.5', "37: error: AdaGrad has no momentum; remove the field"),
-        ('type: "RMSProp" rms_decay: 1', "37: error: rms_decay 1 must be at least 0 and less than 1"),
-        ('regularization_type: "L3"', "21: error: unknown regularization_type 'L3'; known: L1, L2"),
-        ("iter_size: 0", "21: error: iter_size and average_loss must be at least 1"),
-        ('train_net: "net.prototxt"', f"21: error: {NEEDS}"),
-        ("test_iter: 1", f"21: error: {NO_INTERVAL}"),
-        ("test_iter: 1 test_interval: 0", f"21: error: {NO_INTERVAL}"),
-        ("test_iter: 1 test_interval: 1 test_state { } test_state { }",
-         "51: error: 2 test_state for 1 test nets; expected one each"),
-        ('solver_type: ADAM type: "SGD"',
-         "21: error: solver_type ADAM contradicts type 'SGD', which Caffe reads; expected one of them"))
-})
-def test_mistakes_in_a_solver_point_at_their_place(solver_of: MakeSolver, given: str, rejected: Any) -> None:
+@bad_inputs(
+    netlib.PrototxtError,
+    {
+        options: f"solver.prototxt:1:{line}"
+        for options, line in (
+            (
+                'type: "Adan"',
+                "21: error: unknown solver type 'Adan' (did you mean 'Adam'?); known: SGD, ...",
+            ),
+            (
+                'lr_policy: "stp"',
+                "21: error: unknown lr_policy 'stp' (did you mean 'step'?); known: fixed, ...",
+            ),
+            ('lr_policy: "step"', "21: error: lr_policy 'step' needs a stepsize of at least 1"),
+            (
+                'lr_policy: "exp" gamma: -1',
+                "38: error: lr_policy 'exp' needs a gamma that is not negative, found -1",
+            ),
+            ('lr_policy: "poly" max_iter: 0', "21: error: lr_policy 'poly' needs max_iter"),
+            (
+                'lr_policy: "poly" power: -1',
+                "39: error: lr_policy 'poly' needs a power that is not negative, found -1",
+            ),
+            (
+                'type: "AdaGrad" momentum: 0.5',
+                "37: error: AdaGrad has no momentum; remove the field",
+            ),
+            (
+                'type: "RMSProp" rms_decay: 1',
+                "37: error: rms_decay 1 must be at least 0 and less than 1",
+            ),
+            (
+                'regularization_type: "L3"',
+                "21: error: unknown regularization_type 'L3'; known: L1, L2",
+            ),
+            ("iter_size: 0", "21: error: iter_size and average_loss must be at least 1"),
+            ('train_net: "net.prototxt"', f"21: error: {NEEDS}"),
+            ("test_iter: 1", f"21: error: {NO_INTERVAL}"),
+            ("test_iter: 1 test_interval: 0", f"21: error: {NO_INTERVAL}"),
+            (
+                "test_iter: 1 test_interval: 1 test_state { } test_state { }",
+                "51: error: 2 test_state for 1 test nets; expected one each",
+            ),
+            (
+                'solver_type: ADAM type: "SGD"',
+                "21: error: solver_type ADAM contradicts type 'SGD', which Caffe reads; expected one of them",
+            ),
+        )
+    },
+)
+def test_mistakes_in_a_solver_point_at_their_place(
+    solver_of: MakeSolver, given: str, rejected: Any
+) -> None:
     with rejected:
         solver_of(ONE_WEIGHT % "", given)
 
 
-@bad_inputs(netlib.PrototxtError, {
-    **dict.fromkeys(('layer { name: "a" type: "ReLU" }', 'layers { name: "a" type: RELU }', 'input: "data"'),
-                    's.prototxt:1:1: error: this is a net; expected a solver, which names it: net: "FILE"'),
-    "no net": ('net: "gone.prototxt" base_lr: 1 lr_policy: "fixed"', netlib.NetlibError, "s.prototxt: the net "
-               "'gone.prototxt' does not exist in the working directory or next to the solver"),
-})
+@bad_inputs(
+    netlib.PrototxtError,
+    {
+        **dict.fromkeys(
+            (
+                'layer { name: "a" type: "ReLU" }',
+                'layers { name: "a" type: RELU }',
+                'input: "data"',
+            ),
+            's.prototxt:1:1: error: this is a net; expected a solver, which names it: net: "FILE"',
+        ),
+        "no net": (
+            'net: "gone.prototxt" base_lr: 1 lr_policy: "fixed"',
+            netlib.NetlibError,
+            "s.prototxt: the net "
+            "'gone.prototxt' does not exist in the working directory or next to the solver",
+        ),
+    },
+)
 def test_what_is_no_solver(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any
 ) -> None:

@@ -14,7 +14,9 @@ def whole_line(line: str) -> str:
     return rf"\A{'.*'.join(re.escape(part) for part in line.split('...'))}\Z"
 
 
-def bad_inputs(error: type[Exception], rows: Mapping[str, str | tuple[Any, ...]]) -> pytest.MarkDecorator:
+def bad_inputs(
+    error: type[Exception], rows: Mapping[str, str | tuple[Any, ...]]
+) -> pytest.MarkDecorator:
     """Parametrize a test by ``given`` and ``rejected``, a context that requires the error of the row.
 
     rows  {id: (given, line)}, {id: (given, error, line)} for another class of errors, or {given: line}. The error's

@@ -42,20 +42,29 @@ class Messages:
         more = {"seq": 0} if self.is_ros1 else {}
         return types["std_msgs/msg/Header"](stamp=time, frame_id="camera", **more)
 
-    def image(self, values: Depth, ns: int, encoding: str = "16UC1", padding: int = 0, big: bool = False) -> bytes:
+    def image(
+        self, values: Depth, ns: int, encoding: str = "16UC1", padding: int = 0, big: bool = False
+    ) -> bytes:
         """Return an image whose rows have this number of padding bytes, in either byte order."""
         swapped = values.astype(values.dtype.newbyteorder(">" if big else "<"))
         rows = swapped.view(np.uint8).reshape(len(values), -1)
         data = np.hstack([rows, np.full((len(rows), padding), 99, np.uint8)])
         message = self.store.types["sensor_msgs/msg/Image"](
-            header=self.header(ns), height=values.shape[0], width=values.shape[1], encoding=encoding,
-            is_bigendian=int(big), step=data.shape[1], data=data.reshape(-1),
+            header=self.header(ns),
+            height=values.shape[0],
+            width=values.shape[1],
+            encoding=encoding,
+            is_bigendian=int(big),
+            step=data.shape[1],
+            data=data.reshape(-1),
         )
         return self.encode("sensor_msgs/msg/Image", message)
 
     def packed(self, values: Depth, ns: int) -> bytes:
         """Return an image in the format of the plug-in compressedDepth: twelve bytes, then a PNG."""
-        return self.compressed(bytes(12) + cv2.imencode(".png", values)[1].tobytes(), ns, "16UC1; compressedDepth png")
+        return self.compressed(
+            bytes(12) + cv2.imencode(".png", values)[1].tobytes(), ns, "16UC1; compressedDepth png"
+        )
 
     def compressed(self, content: bytes, ns: int, form: str) -> bytes:
         """Return a CompressedImage."""
@@ -65,7 +74,11 @@ class Messages:
         return self.encode("sensor_msgs/msg/CompressedImage", message)
 
     def info(
-        self, shape: tuple[int, int], model: str = "plumb_bob", d: tuple[float, ...] = (0,) * 5, **more: Any
+        self,
+        shape: tuple[int, int],
+        model: str = "plumb_bob",
+        d: tuple[float, ...] = (0,) * 5,
+        **more: Any,
     ) -> bytes:
         """Return a CameraInfo with K, D and P; ``k`` and ``p`` replace the usual ones."""
         name = str.upper if self.is_ros1 else str.lower
@@ -76,16 +89,26 @@ class Messages:
             x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
         )
         message = self.store.types["sensor_msgs/msg/CameraInfo"](
-            header=self.header(START_NS), height=shape[0], width=shape[1], distortion_model=model, binning_x=0,
-            binning_y=0, roi=roi, **{name(key): np.array(value, np.float64) for key, value in arrays.items()},
+            header=self.header(START_NS),
+            height=shape[0],
+            width=shape[1],
+            distortion_model=model,
+            binning_x=0,
+            binning_y=0,
+            roi=roi,
+            **{name(key): np.array(value, np.float64) for key, value in arrays.items()},
         )
         return self.encode("sensor_msgs/msg/CameraInfo", message)
 
     def number(self, value: float) -> bytes:
-        return self.encode("std_msgs/msg/Float32", self.store.types["std_msgs/msg/Float32"](data=value))
+        return self.encode(
+            "std_msgs/msg/Float32", self.store.types["std_msgs/msg/Float32"](data=value)
+        )
 
     def text(self, value: str) -> bytes:
-        return self.encode("std_msgs/msg/String", self.store.types["std_msgs/msg/String"](data=value))
+        return self.encode(
+            "std_msgs/msg/String", self.store.types["std_msgs/msg/String"](data=value)
+        )
 
 
 Content = list[tuple[str, str, int, bytes]]  # topic, type, nanoseconds of the bag, message
@@ -97,27 +120,46 @@ def write(writer: Any, messages: Messages, content: Content) -> None:
     with writer:
         for topic, kind, ns, message in content:
             if (topic, kind) not in connections:
-                connections[topic, kind] = writer.add_connection(topic, kind, typestore=messages.store)
+                connections[topic, kind] = writer.add_connection(
+                    topic, kind, typestore=messages.store
+                )
             writer.write(connections[topic, kind], ns, message)
 
 
 def driver(
-    messages: Messages, depth: Depth, topic: str = TOPIC, sensor: tuple[int, int] | None = None, **info: Any
+    messages: Messages,
+    depth: Depth,
+    topic: str = TOPIC,
+    sensor: tuple[int, int] | None = None,
+    **info: Any,
 ) -> Content:
     """Return the messages of a camera's ROS driver: 16UC1 images in mm, and the camera beside them.
 
     ``sensor`` is the height and width of its sensor, if the images have another.
     """
     content = [
-        (f"{topic.rpartition('/')[0]}/camera_info", "sensor_msgs/msg/CameraInfo", START_NS,
-         messages.info(sensor or depth.shape[1:], **info))
+        (
+            f"{topic.rpartition('/')[0]}/camera_info",
+            "sensor_msgs/msg/CameraInfo",
+            START_NS,
+            messages.info(sensor or depth.shape[1:], **info),
+        )
     ]
     for i, image in enumerate(depth):
-        content.append((topic, "sensor_msgs/msg/Image", stamp_of(i) + 5_000_000, messages.image(image, stamp_of(i))))
+        content.append(
+            (
+                topic,
+                "sensor_msgs/msg/Image",
+                stamp_of(i) + 5_000_000,
+                messages.image(image, stamp_of(i)),
+            )
+        )
     return content
 
 
-def write_ros1(path: Path, depth: Depth, compression: str = "", make: Callable[..., Content] = driver) -> Path:
+def write_ros1(
+    path: Path, depth: Depth, compression: str = "", make: Callable[..., Content] = driver
+) -> Path:
     """Write a .bag."""
     from rosbags.rosbag1 import Writer
 
@@ -129,21 +171,23 @@ def write_ros1(path: Path, depth: Depth, compression: str = "", make: Callable[.
     return path
 
 
-def write_ros2(path: Path, depth: Depth, storage: str = "SQLITE3", make: Callable[..., Content] = driver) -> Path:
+def write_ros2(
+    path: Path, depth: Depth, storage: str = "SQLITE3", make: Callable[..., Content] = driver
+) -> Path:
     """Write a folder with a .db3 or an .mcap."""
     from rosbags.rosbag2 import StoragePlugin, Writer
 
     messages = Messages(False)
-    write(Writer(path, version=9, storage_plugin=StoragePlugin[storage]), messages, make(messages, depth))
+    write(
+        Writer(path, version=9, storage_plugin=StoragePlugin[storage]),
+        messages,
+        make(messages, depth),
+    )
     return path
 
 
 def realsense(
-    messages: Messages,
-    depth: Depth,
-    tail: bool = True,
-    option: str = "Depth_Units",
-    **info: Any,
+    messages: Messages, depth: Depth, tail: bool = True, option: str = "Depth_Units", **info: Any
 ) -> Content:
     """Return messages as from RealSense's SDK: mono16, the unit in an option, images four bytes longer than in ROS."""
     topic = f"{REALSENSE}/Depth_0"
@@ -151,27 +195,48 @@ def realsense(
     info = {"model": "Brown Conrady", **info}
     content = [
         (f"{REALSENSE}/option/{option}/value", "std_msgs/msg/Float32", 1, messages.number(0.0001)),
-        (f"{topic}/info/camera_info", "sensor_msgs/msg/CameraInfo", 1, messages.info(depth.shape[1:], **info)),
+        (
+            f"{topic}/info/camera_info",
+            "sensor_msgs/msg/CameraInfo",
+            1,
+            messages.info(depth.shape[1:], **info),
+        ),
     ]
     for i, image in enumerate(depth):
         message = messages.image(image, 10**9 + i * STEP_NS, "mono16") + more
-        content.append((f"{topic}/image/data", "sensor_msgs/msg/Image", 1000 + i * STEP_NS, message))
+        content.append(
+            (f"{topic}/image/data", "sensor_msgs/msg/Image", 1000 + i * STEP_NS, message)
+        )
     return content
 
 
 def write_realsense(path: Path, depth: Depth, **more: Any) -> Path:
     """Write a .bag as RealSense's SDK did until about version 2.57."""
-    return write_ros1(path, depth, "LZ4", lambda messages, images: realsense(messages, images, **more))
+    return write_ros1(
+        path, depth, "LZ4", lambda messages, images: realsense(messages, images, **more)
+    )
 
 
 def realsense_db3(messages: Messages, depth: Depth) -> Content:
     """Return the messages of newer versions of the SDK: PNG, and the unit as text."""
     topic = f"{REALSENSE}/Depth_0/image"
     content = [
-        (f"{REALSENSE}/option/Depth_Units/value", "std_msgs/msg/String", 0, messages.text("0.000100")),
+        (
+            f"{REALSENSE}/option/Depth_Units/value",
+            "std_msgs/msg/String",
+            0,
+            messages.text("0.000100"),
+        ),
         (f"{topic}/camera_info", "sensor_msgs/msg/CameraInfo", 0, messages.info(depth.shape[1:])),
     ]
     for i, image in enumerate(depth):
         message = messages.packed(image, i * STEP_NS)
-        content.append((f"{topic}/data/compressedDepth", "sensor_msgs/msg/CompressedImage", i * STEP_NS, message))
+        content.append(
+            (
+                f"{topic}/data/compressedDepth",
+                "sensor_msgs/msg/CompressedImage",
+                i * STEP_NS,
+                message,
+            )
+        )
     return content

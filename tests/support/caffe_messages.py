@@ -35,7 +35,8 @@ def datum(image: np.ndarray | bytes, label: int) -> bytes:
     shape = b"".join(number(field, size) for field, size in zip((1, 2, 3), image.shape))
     if image.dtype == np.uint8:
         return shape + content(4, image.tobytes()) + number(5, label)
-    floats = [varint(6 << 3 | 5) + np.float32(value).tobytes() for value in np.ravel(image)]  # not packed
+    # not packed
+    floats = [varint(6 << 3 | 5) + np.float32(value).tobytes() for value in np.ravel(image)]
     return shape + number(5, label) + b"".join(floats)
 
 

@@ -16,25 +16,35 @@ import numpy as np
 import pytest
 
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
-FLAGS = ("--disable-gpu", "--no-first-run", "--disable-background-networking", "--disable-component-update",
-         "--disable-sync")
+FLAGS = (
+    "--disable-gpu",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     """A browser without a window for a module's pages, for tests that do not fork; skips if there is none."""
-    sync_api = pytest.importorskip("playwright.sync_api", reason="tests of pages need: pip install -e '.[test]'")
+    sync_api = pytest.importorskip(
+        "playwright.sync_api", reason="tests of pages need: pip install -e '.[test]'"
+    )
     path = next(filter(None, map(shutil.which, CHROMIUM)), None)
     as_root = ("--no-sandbox",) if hasattr(os, "geteuid") and os.geteuid() == 0 else ()
     with sync_api.sync_playwright() as driver:
         if path is None and not Path(driver.chromium.executable_path).is_file():
             pytest.skip("no Chromium: install it, or run: playwright install chromium")
-        with contextlib.closing(driver.chromium.launch(executable_path=path, args=[*FLAGS, *as_root])) as opened:
+        with contextlib.closing(
+            driver.chromium.launch(executable_path=path, args=[*FLAGS, *as_root])
+        ) as opened:
             yield opened
 
 
 SIZE = {"width": 1000, "height": 800}
-_idle: weakref.WeakKeyDictionary[Any, list[Any]] = weakref.WeakKeyDictionary()  # tabs by browser; a new one costs 0.4 s
+# tabs by browser; a new one costs 0.4 s
+_idle: weakref.WeakKeyDictionary[Any, list[Any]] = weakref.WeakKeyDictionary()
 
 
 @contextlib.contextmanager
@@ -101,6 +111,8 @@ def picture(tab: Any, canvas: str, draw: str = "null") -> np.ndarray:
 
     ``draw`` is evaluated immediately before, so that the page does not draw in between.
     """
-    png = tab.evaluate(f"({draw}, document.getElementById('{canvas}').toDataURL())").partition(",")[2]
+    png = tab.evaluate(f"({draw}, document.getElementById('{canvas}').toDataURL())").partition(",")[
+        2
+    ]
     pixels = cv2.imdecode(np.frombuffer(base64.b64decode(png), np.uint8), cv2.IMREAD_UNCHANGED)
     return pixels[..., [2, 1, 0, 3]]

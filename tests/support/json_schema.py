@@ -8,10 +8,35 @@ from typing import Any
 
 from tests.support.running import ROOT
 
-KINDS = {"object": dict, "array": list, "string": str, "boolean": bool, "null": type(None), "integer": int}
-KNOWN = {"$schema", "title", "description", "$defs", "$ref", "allOf", "anyOf", "type", "const", "enum", "required",
-         "properties", "additionalProperties", "items", "minItems", "maxItems", "minimum", "maximum",
-         "exclusiveMinimum"}
+KINDS = {
+    "object": dict,
+    "array": list,
+    "string": str,
+    "boolean": bool,
+    "null": type(None),
+    "integer": int,
+}
+KNOWN = {
+    "$schema",
+    "title",
+    "description",
+    "$defs",
+    "$ref",
+    "allOf",
+    "anyOf",
+    "type",
+    "const",
+    "enum",
+    "required",
+    "properties",
+    "additionalProperties",
+    "items",
+    "minItems",
+    "maxItems",
+    "minimum",
+    "maximum",
+    "exclusiveMinimum",
+}
 
 
 @functools.cache
@@ -34,9 +59,13 @@ def _faults(value: Any, rule: dict[str, Any], at: str) -> list[str]:
     if "anyOf" in rule and all(_faults(value, each, at) for each in rule["anyOf"]):
         found.append(f"{at}: none of {len(rule['anyOf'])} kinds")
     kinds = rule.get("type", [])
-    if kinds and not any(_is(value, kind) for kind in ([kinds] if isinstance(kinds, str) else kinds)):
+    if kinds and not any(
+        _is(value, kind) for kind in ([kinds] if isinstance(kinds, str) else kinds)
+    ):
         return [*found, f"{at}: {value!r} is not {kinds}"]
-    if ("const" in rule and value != rule["const"]) or ("enum" in rule and value not in rule["enum"]):
+    if ("const" in rule and value != rule["const"]) or (
+        "enum" in rule and value not in rule["enum"]
+    ):
         found.append(f"{at}: {value!r}")
     if isinstance(value, dict):
         known, other = rule.get("properties", {}), rule.get("additionalProperties", True)

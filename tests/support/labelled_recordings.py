@@ -16,9 +16,13 @@ from handpose.sequences.acts import Act
 from handpose.sequences.recordings import Script, SyntheticRecording
 
 
-def write_labelled(folder: Path, frames: int = 4, unlabelled: Sequence[int] = ()) -> tuple[Path, Path]:
+def write_labelled(
+    folder: Path, frames: int = 4, unlabelled: Sequence[int] = ()
+) -> tuple[Path, Path]:
     """The paths of the recording and of its labels (frames, 5, 4, 3), NaN for some frames."""
-    recording = SyntheticRecording(Script(frames / 15, {"right": (Act("rest", 1),)}), ICVL, rate=15, seed=2)
+    recording = SyntheticRecording(
+        Script(frames / 15, {"right": (Act("rest", 1),)}), ICVL, rate=15, seed=2
+    )
     source, path = folder / "take", folder / "labels.npy"
     source.mkdir()
     for frame in recording:

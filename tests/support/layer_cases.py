@@ -38,7 +38,11 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "Axpy": ("", lambda N: [off_zero(N, 2), off_zero(N, 2, 3, 2), off_zero(N, 2, 3, 2)], {}),
     "BatchNorm": ("", lambda N: [off_zero(N, 3, 2, 4)], {}),
     "ArgMax": ("argmax_param { top_k: 2 }", lambda N: [different(N, 3)], {"wanted": [False]}),
-    "BatchReindex": ("", lambda N: [off_zero(3, 2), RNG.integers(0, 3, N)], {"wanted": [True, False]}),
+    "BatchReindex": (
+        "",
+        lambda N: [off_zero(3, 2), RNG.integers(0, 3, N)],
+        {"wanted": [True, False]},
+    ),
     "Concat": ("", lambda N: [off_zero(N, 2), off_zero(N, 3)], {}),
     "ContrastiveLoss": (
         "contrastive_loss_param { margin: 3 legacy_version: true }",
@@ -55,7 +59,11 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
         lambda N: [off_zero(N, 3, 3, 4)],
         {},
     ),
-    "Crop": ("crop_param { offset: 1 }", lambda N: [off_zero(N, 2, 4, 5), off_zero(N, 2, 2, 3)], {}),
+    "Crop": (
+        "crop_param { offset: 1 }",
+        lambda N: [off_zero(N, 2, 4, 5), off_zero(N, 2, 2, 3)],
+        {},
+    ),
     "Deconvolution": (
         'convolution_param { num_output: 2 kernel_size: 3 stride: 2 pad: 1 weight_filler { type: "gaussian" } }',
         lambda N: [off_zero(N, 2, 3, 2)],
@@ -65,7 +73,11 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "DeepHandModelDofConstraintLoss": ("", lambda N: [3 * off_zero(N, 47)], {}),
     "DetectionOutput": (
         "detection_output_param { num_classes: 3 code_type: CENTER_SIZE nms_param { top_k: 3 } keep_top_k: 4 }",
-        lambda N: [off_zero(N, 5 * 4), off_zero(N, 5 * 3), np.tile([0.1, 0.2, 0.5, 0.9], (1, 2, 5))],
+        lambda N: [
+            off_zero(N, 5 * 4),
+            off_zero(N, 5 * 3),
+            np.tile([0.1, 0.2, 0.5, 0.9], (1, 2, 5)),
+        ],
         {"wanted": [False, False, False]},
     ),
     "DepthwiseConvolution": (
@@ -107,9 +119,17 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
         lambda N: [off_zero(N, 2, 3)],
         {},
     ),
-    "Interp": ("interp_param { zoom_factor: 2 shrink_factor: 3 pad_beg: -1 }", lambda N: [off_zero(N, 2, 6, 5)], {}),
+    "Interp": (
+        "interp_param { zoom_factor: 2 shrink_factor: 3 pad_beg: -1 }",
+        lambda N: [off_zero(N, 2, 6, 5)],
+        {},
+    ),
     "Log": ("log_param { base: 2 scale: 3 shift: 4 }", lambda N: [off_zero(N, 3)], {}),
-    "MultinomialLogisticLoss": ("", lambda N: [abs(off_zero(N, 3)), RNG.integers(0, 3, N)], {"wanted": [True, False]}),
+    "MultinomialLogisticLoss": (
+        "",
+        lambda N: [abs(off_zero(N, 3)), RNG.integers(0, 3, N)],
+        {"wanted": [True, False]},
+    ),
     "PReLU": ("", lambda N: [off_zero(N, 2, 3)], {}),
     "LRN": ("", lambda N: [off_zero(N, 7, 2, 3)], {}),
     "LSTM": (
@@ -128,9 +148,17 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
         lambda N: [off_zero(N, 3, 2, 4)],
         {},
     ),
-    "Permute": ("permute_param { order: 0 order: 2 order: 3 }", lambda N: [off_zero(N, 2, 3, 4)], {}),
+    "Permute": (
+        "permute_param { order: 0 order: 2 order: 3 }",
+        lambda N: [off_zero(N, 2, 3, 4)],
+        {},
+    ),
     "PhysLimit": ("", lambda N: [3 * off_zero(N, 47)], {}),
-    "Pooling": ("pooling_param { kernel_size: 2 stride: 2 }", lambda N: [different(N, 2, 5, 3)], {}),
+    "Pooling": (
+        "pooling_param { kernel_size: 2 stride: 2 }",
+        lambda N: [different(N, 2, 5, 3)],
+        {},
+    ),
     "Power": ("power_param { power: 2 shift: 3 }", lambda N: [off_zero(N, 3)], {}),
     "PriorBox": (
         "prior_box_param { min_size: 3 max_size: 5 aspect_ratio: 2 }",
@@ -144,28 +172,50 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     ),
     "PSROIPooling": (
         "psroi_pooling_param { spatial_scale: 0.5 output_dim: 2 group_size: 2 }",
-        lambda N: [different(N, 8, 4, 5), np.array([[0, 0, 1, 9, 8], [N - 1, 3, 4, 20, 4.4], [0, 90, 0, 99, 9]])],
+        lambda N: [
+            different(N, 8, 4, 5),
+            np.array([[0, 0, 1, 9, 8], [N - 1, 3, 4, 20, 4.4], [0, 90, 0, 99, 9]]),
+        ],
         {"wanted": [True, False]},
     ),
     "ROIPooling": (
         "roi_pooling_param { pooled_h: 2 pooled_w: 3 spatial_scale: 0.5 }",
-        lambda N: [different(N, 2, 5, 6), np.array([[0, 0, 1, 9, 8], [N - 1, 3, 4, 20, 4.5], [0, 90, 0, 99, 9]])],
+        lambda N: [
+            different(N, 2, 5, 6),
+            np.array([[0, 0, 1, 9, 8], [N - 1, 3, 4, 20, 4.5], [0, 90, 0, 99, 9]]),
+        ],
         {"wanted": [True, False]},
     ),
     "ReLU": ("", lambda N: [off_zero(N, 3)], {}),
     "ReLU6": ("relu6_param { negative_slope: 0.2 }", lambda N: [off_zero(N, 3) * 10], {}),
-    "Reduction": ("reduction_param { operation: SUMSQ axis: 1 coeff: 2 }", lambda N: [off_zero(N, 2, 3)], {}),
+    "Reduction": (
+        "reduction_param { operation: SUMSQ axis: 1 coeff: 2 }",
+        lambda N: [off_zero(N, 2, 3)],
+        {},
+    ),
     "Reshape": ("reshape_param { shape { dim: 0 dim: -1 } }", lambda N: [off_zero(N, 2, 3)], {}),
     "SPP": ("spp_param { pyramid_height: 2 }", lambda N: [different(N, 2, 5, 4)], {}),
     "Scale": ("scale_param { bias_term: true }", lambda N: [off_zero(N, 2, 3)], {}),
     "ShuffleChannel": ("shuffle_channel_param { group: 2 }", lambda N: [off_zero(N, 6, 2, 3)], {}),
     "Sigmoid": ("", lambda N: [off_zero(N, 3)], {}),
-    "SigmoidCrossEntropyLoss": ("", lambda N: [off_zero(N, 3), abs(off_zero(N, 3))], {"wanted": [True, False]}),
+    "SigmoidCrossEntropyLoss": (
+        "",
+        lambda N: [off_zero(N, 3), abs(off_zero(N, 3))],
+        {"wanted": [True, False]},
+    ),
     "Silence": ("", lambda N: [off_zero(N, 3)], {"tops": 0}),
     "Slice": ("", lambda N: [off_zero(N, 4)], {"tops": 2}),
-    "SmoothL1Loss": ("smooth_l1_loss_param { sigma: 1.3 }", lambda N: [off_zero(N, 3), off_zero(N, 3)], {}),
+    "SmoothL1Loss": (
+        "smooth_l1_loss_param { sigma: 1.3 }",
+        lambda N: [off_zero(N, 3), off_zero(N, 3)],
+        {},
+    ),
     "Softmax": ("", lambda N: [off_zero(N, 3)], {}),
-    "SoftmaxWithLoss": ("", lambda N: [off_zero(N, 3), RNG.integers(0, 3, N)], {"wanted": [True, False]}),
+    "SoftmaxWithLoss": (
+        "",
+        lambda N: [off_zero(N, 3), RNG.integers(0, 3, N)],
+        {"wanted": [True, False]},
+    ),
     "Split": ("", lambda N: [off_zero(N, 3)], {"tops": 2}),
     "Swish": ("swish_param { beta: 1.7 }", lambda N: [off_zero(N, 3)], {}),
     "TanH": ("", lambda N: [off_zero(N, 3)], {}),
@@ -175,13 +225,24 @@ CASES: dict[str, tuple[str, Any, dict[str, Any]]] = {
         "upsample_param { pad_out_h: true }",
         lambda N: [
             off_zero(N, 2, 2, 3),
-            np.stack([RNG.permutation(18)[:6].reshape(2, 3) for _ in range(2 * N)]).reshape(N, 2, 2, 3),
+            np.stack([RNG.permutation(18)[:6].reshape(2, 3) for _ in range(2 * N)]).reshape(
+                N, 2, 2, 3
+            ),
         ],
         {"wanted": [True, False]},
     ),
 }
 # Types without bottoms, or with a file that is written once, are covered by their own tests.
-SOURCES = {"Data", "DummyData", "HDF5Data", "HDF5Output", "ImageData", "Input", "MemoryData", "Parameter"}
+SOURCES = {
+    "Data",
+    "DummyData",
+    "HDF5Data",
+    "HDF5Output",
+    "ImageData",
+    "Input",
+    "MemoryData",
+    "Parameter",
+}
 
 
 def made(name: str, N: int = 2) -> tuple[Layer, list[np.ndarray]]:

@@ -15,7 +15,9 @@ AXES = ("X", "Y", "Z", "NEG_X", "NEG_Y", "NEG_Z")
 
 def skeleton_of(text: str) -> Skeleton:
     """Return the skeleton of a file with this text."""
-    return Skeleton(schema.read(prototxt.parse(text, "body.prototxt"), SkeletonParameter, "a skeleton"))
+    return Skeleton(
+        schema.read(prototxt.parse(text, "body.prototxt"), SkeletonParameter, "a skeleton")
+    )
 
 
 def any_skeleton(seed: int, joints: int = 7) -> Skeleton:
@@ -32,9 +34,15 @@ def any_skeleton(seed: int, joints: int = 7) -> Skeleton:
             for _ in range(rng.integers(most + 1)):
                 name = f"dof {len(dofs)}"
                 fixed = "fixed: true" if rng.random() < 0.3 else "lower: -2 upper: 2"
-                dofs.append(f'dof {{ name: "{name}" initial: {rng.uniform(-0.5, 0.5):.6f} {fixed} }}')
+                dofs.append(
+                    f'dof {{ name: "{name}" initial: {rng.uniform(-0.5, 0.5):.6f} {fixed} }}'
+                )
                 motions += f'{kind} {{ axis: {rng.choice(AXES)} dof: "{name}" }} '
-        bone = f"bone {{ axis: {rng.choice(AXES)} length: {rng.uniform(0.1, 1):.6f} }}" if rng.random() < 0.8 else ""
+        bone = (
+            f"bone {{ axis: {rng.choice(AXES)} length: {rng.uniform(0.1, 1):.6f} }}"
+            if rng.random() < 0.8
+            else ""
+        )
         made.append(f'joint {{ name: "{names[i]}" {parent} {motions} {bone} }}')
     return skeleton_of("\n".join(['name: "any"', *dofs, *made[::-1]]))
 
@@ -44,8 +52,13 @@ def header_of(skeleton: Skeleton, unit_mm: float = 150.0) -> TrackHeader:
     return TrackHeader("wave.bag", NYU, skeleton, unit_mm)
 
 
-def any_hand(header: TrackHeader, rng: np.random.Generator, id: int = 0, hand: str = "right",
-             bones: np.ndarray | None = None) -> TrackedHand:
+def any_hand(
+    header: TrackHeader,
+    rng: np.random.Generator,
+    id: int = 0,
+    hand: str = "right",
+    bones: np.ndarray | None = None,
+) -> TrackedHand:
     """Return a random pose; bones a little longer or shorter than the skeleton's, unless given."""
     sk = header.skeleton
     inputs = rng.uniform(-1.5, 1.5, len(sk.initial)) * ~sk.fixed
@@ -55,7 +68,9 @@ def any_hand(header: TrackHeader, rng: np.random.Generator, id: int = 0, hand: s
     xyz = joints_of(sk, header.unit_mm, hand, inputs, bones, origin)
     uvd = NYU.project(origin)
     sure, error, fingers = float(rng.random()), float(rng.uniform(2, 30)), rng.uniform(2, 60, 5)
-    return TrackedHand(id, hand, sure, error, inputs, bones, origin, xyz, uvd, 300.0, finger_error_mm=fingers)
+    return TrackedHand(
+        id, hand, sure, error, inputs, bones, origin, xyz, uvd, 300.0, finger_error_mm=fingers
+    )
 
 
 def any_track(header: TrackHeader, seed: int, frames: int = 5) -> list[TrackedFrame]:
@@ -67,7 +82,9 @@ def any_track(header: TrackHeader, seed: int, frames: int = 5) -> list[TrackedFr
         for id, hand in enumerate(("right", "left")):
             if n not in (0, 2) and rng.random() < 0.3:
                 if id in known:
-                    lost.append(LostHand(id, hand, known[id][1], "it left the picture, at the left"))
+                    lost.append(
+                        LostHand(id, hand, known[id][1], "it left the picture, at the left")
+                    )
                 continue
             bones = None if n in (0, 2) or id not in known else known[id][0]
             seen.append(any_hand(header, rng, id, hand, bones))

@@ -28,9 +28,15 @@ def write_data_set(root: Path, counts: dict[Split, int]) -> Path:
         for number in range(-(-count // BLOCK)):
             scene = Generator(0, split).scene(number)
             for n in range(min(BLOCK, count - number * BLOCK)):
-                cv2.imwrite(str(folder / frame_name(number * BLOCK + n)), pack_depth(whole_image(scene, n)))
+                cv2.imwrite(
+                    str(folder / frame_name(number * BLOCK + n)), pack_depth(whole_image(scene, n))
+                )
             center = scene.camera.unproject(scene.center_uvd)
-            joints.append(annotation_of(restore_joints(scene.bodies.joints, center, scene.cube_mm / 2), center))
+            joints.append(
+                annotation_of(
+                    restore_joints(scene.bodies.joints, center, scene.cube_mm / 2), center
+                )
+            )
         write_annotation(folder / nyu_files.ANNOTATION, np.concatenate(joints)[:count])
     return root
 
@@ -48,7 +54,9 @@ def annotation_of(joints: ArrayLike, center: ArrayLike) -> Array:
 
 def write_annotation(path: Path, xyz: Array) -> None:
     """Write a ``joint_data.mat`` of one camera, version 5; xyz (N, 36, 3) mm, camera axes."""
-    scipy.io.savemat(str(path), {"joint_uvd": NYU.project(xyz)[None], "joint_xyz": xyz[None]}, appendmat=False)
+    scipy.io.savemat(
+        str(path), {"joint_uvd": NYU.project(xyz)[None], "joint_xyz": xyz[None]}, appendmat=False
+    )
 
 
 def whole_image(scene: Scene, n: int) -> NDArray[np.float64]:

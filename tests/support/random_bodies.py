@@ -21,7 +21,9 @@ def write_body(folder: Path, seed: int, joints: int = 8) -> Path:
     length *= min(1.0, LONGEST / reach.max())
     turns = rng.permutation(["X", "Y", "Z"])
     dofs = [f'dof {{ name: "root_{axis}" }}' for axis in "xyz"]
-    dofs += [f'dof {{ name: "turn_{axis}" initial: {rng.uniform(-0.3, 0.3):.6f} }}' for axis in turns]
+    dofs += [
+        f'dof {{ name: "turn_{axis}" initial: {rng.uniform(-0.3, 0.3):.6f} }}' for axis in turns
+    ]
     slides = " ".join(f'translate {{ axis: {axis.upper()} dof: "root_{axis}" }}' for axis in "xyz")
     spins = " ".join(f'rotate {{ axis: {axis} dof: "turn_{axis}" }}' for axis in turns)
     made, capsules, limited = [f'joint {{ name: "root" {slides} {spins} }}'], [], []
@@ -37,16 +39,25 @@ def write_body(folder: Path, seed: int, joints: int = 8) -> Path:
             limited.append(name)
             rotations += f'rotate {{ axis: {AXES[axis + 3 * rng.integers(2)]} dof: "{name}" }} '
         along = f"bone {{ axis: {AXES[bone + 3 * rng.integers(2)]} length: {length[i]:.6f} }}"
-        made.append(f'joint {{ name: "{names[i]}" parent: "{names[parents[i]]}" {rotations} {along} }}')
+        made.append(
+            f'joint {{ name: "{names[i]}" parent: "{names[parents[i]]}" {rotations} {along} }}'
+        )
         thick, thin = rng.uniform(0.06, 0.1), rng.uniform(0.04, 0.06)
         ends = f'from: "{names[parents[i]]}" to: "{names[i]}"'
-        capsules.append(f'capsule {{ {ends} radius: {thick:.6f} radius: {thin:.6f} part: "{names[i]}" }}')
+        capsules.append(
+            f'capsule {{ {ends} radius: {thick:.6f} radius: {thin:.6f} part: "{names[i]}" }}'
+        )
     text = [f'name: "random{seed}"', *dofs, *made[::-1], "flesh {", *capsules, "}"]
     (folder / "body.prototxt").write_text("\n".join(text) + "\n")
-    prior = ['skeleton: "body.prototxt" camera: "kinect2" cube_mm: 900', "depth { low: 1500 high: 2500 }"]
+    prior = [
+        'skeleton: "body.prototxt" camera: "kinect2" cube_mm: 900',
+        "depth { low: 1500 high: 2500 }",
+    ]
     prior += ['center { joint: "root" } center_jitter: 10 penetration: 10 scale_std: 0.03']
     prior += [f'turn {{ dof: "turn_{axis}" std: 25 }}' for axis in turns]
-    prior += [f"between {{ a: 1.5 b: 1.5 {' '.join(f'dof: {chr(34)}{name}{chr(34)}' for name in limited)} }}"]
+    prior += [
+        f"between {{ a: 1.5 b: 1.5 {' '.join(f'dof: {chr(34)}{name}{chr(34)}' for name in limited)} }}"
+    ]
     path = folder / "body_prior.prototxt"
     path.write_text("\n".join(prior) + "\n")
     return path

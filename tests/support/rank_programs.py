@@ -36,7 +36,10 @@ def sums(ranks):
     for dtype in (np.float32, np.float64):
         for shapes in ([(1,)], [(5,), (3, 7), ()], [(1000,), (2, 2)]):
             all_ranks = [
-                [(10.0 ** rng.integers(-6, 7, s) * rng.standard_normal(s)).astype(dtype) for s in shapes]
+                [
+                    (10.0 ** rng.integers(-6, 7, s) * rng.standard_normal(s)).astype(dtype)
+                    for s in shapes
+                ]
                 for rng in map(np.random.default_rng, range(ranks.count))
             ]
             arrays = [np.array(a) for a in all_ranks[ranks.rank]]
@@ -45,7 +48,9 @@ def sums(ranks):
                 total = of_ranks[0].copy()
                 for other in of_ranks[1:]:
                     total = total + other
-                assert got.dtype == dtype and got.tobytes() == (total / dtype(ranks.count)).tobytes()
+                assert (
+                    got.dtype == dtype and got.tobytes() == (total / dtype(ranks.count)).tobytes()
+                )
     ranks.average([])
 
 
@@ -81,7 +86,11 @@ def errors(ranks):
         assert caught(DataError, *(of_one if ranks.rank == 2 else exchange)) == "rank 2: no rows"
     assert caught(NetlibError, failing, NetlibError("no file")) == "no file"  # on all ranks
     lacking = isinstance(ranks.fail(MemoryError()) if ranks.rank == 1 else None, NetlibError)
-    assert lacking if ranks.rank == 1 else caught(NetlibError, mean) == "rank 1: MemoryError: MemoryError"
+    assert (
+        lacking
+        if ranks.rank == 1
+        else caught(NetlibError, mean) == "rank 1: MemoryError: MemoryError"
+    )
     said = caught(NetlibError, ranks.introduce, {"net": "a" if ranks.rank < 3 else "b"})
     assert said == 'rank 3 has another net than rank 0: "b", not "a"; expected the same on all'
     assert mean() == 1.0
@@ -150,7 +159,9 @@ def resume(ranks):
         solver = netlib.get_solver("exact.prototxt", ranks=ranks)
         solver.solve(begin)
         assert solver.iter == 6
-        arrays = [p.blob.data for p in solver.net.learnable] + [h for hs in solver.history for h in hs]
+        arrays = [p.blob.data for p in solver.net.learnable] + [
+            h for hs in solver.history for h in hs
+        ]
         bits.append((b"".join(a.tobytes() for a in arrays), list(solver.smoothed)))
         ranks.introduce({"parameters": checksum_of(solver.net.learnable)})
     assert bits[0] == bits[1], "not the same again"
@@ -169,7 +180,9 @@ def checksum(ranks):
 
     solver.on_start.append(change)
     said = caught(NetlibError, solver.step, 12)
-    assert solver.iter == 8 and said.startswith("the parameters of rank 1 differ from those of rank 0")
+    assert solver.iter == 8 and said.startswith(
+        "the parameters of rank 1 differ from those of rank 0"
+    )
 
 
 if __name__ == "__main__":

@@ -18,7 +18,9 @@ ROOT = Path(__file__).resolve().parents[2]
 PROGRAMS = Path(__file__).with_name("rank_programs.py")
 TRAIN, CAFFE = ROOT / "tools" / "train.py", ROOT / "tools" / "caffe.py"
 TIMEOUT_S = 300  # reached by a hang only
-MPIEXEC = shutil.which("mpiexec", path=os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")]))
+MPIEXEC = shutil.which(
+    "mpiexec", path=os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
+)
 
 needs_mpi = pytest.mark.skipif(
     MPIEXEC is None or importlib.util.find_spec("mpi4py") is None,
@@ -31,19 +33,37 @@ def command(count: int, *words: object, by: tuple[str, ...] = ("-m", "mpi4py")) 
     directory, and runs in the folder rank.RANK of it, if there is one.
     """
     shell = 'echo $$ > pid.$PMI_RANK; if [ -d rank.$PMI_RANK ]; then cd rank.$PMI_RANK; fi; exec "$0" "$@"'
-    return [str(MPIEXEC), "-n", str(count), "sh", "-c", shell, sys.executable, *by, *map(str, words)]
+    return [
+        str(MPIEXEC),
+        "-n",
+        str(count),
+        "sh",
+        "-c",
+        shell,
+        sys.executable,
+        *by,
+        *map(str, words),
+    ]
 
 
-def run(count: int, *words: object, by: tuple[str, ...] = ("-m", "mpi4py")) -> subprocess.CompletedProcess[str]:
+def run(
+    count: int, *words: object, by: tuple[str, ...] = ("-m", "mpi4py")
+) -> subprocess.CompletedProcess[str]:
     """Run it to its end, with standard output and error separate."""
-    return subprocess.run(command(count, *words, by=by), capture_output=True, text=True, timeout=TIMEOUT_S)
+    return subprocess.run(
+        command(count, *words, by=by), capture_output=True, text=True, timeout=TIMEOUT_S
+    )
 
 
 @contextlib.contextmanager
 def started(count: int, *words: object) -> Iterator[subprocess.Popen[str]]:
     """Start it with both outputs in one; it ends with all its ranks when the block ends."""
     with subprocess.Popen(
-        command(count, *words), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
+        command(count, *words),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
     ) as process:
         try:
             yield process
@@ -67,4 +87,8 @@ def lines_until(process: subprocess.Popen[str], wanted: str) -> list[str]:
 
 def ours(text: str) -> list[str]:
     """Return a program's own lines, without those of the log and of the launcher."""
-    return [line for line in text.splitlines() if line.startswith(("rank", "no response", "usage", "train.py"))]
+    return [
+        line
+        for line in text.splitlines()
+        if line.startswith(("rank", "no response", "usage", "train.py"))
+    ]

@@ -31,7 +31,9 @@ def run_tool(name: str, *argv: object, status: int | None = 0) -> Done:
     out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", newline="") for _ in range(2))
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:
-            ended = main([os.fspath(word) if isinstance(word, Path) else str(word) for word in argv])
+            ended = main(
+                [os.fspath(word) if isinstance(word, Path) else str(word) for word in argv]
+            )
         except SystemExit as stopped:
             ended = stopped.code
     texts = []
@@ -65,9 +67,14 @@ def run_python(
     """
     environment = {**os.environ, "PYTHONPATH": str(ROOT), **changes}
     ended = subprocess.run(
-        [sys.executable, *map(str, argv)], cwd=cwd, input=typed, capture_output=True,
-        env={name: value for name, value in environment.items() if value is not None}, encoding="utf-8",
-        errors="replace", check=False,
+        [sys.executable, *map(str, argv)],
+        cwd=cwd,
+        input=typed,
+        capture_output=True,
+        env={name: value for name, value in environment.items() if value is not None},
+        encoding="utf-8",
+        errors="replace",
+        check=False,
     )
     done = Done(ended.returncode, ended.stdout, ended.stderr)
     assert status in (None, done.status), done

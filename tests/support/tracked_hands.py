@@ -29,9 +29,17 @@ def tracked(
     x = _MODEL.variables_of(inputs[None])
     a, b, *radii = _MODEL.capsules(x, np.zeros((1, 3)))
     return TrackedHand(
-        id, hand, confidence, 8.0, inputs, sk.bones, origin,
+        id,
+        hand,
+        confidence,
+        8.0,
+        inputs,
+        sk.bones,
+        origin,
         joints_of(sk, HEADER.unit_mm, hand, inputs, sk.bones, origin),
-        CAMERA.project(origin), CUBE_MM, Capsules(a * side + origin, b * side + origin, *radii),
+        CAMERA.project(origin),
+        CUBE_MM,
+        Capsules(a * side + origin, b * side + origin, *radii),
     )
 
 
@@ -49,7 +57,10 @@ def seen(hands: Sequence[TrackedHand], camera: Camera = CAMERA) -> NDArray[np.fl
     """Return the depth image (height, width) in mm of some hands in front of a wall."""
     wall = 1500.0
     image = np.full((camera.height, camera.width), wall, dtype=np.float32)
-    x, y = (np.arange(camera.width) - camera.u0) / camera.fx, (np.arange(camera.height) - camera.v0) / camera.fy
+    x, y = (
+        (np.arange(camera.width) - camera.u0) / camera.fx,
+        (np.arange(camera.height) - camera.v0) / camera.fy,
+    )
     for hand in hands:
         assert hand.capsules is not None
         np.minimum(image, render(hand.capsules, x[None], y[None], np.array([wall]))[0], out=image)

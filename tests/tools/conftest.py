@@ -30,7 +30,10 @@ random_seed: 1
 def small_data(tmp_path_factory):
     """Generate 64 training and 24 test frames."""
     out = tmp_path_factory.mktemp("data") / "nyu"
-    assert make_synthetic.main(["--out", str(out), "--train", "64", "--test", "24", "--workers", "1"]) == 0
+    assert (
+        make_synthetic.main(["--out", str(out), "--train", "64", "--test", "24", "--workers", "1"])
+        == 0
+    )
     return out
 
 

@@ -57,7 +57,11 @@ def test_every_program_begins_before_it_imports_what_takes_long() -> None:
     """``tools.begin(__name__)`` is preceded only by imports of the standard library and of ``tools``."""
     for program in PROGRAMS:
         statements = parsed(ROOT / program).body
-        begun = [i for i, statement in enumerate(statements) if ast.unparse(statement) == "tools.begin(__name__)"]
+        begun = [
+            i
+            for i, statement in enumerate(statements)
+            if ast.unparse(statement) == "tools.begin(__name__)"
+        ]
         assert len(begun) == 1, program
         before = ast.Module(statements[: begun[0]], [])
         names = {name.split(".")[0] for name in imports_of(before)}
@@ -101,7 +105,10 @@ subprocess.run(["sh", "-c", "echo a program >&2"])
 
 
 def test_warnings_that_are_asked_for_are_shown(run: Run) -> None:
-    assert "overflow" in run("-W", "default", *begun("import numpy; numpy.float32(1e38) * numpy.float32(10)")).err
+    assert (
+        "overflow"
+        in run("-W", "default", *begun("import numpy; numpy.float32(1e38) * numpy.float32(10)")).err
+    )
 
 
 def test_what_cannot_be_encoded_is_escaped(run: Run) -> None:
@@ -132,17 +139,28 @@ def test_importing_a_command_changes_neither_signals_nor_streams() -> None:
 # ---------------------------------------------------------------------------------------------- before the guard
 
 
-@pytest.mark.parametrize(("raised", "line"), [
-    ("ImportError('libav.so.9: failed to map segment from shared object', name='av')", "not enough memory to load av"),
-    ("MemoryError()", "not enough memory to load the packages"),
-    ("ModuleNotFoundError(\"No module named 'cv2'\", name='cv2')", "cannot load cv2: No module named 'cv2'"),
-])
+@pytest.mark.parametrize(
+    ("raised", "line"),
+    [
+        (
+            "ImportError('libav.so.9: failed to map segment from shared object', name='av')",
+            "not enough memory to load av",
+        ),
+        ("MemoryError()", "not enough memory to load the packages"),
+        (
+            "ModuleNotFoundError(\"No module named 'cv2'\", name='cv2')",
+            "cannot load cv2: No module named 'cv2'",
+        ),
+    ],
+)
 def test_a_failing_import_is_one_line(run: Run, raised: str, line: str) -> None:
     assert run(*begun(f"raise {raised}"), status=1).err == f"{line}\n"
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs rmdir of the working directory")
-@pytest.mark.parametrize("words", [("track", "take"), ("record", "take", "--out", "x"), ("predict", "a.png")])
+@pytest.mark.parametrize(
+    "words", [("track", "take"), ("record", "take", "--out", "x"), ("predict", "a.png")]
+)
 def test_a_deleted_working_directory(tmp_path: Path, words: tuple[str, ...]) -> None:
     tool, *options = words
     code = f"import os, sys; os.rmdir(os.getcwd()); from tools import {tool}; sys.exit({tool}.main({options}))"

@@ -14,7 +14,9 @@ from tests.support.running import run_tool
 from tests.tools.conftest import ROOT
 
 SOLVERS = ROOT / "tests" / "caffe" / "solvers"
-FRAME = re.compile(r"Use CPU|Creating t|Solver scaffolding|SGDSolver|Starting|Running|Batch|Loss:|\w+ = ")
+FRAME = re.compile(
+    r"Use CPU|Creating t|Solver scaffolding|SGDSolver|Starting|Running|Batch|Loss:|\w+ = "
+)
 
 
 @pytest.fixture(autouse=True)
@@ -43,7 +45,9 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
     folder = tmp_path_factory.mktemp("trained")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(SOLVERS)
-        return folder, log_of("train", "-solver", written(folder, "a_avgloss.log"), "--weights=init.caffemodel")
+        return folder, log_of(
+            "train", "-solver", written(folder, "a_avgloss.log"), "--weights=init.caffemodel"
+        )
 
 
 def spoken(lines: list[str]) -> list[str]:
@@ -92,27 +96,44 @@ def test_signals(tmp_path, signal_at_start, number, flags, last):
 
     SIGTERM ends Caffe at once; here a snapshot is written first, and the exit status is that of the signal.
     """
-    short = written(tmp_path, "sigint.log", max_iter="3", test_interval="9", test_initialization="false")
+    short = written(
+        tmp_path, "sigint.log", max_iter="3", test_interval="9", test_initialization="false"
+    )
     signal_at_start(number)
     is_term = number == signal.SIGTERM
     lines = texts(log_of("train", "-solver", short, *flags, status=143 if is_term else 0))
     assert ("Optimization stopped early." in lines[-2:]) == (last == 1)
     assert (lines[-1] == "Optimization Done.") == (not is_term)
     made = {path.name for path in tmp_path.glob("*.solverstate")}
-    assert made == {f"a_iter_{last}.solverstate"} | ({"a_iter_1.solverstate"} if "none" not in str(flags) else set())
-    assert log_lines("sigint.log")[-2:] == ["Optimization stopped early.", "Optimization Done."]  # Caffe's
+    assert made == {f"a_iter_{last}.solverstate"} | (
+        {"a_iter_1.solverstate"} if "none" not in str(flags) else set()
+    )
+    # Caffe's
+    assert log_lines("sigint.log")[-2:] == ["Optimization stopped early.", "Optimization Done."]
 
 
 def test_level_and_stage_choose_layers(tmp_path):
     """-level and -stage select the training net's layers, in addition to the stages of train_state."""
     net = Path("net.prototxt").read_text()
-    for name, rule in (("a", 'stage: "a" stage: "own"'), ("b", "min_level: 2"), ("c", "min_level: 1")):
+    for name, rule in (
+        ("a", 'stage: "a" stage: "own"'),
+        ("b", "min_level: 2"),
+        ("c", "min_level: 1"),
+    ):
         net += f'layer {{ name: "{name}" type: "Silence" bottom: "ip1" include {{ phase: TRAIN {rule} }} }}\n'
     (tmp_path / "net.prototxt").write_text(net)
-    solver = Path(written(tmp_path, "sigint.log", net=f'"{tmp_path}/net.prototxt"', max_iter="1", test_iter="1"))
-    solver.write_text(solver.read_text().replace("level: 0", "level: 7").replace('stage: ""', 'stage: "own"'))
+    solver = Path(
+        written(
+            tmp_path, "sigint.log", net=f'"{tmp_path}/net.prototxt"', max_iter="1", test_iter="1"
+        )
+    )
+    solver.write_text(
+        solver.read_text().replace("level: 0", "level: 7").replace('stage: ""', 'stage: "own"')
+    )
     mine = texts(log_of("train", "-solver", str(solver), "-stage", "a,x", "-level", "1"))
-    made = {line.removeprefix("Creating Layer ") for line in mine if line.startswith("Creating Layer ")}
+    made = {
+        line.removeprefix("Creating Layer ") for line in mine if line.startswith("Creating Layer ")
+    }
     assert made & {"a", "b", "c"} == {"a", "c"}  # -level replaces the solver's level, as in Caffe
 
 
@@ -121,17 +142,24 @@ def test_level_and_stage_choose_layers(tmp_path):
 
 def test_test_writes_the_recorded_log():
     """The log has every batch, the mean loss, and every output with its loss weight, as recorded."""
-    mine = texts(log_of("test", "-model", "net.prototxt", "-weights", "init.caffemodel", "-iterations", "3"))
+    mine = texts(
+        log_of("test", "-model", "net.prototxt", "-weights", "init.caffemodel", "-iterations", "3")
+    )
     theirs = log_lines("test.log")
     assert spoken(theirs)[-6:-2] == [
-        "Running for 3 iterations.", "Batch 0, loss = 2.54403", "Batch 1, loss = 3.22669", "Batch 2, loss = 2.28123",
+        "Running for 3 iterations.",
+        "Batch 0, loss = 2.54403",
+        "Batch 1, loss = 3.22669",
+        "Batch 2, loss = 2.28123",
     ]
     check_same_log(spoken(mine), spoken(theirs))
 
 
 def test_test_tells_of_layers_without_a_pair(tmp_path):
     """Weights of unknown layers are ignored with Caffe's message; layers without weights are also reported."""
-    (tmp_path / "net.prototxt").write_text(Path("net.prototxt").read_text().replace('"ip1"', '"other"'))
+    (tmp_path / "net.prototxt").write_text(
+        Path("net.prototxt").read_text().replace('"ip1"', '"other"')
+    )
     net = str(tmp_path / "net.prototxt")
     mine = texts(log_of("test", "-model", net, "-weights", "init.caffemodel", "-iterations", "1"))
     assert "Ignoring source layer ip1" in mine
@@ -140,14 +168,21 @@ def test_test_tells_of_layers_without_a_pair(tmp_path):
 
 def test_time_writes_the_recorded_log():
     """The lines equal those of time.log from the first pass on, except for the times."""
-    mine, theirs = texts(log_of("time", "-model", "net.prototxt", "-iterations", "3")), log_lines("time.log")
+    mine, theirs = (
+        texts(log_of("time", "-model", "net.prototxt", "-iterations", "3")),
+        log_lines("time.log"),
+    )
     cut = [lines[lines.index("Performing Forward") :] for lines in (mine, theirs)]
-    numberless = [[re.sub(r": [\d.e+-]+( ms\.)?", r": #\1", line) for line in lines] for lines in cut]
+    numberless = [
+        [re.sub(r": [\d.e+-]+( ms\.)?", r": #\1", line) for line in lines] for lines in cut
+    ]
     assert numberless[0] == numberless[1]
     assert len(cut[0]) == 30
 
 
-@pytest.mark.parametrize(("flags", "loss"), [([], "3"), (["-phase=TRAIN"], "3"), (["-phase", "TEST"], "5")])
+@pytest.mark.parametrize(
+    ("flags", "loss"), [([], "3"), (["-phase=TRAIN"], "3"), (["-phase", "TEST"], "5")]
+)
 def test_time_of_a_phase(tmp_path, flags, loss):
     """The phase is TRAIN by default."""
     layers = [
@@ -156,11 +191,15 @@ def test_time_of_a_phase(tmp_path, flags, loss):
         for phase, value in (("TRAIN", 3), ("TEST", 5))
     ]
     (tmp_path / "net.prototxt").write_text("\n".join(layers))
-    assert f"Initial loss: {loss}" in texts(log_of("time", "-model", f"{tmp_path}/net.prototxt", *flags))
+    assert f"Initial loss: {loss}" in texts(
+        log_of("time", "-model", f"{tmp_path}/net.prototxt", *flags)
+    )
 
 
 def test_device_query_and_gpu():
-    assert texts(log_of("device_query", "-gpu", "all")) == ["This runs on the CPU; there is no GPU to query"]
+    assert texts(log_of("device_query", "-gpu", "all")) == [
+        "This runs on the CPU; there is no GPU to query"
+    ]
     mine = texts(log_of("time", "-model", "net.prototxt", "-gpu", "0,1", "-iterations", "1"))
     assert mine[:2] == ["Use CPU.", "-gpu 0,1 is accepted, but this runs on the CPU"]
 

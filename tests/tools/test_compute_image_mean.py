@@ -51,31 +51,60 @@ def test_a_list_has_the_mean_of_the_database_of_its_images(images, pictures):
 
 def test_images_of_a_list_are_resized_as_in_an_ImageData_layer(pictures):
     """A net that resizes the images of the list to the same size and subtracts the mean has the mean 0."""
-    run_tool("compute_image_mean", "-root_folder", "p/", "-resize_width=9", "-resize_height=6", "list.txt", "mean")
-    net = netlib.Net(prototxt.parse("""layer { name: "d" type: "ImageData" top: "x" top: "t"
+    run_tool(
+        "compute_image_mean",
+        "-root_folder",
+        "p/",
+        "-resize_width=9",
+        "-resize_height=6",
+        "list.txt",
+        "mean",
+    )
+    net = netlib.Net(
+        prototxt.parse("""layer { name: "d" type: "ImageData" top: "x" top: "t"
         image_data_param { source: "list.txt" root_folder: "p/" batch_size: 7 new_width: 9 new_height: 6 }
-        transform_param { mean_file: "mean" } }"""), netlib.TEST)
+        transform_param { mean_file: "mean" } }"""),
+        netlib.TEST,
+    )
     x = net.forward()["x"]
     assert x.shape == (7, 3, 6, 9) and np.abs(x).mean() > 10
     assert np.abs(x.mean(axis=0)).max() < 1e-4
 
 
 def test_gray(images, pictures):
-    expected = np.mean([cv2.imread(f"p/{n}.png", cv2.IMREAD_GRAYSCALE) for n in range(len(images))], axis=0)
+    expected = np.mean(
+        [cv2.imread(f"p/{n}.png", cv2.IMREAD_GRAYSCALE) for n in range(len(images))], axis=0
+    )
     run_tool("compute_image_mean", "--gray", "-root_folder=p/", "list.txt", "mean.binaryproto")
     assert np.allclose(read_blob("mean.binaryproto"), expected[None, None], rtol=1e-6)
 
 
 def test_mistakes(tmp_path, images, pictures):
-    write_database(tmp_path / "sizes", [datum(np.zeros(shape, np.uint8), 0) for shape in ((1, 1, 2), (1, 2, 1))])
-    write_database(tmp_path / "bad", [number(1, 1) + number(2, 1) + number(3, 2) + content(4, b"abc")])
+    write_database(
+        tmp_path / "sizes",
+        [datum(np.zeros(shape, np.uint8), 0) for shape in ((1, 1, 2), (1, 2, 1))],
+    )
+    write_database(
+        tmp_path / "bad", [number(1, 1) + number(2, 1) + number(3, 2) + content(4, b"abc")]
+    )
     write_database(tmp_path / "empty", [])
     cv2.imwrite("p/6.png", images[0][:, :2].transpose(1, 2, 0))
     (tmp_path / "missing.txt").write_text("0.png 1\n7.png 2\n")
     root = "-root_folder=p/"
-    refused = (["sizes", "m"], ["bad", "m"], ["empty", "m"], ["none", "m"], ["db", "db"], [root, "list.txt", "m"],
-               [root, "missing.txt", "m"], [root, "list.txt", "p/3.png"], ["list.txt", "list.txt"])
-    assert "".join(run_tool("compute_image_mean", *argv, status=1).err for argv in refused).splitlines() == [
+    refused = (
+        ["sizes", "m"],
+        ["bad", "m"],
+        ["empty", "m"],
+        ["none", "m"],
+        ["db", "db"],
+        [root, "list.txt", "m"],
+        [root, "missing.txt", "m"],
+        [root, "list.txt", "p/3.png"],
+        ["list.txt", "list.txt"],
+    )
+    assert "".join(
+        run_tool("compute_image_mean", *argv, status=1).err for argv in refused
+    ).splitlines() == [
         "sizes: entry '00000001': the image (C, H, W) is (1, 2, 1), the first (1, 1, 2); expected equal shapes; "
         "-resize_width and -resize_height resize the images of a list",
         "bad: entry '00000000': a Datum with channels, height, width (1, 1, 2) has 3 values",

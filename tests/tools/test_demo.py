@@ -21,7 +21,13 @@ def test_demo(here):
     first, second = run_tool("demo", "--out", "my frames ö", "--frames", "2").out.splitlines()
     assert first.startswith("2 frames in ") and first.endswith(f": {Path('my frames ö/hands.png')}")
     command = second.removeprefix("For your own camera: ")
-    assert shlex.split(command)[2:] == ["my frames ö/frame_0.png", "--camera", "nyu", "--out", "my frames ö"]
+    assert shlex.split(command)[2:] == [
+        "my frames ö/frame_0.png",
+        "--camera",
+        "nyu",
+        "--out",
+        "my frames ö",
+    ]
     done = run_tool("predict", *shlex.split(command)[2:])
     assert done.err == "" and done.out.startswith("my frames ö/frame_0.png: ")
     depth = read_frame("my frames ö/frame_1.png", CameraInfo(NYU))
@@ -30,12 +36,16 @@ def test_demo(here):
     document = json.loads(Path("my frames ö/hands.json").read_text())
     assert not json_schema.faults(document)
     assert [frame["image"] for frame in document["frames"]] == ["frame_0.png", "frame_1.png"]
-    assert all(hand["true_error_mm"] < 20 for frame in document["frames"] for hand in frame["hands"])
+    assert all(
+        hand["true_error_mm"] < 20 for frame in document["frames"] for hand in frame["hands"]
+    )
 
 
 def test_a_hand_that_is_not_sure_enough(here, monkeypatch):
     """Its row has the crop and no joints, in the picture and in the JSON file."""
-    monkeypatch.setattr(demo, "load_predictor", functools.partial(demo.load_predictor, min_confidence=1))
+    monkeypatch.setattr(
+        demo, "load_predictor", functools.partial(demo.load_predictor, min_confidence=1)
+    )
     run_tool("demo", "--frames", "1")
     document = json.loads(Path("demo/hands.json").read_text())
     assert not json_schema.faults(document)

@@ -271,7 +271,9 @@ def test_commands_name_the_one_that_writes_a_deploy_net(tool: str, words: str) -
 def test_a_reader_of_a_fork(tool: str) -> None:
     """The command is named though the layer type is unknown."""
     pytest.importorskip("pydot")
-    Path("t.prototxt").write_text(of_database().replace("Data", "LabelmapData") + fc("fc", "data") + ENDS)
+    Path("t.prototxt").write_text(
+        of_database().replace("Data", "LabelmapData") + fc("fc", "data") + ENDS
+    )
     words = {"run_net": ["w", "0.png"], "time": [], "draw_net": ["a.dot"]}[tool]
     obey(run_tool(tool, "t.prototxt", *words, status=None).err)
 

@@ -18,7 +18,8 @@ def test_a_picture(tmp_path):
     out = tmp_path / "net.raw"
     done = run_tool("draw_net", NET, out, "--phase", "TEST", "--rankdir", "TB", "--display_lrm")
     assert done.out == f"wrote {out}\n"
-    assert done.err.startswith("without shapes: ") and "writes it" in done.err  # its data are not here
+    # its data are not here
+    assert done.err.startswith("without shapes: ") and "writes it" in done.err
     text = out.read_text()
     assert "rankdir=TB" in text and "HandModel" in text and text.count('"data (HDF5Data)" ->') == 2
     assert "lr mult: 1.0, " in text
@@ -33,7 +34,10 @@ def test_graphvizs_own_language_needs_no_graphviz(tmp_path, monkeypatch):
         run_tool("draw_net", tmp_path / "old.prototxt", tmp_path / name)
     assert (tmp_path / "net.dot").read_text() == (tmp_path / "net.raw").read_text()
     assert '"ip\\n(InnerProduct)" -> ip [label="1 x 3"];' in (tmp_path / "net.raw").read_text()
-    assert "the formats raw and dot do not need it" in run_tool("draw_net", NET, tmp_path / "a.png", status=1).err
+    assert (
+        "the formats raw and dot do not need it"
+        in run_tool("draw_net", NET, tmp_path / "a.png", status=1).err
+    )
 
 
 def test_shapes_and_out(tmp_path):

@@ -22,13 +22,23 @@ def files(here):
     """Annotations of 20 ICVL frames, the same moved by 3 mm and by 30 mm along z, and the latter also as x y z."""
     truth = np.random.default_rng(0).normal((0, 0, 400), 30, (FRAMES, 16, 3))
     for name, move in (("truth", 0), ("near", 3), ("far", 30)):
-        np.savetxt(f"{name}.txt", ICVL.project(truth + (0, 0, move)).reshape(FRAMES, 48), fmt="%.6f")
+        np.savetxt(
+            f"{name}.txt", ICVL.project(truth + (0, 0, move)).reshape(FRAMES, 48), fmt="%.6f"
+        )
     np.savetxt("far_xyz.txt", (truth + (0, 0, 30)).reshape(FRAMES, 48), fmt="%.6f")
     return here
 
 
 def run(*arguments, dataset="icvl", status=0):
-    return run_tool("evaluate", dataset, "--groundtruth", "truth.txt", "--predictions", *arguments, status=status)
+    return run_tool(
+        "evaluate",
+        dataset,
+        "--groundtruth",
+        "truth.txt",
+        "--predictions",
+        *arguments,
+        status=status,
+    )
 
 
 def test_tables(files):
@@ -37,11 +47,16 @@ def test_tables(files):
     assert out[0] == (
         "ICVL, 20 frames of the test set's 1596, 16 joints: errors in mm between absolute positions in camera axes;"
     )
-    assert " ".join(out[3].split()) == ("method mean median of max max <= 20 mm max <= 40 mm max <= 60 mm max <= 80 mm")
+    assert " ".join(out[3].split()) == (
+        "method mean median of max max <= 20 mm max <= 40 mm max <= 60 mm max <= 80 mm"
+    )
     assert out[4].split() == ["Near", "3.00", "3.00", "100.0%", "100.0%", "100.0%", "100.0%"]
     assert out[5].split() == ["Far", "hand", "30.00", "30.00", "0.0%", "100.0%", "100.0%", "100.0%"]
     assert out[9].split() == ["joint", "Near", "Far", "hand"]
-    assert [line.split() for line in out[10:]][::16] == [["palm", "3.00", "30.00"], ["mean", "3.00", "30.00"]]
+    assert [line.split() for line in out[10:]][::16] == [
+        ["palm", "3.00", "30.00"],
+        ["mean", "3.00", "30.00"],
+    ]
 
 
 def test_formats(files):
@@ -70,11 +85,17 @@ def test_pictures(files):
 @pytest.fixture
 def hands2017(here):
     """Labels of 20 frames as HANDS 2017 writes them, and predictions 3 mm lower in another order and with folders."""
-    camera, truth = published_predictions.HANDS2017, np.random.default_rng(0).normal((0, 50, 400), 30, (FRAMES, 21, 3))
+    camera, truth = (
+        published_predictions.HANDS2017,
+        np.random.default_rng(0).normal((0, 50, 400), 30, (FRAMES, 21, 3)),
+    )
 
     def lines(joints, folder=""):
         rows = joints.reshape(FRAMES, 63)
-        return [f"{folder}image_D{n:08}.png\t" + "\t".join(f"{x:.4f}" for x in row) for n, row in enumerate(rows, 1)]
+        return [
+            f"{folder}image_D{n:08}.png\t" + "\t".join(f"{x:.4f}" for x in row)
+            for n, row in enumerate(rows, 1)
+        ]
 
     down = truth * (1, -1, 1)
     Path("truth.txt").write_text("\n".join(lines(down)) + "\n")
@@ -86,22 +107,41 @@ def hands2017(here):
 def test_labels_of_hands_2017(hands2017):
     """Frames are matched by the names of their images; y is down in x y z, and v grows downwards in u v d."""
     out = run("Low=low.txt", dataset="hands2017").out.splitlines()
-    assert out[0].startswith("HANDS 2017, 20 frames of the test set's 295510, 21 joints: errors in mm")
+    assert out[0].startswith(
+        "HANDS 2017, 20 frames of the test set's 295510, 21 joints: errors in mm"
+    )
     assert out[4].split()[:2] == ["Low", "3.00"]
     assert [line.split()[0] for line in out[9:16]] == [
-        "wrist", "thumb_mcp", "index_mcp", "middle_mcp", "ring_mcp", "little_mcp", "thumb_pip"
+        "wrist",
+        "thumb_mcp",
+        "index_mcp",
+        "middle_mcp",
+        "ring_mcp",
+        "little_mcp",
+        "thumb_pip",
     ]
     assert out[-2].split() == ["little_tip", "3.00"]
-    assert run("Low=uvd.txt", "--format", "uvd", dataset="hands2017").out.splitlines()[4].split()[:2] == ["Low", "3.00"]
+    assert run("Low=uvd.txt", "--format", "uvd", dataset="hands2017").out.splitlines()[4].split()[
+        :2
+    ] == ["Low", "3.00"]
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda lines: lines[1:], "low.txt: has no image_D00000020.png, which the ground truth has (1 such images)"),
+        (
+            lambda lines: lines[1:],
+            "low.txt: has no image_D00000020.png, which the ground truth has (1 such images)",
+        ),
         (lambda lines: [*lines, lines[0]], "low.txt: has image_D00000020.png twice"),
-        (lambda lines: [lines[0], lines[1].partition("\t")[2]], "low.txt:2: no name of an image, as the lines before"),
-        (lambda lines: [lines[0] + "\t1"], "low.txt:1: found 64 numbers, expected 63 = 21 joints x 3"),
+        (
+            lambda lines: [lines[0], lines[1].partition("\t")[2]],
+            "low.txt:2: no name of an image, as the lines before",
+        ),
+        (
+            lambda lines: [lines[0] + "\t1"],
+            "low.txt:1: found 64 numbers, expected 63 = 21 joints x 3",
+        ),
         (lambda lines: [lines[0] + "x"], "low.txt:1:"),
     ],
 )
@@ -115,9 +155,15 @@ def test_labels_that_do_not_match(hands2017, change, message):
     ("argv", "message"),
     [
         ("A=short.txt", "short.txt: 19 frames, the ground truth truth.txt has 20"),
-        ("A=near.txt --plot no/a.png", "no/a.png: cannot write the image: No such file or directory"),
+        (
+            "A=near.txt --plot no/a.png",
+            "no/a.png: cannot write the image: No such file or directory",
+        ),
         ("A=near.png --plot near.png", "near.png: is read in this run; expected another output"),
-        ("A=near.txt --groundtruth near.png --plot near.png", "near.png: is read in this run; expected another output"),
+        (
+            "A=near.txt --groundtruth near.png --plot near.png",
+            "near.png: is read in this run; expected another output",
+        ),
     ],
 )
 def test_mistakes(files, argv, message):
@@ -132,17 +178,36 @@ def test_mistakes(files, argv, message):
 
 def test_without_matplotlib(files, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    assert run("A=near.txt", "--plot", "a.png", status=1).err == "matplotlib is missing: pip install matplotlib\n"
+    assert (
+        run("A=near.txt", "--plot", "a.png", status=1).err
+        == "matplotlib is missing: pip install matplotlib\n"
+    )
     run("A=near.txt")
 
 
 def test_angles(here, monkeypatch):
     """--angles adds a table of the angles of each method; predictions may not be of the model."""
-    monkeypatch.setattr(evaluate.published, "compare_angles", lambda skeleton, truth, predictions, watch: {
-        "Bent": FittedAngles(9.126, 0.5, 0.001, 0.5), "Noise": FittedAngles(20, 6.25, 4, None)})
+    monkeypatch.setattr(
+        evaluate.published,
+        "compare_angles",
+        lambda skeleton, truth, predictions, watch: {
+            "Bent": FittedAngles(9.126, 0.5, 0.001, 0.5),
+            "Noise": FittedAngles(20, 6.25, 4, None),
+        },
+    )
     np.savetxt("truth.txt", np.tile([320.0, 240, 700], (2, 14)))
     methods = ["Bent=truth.txt", "Noise=truth.txt", "--angles"]
-    heads, *rows = [re.split(r"\s{2,}", line) for line in run(*methods, dataset="nyu").out.splitlines()[-3:]]
-    assert heads == ["method", "angle error", "residual within limits", "without limits", "frames out of limits"]
-    assert rows == [["Bent", "9.13 deg", "0.500 mm", "0.0010 mm", "50.00%"],
-                    ["Noise", "20.00 deg", "6.250 mm", "4.0000 mm", "not of this model"]]
+    heads, *rows = [
+        re.split(r"\s{2,}", line) for line in run(*methods, dataset="nyu").out.splitlines()[-3:]
+    ]
+    assert heads == [
+        "method",
+        "angle error",
+        "residual within limits",
+        "without limits",
+        "frames out of limits",
+    ]
+    assert rows == [
+        ["Bent", "9.13 deg", "0.500 mm", "0.0010 mm", "50.00%"],
+        ["Noise", "20.00 deg", "6.250 mm", "4.0000 mm", "not of this model"],
+    ]

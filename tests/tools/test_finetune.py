@@ -60,7 +60,9 @@ def write_net(text: str) -> None:
 
 def tuned(*options: object, status: int = 0) -> Done:
     given = () if "--scale" in options else NUMBERS
-    return run_tool("finetune", "net.prototxt", "net.caffemodel", "pictures", *given, *options, status=status)
+    return run_tool(
+        "finetune", "net.prototxt", "net.caffemodel", "pictures", *given, *options, status=status
+    )
 
 
 def weights() -> Path:
@@ -72,8 +74,14 @@ def changed() -> set[str]:
     """The names of the layers whose parameters are others than before."""
     old = netlib.Net("net.prototxt", "net.caffemodel", netlib.TEST)
     new = netlib.Net("finetuned/deploy.prototxt", str(weights()), netlib.TEST)
-    return {name for name, blobs in new.params.items() if name not in old.params or any(
-        not np.array_equal(one.data, other.data) for one, other in zip(blobs, old.params[name]))}
+    return {
+        name
+        for name, blobs in new.params.items()
+        if name not in old.params
+        or any(
+            not np.array_equal(one.data, other.data) for one, other in zip(blobs, old.params[name])
+        )
+    }
 
 
 def test_new_classes() -> None:
@@ -107,10 +115,15 @@ def test_frozen_layers(freeze: str, layers: set[str]) -> None:
     assert changed() == layers
 
 
-@pytest.mark.parametrize("options", [
-    NUMBERS, ("--mean", "90", "--scale", "0.5", "--rgb"), ("--mean-file", "mean.binaryproto", "--scale", "1"),
-    ("--mean-file", "mean.binaryproto", "--scale", "0.1", "--rgb"),
-])
+@pytest.mark.parametrize(
+    "options",
+    [
+        NUMBERS,
+        ("--mean", "90", "--scale", "0.5", "--rgb"),
+        ("--mean-file", "mean.binaryproto", "--scale", "1"),
+        ("--mean-file", "mean.binaryproto", "--scale", "0.1", "--rgb"),
+    ],
+)
 def test_pictures_are_read_as_netlib_run_reads_them(options: tuple[str, ...]) -> None:
     """The input of a test is that of the command ``run``, bit for bit; only in training it is mirrored."""
     mean = np.random.default_rng(0).uniform(80, 120, (1, 3, 10, 10)).astype(np.float32)
@@ -120,8 +133,17 @@ def test_pictures_are_read_as_netlib_run_reads_them(options: tuple[str, ...]) ->
     assert (text.count("mirror: true"), text.count("mirror: false")) == (1, 1)
     net = netlib.Net("finetuned/train.prototxt", netlib.TEST)
     net.forward()
-    run_tool("run_net", "net.prototxt", "net.caffemodel", "finetuned/test.txt", *options, "--blob", "data", "--out",
-             "data.npy")
+    run_tool(
+        "run_net",
+        "net.prototxt",
+        "net.caffemodel",
+        "finetuned/test.txt",
+        *options,
+        "--blob",
+        "data",
+        "--out",
+        "data.npy",
+    )
     np.testing.assert_array_equal(net.blobs["data"].data, np.load("data.npy"))
 
 
@@ -132,9 +154,13 @@ DEEP = BODY.replace("global_pooling: true", "kernel_size: 2 stride: 2") + (
 )
 NETS = {
     "a deep net": inputs(data=(2, 3, 8, 8)) + DEEP + ip("fc", "fc7", "fc", outputs=7) + SOFTMAX,
-    "two branches": inputs(data=(2, 3, 8, 8)) + BODY + ip("a", "pool", "a") + ip("b", "pool", "b")
+    "two branches": inputs(data=(2, 3, 8, 8))
+    + BODY
+    + ip("a", "pool", "a")
+    + ip("b", "pool", "b")
     + 'layer { name: "sum" type: "Eltwise" bottom: "a" bottom: "b" top: "sum" } '
-    + ip("fc", "sum", "fc", outputs=7) + SOFTMAX,
+    + ip("fc", "sum", "fc", outputs=7)
+    + SOFTMAX,
 }
 
 
@@ -163,16 +189,21 @@ def test_features_of_frozen_layers_are_computed_once(
     monkeypatch.setattr(finetune, "use_features", refuse)
     slow = tuned(*options, "--out", "slow")
     assert "all layers are computed in each step: of the test" in slow.err
-    assert done.out.splitlines()[:-1] == slow.out.splitlines()[:-1]  # but for the folder in the last line
+    # but for the folder in the last line
+    assert done.out.splitlines()[:-1] == slow.out.splitlines()[:-1]
     names = [{path.name for path in Path(out).iterdir()} for out in ("fast", "slow")]
     assert names[0] == names[1]
     nets = [
-        netlib.Net(f"{out}/deploy.prototxt", f"{out}/net_iter_12.caffemodel", netlib.TEST) for out in ("fast", "slow")
+        netlib.Net(f"{out}/deploy.prototxt", f"{out}/net_iter_12.caffemodel", netlib.TEST)
+        for out in ("fast", "slow")
     ]
     for one, other in zip(*(net.params.values() for net in nets)):
         for found, expected in zip(one, other):
             np.testing.assert_allclose(found.data, expected.data, rtol=1e-4, atol=1e-6)
-    logs = [re.findall(r"accuracy = ([\d.]+)", Path(out, "train.log").read_text()) for out in ("fast", "slow")]
+    logs = [
+        re.findall(r"accuracy = ([\d.]+)", Path(out, "train.log").read_text())
+        for out in ("fast", "slow")
+    ]
     assert logs[0] == logs[1] and len(logs[0]) > 10
 
 
@@ -181,12 +212,18 @@ def test_features_of_frozen_layers_are_computed_once(
     [
         (("--mirror",), "pictures are mirrored at random (--mirror)"),
         (("--freeze", "none"), "no frozen layer with weights is before layer 'conv'"),
-        (("--mean-file", "mean.binaryproto", "--scale", "1"), "pictures are cropped at random, as the mean image is"),
+        (
+            ("--mean-file", "mean.binaryproto", "--scale", "1"),
+            "pictures are cropped at random, as the mean image is",
+        ),
     ],
 )
 def test_why_all_layers_are_computed_in_each_step(options: tuple[str, ...], reason: str) -> None:
     write_blob(np.zeros((1, 3, 10, 10), np.float32), "mean.binaryproto")
-    assert f"all layers are computed in each step: {reason}" in tuned("--iterations", "1", *options).err
+    assert (
+        f"all layers are computed in each step: {reason}"
+        in tuned("--iterations", "1", *options).err
+    )
 
 
 def test_features_that_do_not_fit_into_memory(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -197,11 +234,16 @@ def test_features_that_do_not_fit_into_memory(monkeypatch: pytest.MonkeyPatch) -
 def test_one_line_of_progress_and_the_log_in_its_file() -> None:
     """Elsewhere than on a terminal the last state of the line is shown."""
     done = tuned("--iterations", "30")
-    assert "Creating Layer" not in done.err and "Creating Layer" in Path("finetuned/train.log").read_text()
+    assert (
+        "Creating Layer" not in done.err
+        and "Creating Layer" in Path("finetuned/train.log").read_text()
+    )
     assert re.fullmatch(r"step 30/30, accuracy [01]\.\d\d, 0 s left", done.err.splitlines()[-1])
 
 
-def test_a_training_that_was_stopped_is_continued(signal_at_start: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_training_that_was_stopped_is_continued(
+    signal_at_start: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The printed command gives the weights of a training that was not stopped."""
     whole = ("--iterations", "9")
     tuned(*whole, "--out", "whole")
@@ -212,20 +254,39 @@ def test_a_training_that_was_stopped_is_continued(signal_at_start: Any, monkeypa
     start, _, command = line.partition("train.py ")
     assert start.startswith("continue: ")
     run_tool("train", *shlex.split(command))
-    one, other = (netlib.Net(f"{out}/deploy.prototxt", f"{out}/net_iter_9.caffemodel", netlib.TEST)
-                  for out in ("whole", "finetuned"))
-    np.testing.assert_allclose(one.params["fc_new"][0].data, other.params["fc_new"][0].data, rtol=1e-4, atol=1e-6)
+    one, other = (
+        netlib.Net(f"{out}/deploy.prototxt", f"{out}/net_iter_9.caffemodel", netlib.TEST)
+        for out in ("whole", "finetuned")
+    )
+    np.testing.assert_allclose(
+        one.params["fc_new"][0].data, other.params["fc_new"][0].data, rtol=1e-4, atol=1e-6
+    )
 
 
 def test_a_convolution_as_last_layer_and_a_second_run() -> None:
     """The head may be a convolution before a pooling; a fine-tuned net can be fine-tuned again."""
     body, _, pool = BODY.rpartition("layer {")
-    write_net(inputs(data=(1, 3, 8, 8)) + body + """layer { name: "last" type: "Convolution" bottom: "conv" top: "last"
+    write_net(
+        inputs(data=(1, 3, 8, 8))
+        + body
+        + """layer { name: "last" type: "Convolution" bottom: "conv" top: "last"
         convolution_param { num_output: 7 kernel_size: 1 weight_filler { type: "msra" } } }
-        layer {""" + pool.replace('"conv"', '"last"') + SOFTMAX.replace('"fc"', '"pool"'))
+        layer {"""
+        + pool.replace('"conv"', '"last"')
+        + SOFTMAX.replace('"fc"', '"pool"')
+    )
     assert "accuracy" in tuned("--iterations", "1").out
-    done = run_tool("finetune", "finetuned/deploy.prototxt", str(weights()), "pictures", *NUMBERS, "--iterations", "1",
-                    "--out", "again")
+    done = run_tool(
+        "finetune",
+        "finetuned/deploy.prototxt",
+        str(weights()),
+        "pictures",
+        *NUMBERS,
+        "--iterations",
+        "1",
+        "--out",
+        "again",
+    )
     assert "layer 'last_new' becomes 'last_new_new'" in done.err
 
 
@@ -248,9 +309,14 @@ def bad(name: str) -> tuple[object, ...]:
     elif name == "a sigmoid":
         write_net(NET.replace('"Softmax"', '"Sigmoid"'))
     elif name == "a map":
-        write_net(inputs(data=(2, 3, 8, 8)) + BODY.replace("global_pooling: true", "kernel_size: 2") + """layer {
+        write_net(
+            inputs(data=(2, 3, 8, 8))
+            + BODY.replace("global_pooling: true", "kernel_size: 2")
+            + """layer {
             name: "map" type: "Convolution" bottom: "pool" top: "fc" convolution_param { num_output: 7 kernel_size: 1 }
-            }""" + SOFTMAX)
+            }"""
+            + SOFTMAX
+        )
     elif name == "an unknown layer":
         return ("--freeze", "cone")
     elif name == "an earlier run":
@@ -263,19 +329,22 @@ def bad(name: str) -> tuple[object, ...]:
     return ()
 
 
-@pytest.mark.parametrize(("name", "line"), {
-    "one class": "pictures: one class, 'grass'; expected a folder of pictures for each of two or more classes",
-    "no class": "pictures: no folder in it; expected a folder of pictures ...",
-    "an empty folder": "pictures/empty: 0 pictures (.bmp, ...); expected at least two, one of them to test on",
-    "a damaged picture": "pictures/Rose/3 a.png: ...",
-    "two outputs": "net.prototxt: the net has the outputs prob, x; expected one, ...",
-    "no classifier": "net.prototxt: the last layer with weights: 'bn' has the type BatchNorm; expected ...",
-    "a sigmoid": "net.prototxt: layer 'prob' of type Sigmoid follows the last layer with weights; expected ...",
-    "a map": "net.prototxt: with 3 classes in layer 'map' the output 'prob' has shape (2, 3, 5, 5); expected (N, 3)",
-    "an unknown layer": "net.prototxt: there is no layer 'cone' before 'fc' (did you mean 'conv'?)",
-    "an earlier run": "finetuned: has the files of an earlier run; delete it, or give another --out",
-    "a narrow net with a mean image": "net.prototxt: the input has 9 x 8 px; with --mean-file expected a square, ...",
-}.items())
+@pytest.mark.parametrize(
+    ("name", "line"),
+    {
+        "one class": "pictures: one class, 'grass'; expected a folder of pictures for each of two or more classes",
+        "no class": "pictures: no folder in it; expected a folder of pictures ...",
+        "an empty folder": "pictures/empty: 0 pictures (.bmp, ...); expected at least two, one of them to test on",
+        "a damaged picture": "pictures/Rose/3 a.png: ...",
+        "two outputs": "net.prototxt: the net has the outputs prob, x; expected one, ...",
+        "no classifier": "net.prototxt: the last layer with weights: 'bn' has the type BatchNorm; expected ...",
+        "a sigmoid": "net.prototxt: layer 'prob' of type Sigmoid follows the last layer with weights; expected ...",
+        "a map": "net.prototxt: with 3 classes in layer 'map' the output 'prob' has shape (2, 3, 5, 5); expected (N, 3)",
+        "an unknown layer": "net.prototxt: there is no layer 'cone' before 'fc' (did you mean 'conv'?)",
+        "an earlier run": "finetuned: has the files of an earlier run; delete it, or give another --out",
+        "a narrow net with a mean image": "net.prototxt: the input has 9 x 8 px; with --mean-file expected a square, ...",
+    }.items(),
+)
 def test_what_is_refused(name: str, line: str) -> None:
     """In one line, before anything is trained."""
     assert re.fullmatch(whole_line(line), tuned(*bad(name), status=1).err.strip())

@@ -31,7 +31,11 @@ def inputs():
 @pytest.fixture
 def joints(inputs, here):
     """Write the 14 joints of hands 800 mm away to xyz.txt and uvd.txt, and return them in mm."""
-    xyz = kinematics_of(SKELETON).joints(inputs)[:, EVALUATION_JOINTS] * CUBE_MM / 2 + (20, -30, 800)
+    xyz = kinematics_of(SKELETON).joints(inputs)[:, EVALUATION_JOINTS] * CUBE_MM / 2 + (
+        20,
+        -30,
+        800,
+    )
     np.savetxt("xyz.txt", xyz.reshape(FRAMES, -1), fmt="%.6f")
     np.savetxt("uvd.txt", NYU.project(xyz).reshape(FRAMES, -1), fmt="%.6f")
     return xyz
@@ -52,7 +56,9 @@ def placed(path):
     """Return the 14 joints in mm for the angles of a file."""
     with h5py.File(path) as file:
         half, center = file["half_cube"][...][:, None, None], file["center"][...][:, None]
-        return kinematics_of(SKELETON).joints(file["dof"][...])[:, EVALUATION_JOINTS] * half + center
+        return (
+            kinematics_of(SKELETON).joints(file["dof"][...])[:, EVALUATION_JOINTS] * half + center
+        )
 
 
 @pytest.mark.parametrize("fmt", ["xyz", "uvd"])
@@ -85,7 +91,9 @@ def test_some_of_the_frames(joints):
 def figures_of(*argv):
     """The residual in mm and the percentage of the frames with an angle outside its limits that a run prints."""
     out = run_tool("fit_pose", *argv).out
-    return float(re.search(r"residual (\S+) mm", out)[1]), float(re.search(r"(\S+)% of the frames", out)[1])
+    return float(re.search(r"residual (\S+) mm", out)[1]), float(
+        re.search(r"(\S+)% of the frames", out)[1]
+    )
 
 
 def test_the_swarm(joints):
@@ -98,11 +106,16 @@ def test_the_swarm(joints):
 
 def test_limits_and_ridge(joints):
     """For a hand 1.3 times as large, --no-limits exceeds the limits and --ridge increases the residual."""
-    large = joints[:2].mean(axis=1, keepdims=True) + 1.3 * (joints[:2] - joints[:2].mean(axis=1, keepdims=True))
+    large = joints[:2].mean(axis=1, keepdims=True) + 1.3 * (
+        joints[:2] - joints[:2].mean(axis=1, keepdims=True)
+    )
     np.savetxt("large.txt", large.reshape(2, -1))
-    residuals, broken = zip(*(
-        figures_of("large.txt", "--format", "xyz", *options) for options in ([], ["--no-limits"], ["--ridge", "1"])
-    ))
+    residuals, broken = zip(
+        *(
+            figures_of("large.txt", "--format", "xyz", *options)
+            for options in ([], ["--no-limits"], ["--ridge", "1"])
+        )
+    )
     assert broken[0] == broken[2] == 0 < broken[1]
     assert residuals[1] < residuals[0] < residuals[2]
 
@@ -135,14 +148,25 @@ def test_the_files_of_a_list(data, tmp_path):
     ("argv", "message"),
     [
         ("words.txt --out o", "words.txt:1:1: found 'some', expected a number of px or mm"),
-        ("data/train.txt", "data/train.txt: a list of HDF5 files needs --out FOLDER for their angles"),
-        *((f"data/train.txt --out o {option}", "data/train.txt: a list of HDF5 files; --swarm, ")
-          for option in ("--swarm", "--frames 1", "--format xyz")),
+        (
+            "data/train.txt",
+            "data/train.txt: a list of HDF5 files needs --out FOLDER for their angles",
+        ),
+        *(
+            (f"data/train.txt --out o {option}", "data/train.txt: a list of HDF5 files; --swarm, ")
+            for option in ("--swarm", "--frames 1", "--format xyz")
+        ),
         ("uvd.txt --out uvd.txt", "uvd.txt: is read in this run; expected another output"),
-        ("uvd.txt --skeleton nyu.prototxt --out nyu.prototxt", "nyu.prototxt: is read in this run; expected another"),
+        (
+            "uvd.txt --skeleton nyu.prototxt --out nyu.prototxt",
+            "nyu.prototxt: is read in this run; expected another",
+        ),
         ("train.txt --out .", "train.txt: is read in this run; expected another output"),
         ("uvd.txt --skeleton gone.prototxt", "gone.prototxt: cannot read"),
-        ("uvd.txt --skeleton two.prototxt", "skeleton 'two' has 2 joints, expected the 31 of NYU's hand"),
+        (
+            "uvd.txt --skeleton two.prototxt",
+            "skeleton 'two' has 2 joints, expected the 31 of NYU's hand",
+        ),
         ("uvd.txt --out words.txt/angles.h5", "words.txt: is a file; expected a folder"),
     ],
 )
@@ -163,4 +187,6 @@ def test_other_data_are_not_replaced(data, name):
     Path("angles").mkdir()
     Path("angles", name).write_text("notes")
     line = refusal("fit_pose", "data/train.txt", "--out", "angles")
-    assert re.match(rf"angles/{name}: .*companion of .*; move .* away, or choose another --out$", line)
+    assert re.match(
+        rf"angles/{name}: .*companion of .*; move .* away, or choose another --out$", line
+    )

@@ -42,7 +42,11 @@ def test_a_recording_and_its_truth(name: str) -> None:
     track = read_track(truth)
     assert not track.cut
     scores = score(track.header, track.frames, own.truths())
-    assert scores.found == 1 and scores.hands[0].error_mm < 0.01 and np.isnan(scores.hands[0].jitter_mm)
+    assert (
+        scores.found == 1
+        and scores.hands[0].error_mm < 0.01
+        and np.isnan(scores.hands[0].jitter_mm)
+    )
 
 
 def test_options() -> None:
@@ -80,7 +84,10 @@ def test_there_is_no_truth_without_a_recording(monkeypatch: pytest.MonkeyPatch) 
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "a.npz")
 
     monkeypatch.setattr(_Stack, "_fill", failing)
-    assert "No space left on device" in run_tool("make_recording", "rest", *SHORT, "--out", "a.npz", status=1).err
+    assert (
+        "No space left on device"
+        in run_tool("make_recording", "rest", *SHORT, "--out", "a.npz", status=1).err
+    )
     assert not any(Path().iterdir())
 
 
@@ -94,7 +101,10 @@ def test_a_full_disk_keeps_what_was_done(monkeypatch: pytest.MonkeyPatch) -> Non
         write(self, *frame)
 
     monkeypatch.setattr(_Folder, "write", failing)
-    assert "No space left on device" in run_tool("make_recording", "rest", *SHORT, "--out", "a", status=1).err
+    assert (
+        "No space left on device"
+        in run_tool("make_recording", "rest", *SHORT, "--out", "a", status=1).err
+    )
     track = read_track("a.truth.json")
     assert len(list(open_recording("a"))) == len(track.frames) == 2 and track.cut
 

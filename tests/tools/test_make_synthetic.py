@@ -62,7 +62,9 @@ def test_what_a_second_run_keeps(made: tuple[Path, Done], tmp_path: Path) -> Non
     run_tool("make_synthetic", *arguments(tmp_path))  # rewrites the lists with the new paths
     before = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     done = run_tool("make_synthetic", *arguments(tmp_path))
-    assert done.out == f"{tmp_path}: 70 train and 10 test frames (synthetic, seed 0) exist already\n"
+    assert (
+        done.out == f"{tmp_path}: 70 train and 10 test frames (synthetic, seed 0) exist already\n"
+    )
     assert {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == before
     first = (tmp_path / "train_000.h5").read_bytes()
     run_tool("make_synthetic", *arguments(tmp_path, train=81))
@@ -84,12 +86,20 @@ def test_what_is_replaced_with_force_only(tmp_path: Path) -> None:
     body = ["--body", str(NYU_HAND.parents[1] / "body" / "arm_prior.prototxt")]
     run_tool("make_synthetic", *arguments(tmp_path, train=10))
     before = (tmp_path / "train_000.h5").read_bytes()
-    (error,) = run_tool("make_synthetic", *arguments(tmp_path, *body, train=10), status=1).err.splitlines()
-    assert "train_000.h5: holds data made from synthetic frames of nyu.prototxt, expected synthetic frames of " in error
+    (error,) = run_tool(
+        "make_synthetic", *arguments(tmp_path, *body, train=10), status=1
+    ).err.splitlines()
+    assert (
+        "train_000.h5: holds data made from synthetic frames of nyu.prototxt, expected synthetic frames of "
+        in error
+    )
     assert (tmp_path / "train_000.h5").read_bytes() == before
     run_tool("make_synthetic", *arguments(tmp_path, *body, "--force", train=10))
     assert (tmp_path / "train_000.h5").read_bytes() != before
-    assert run_tool("make_synthetic", *arguments(tmp_path / "test_000.h5"), status=1).err.count("\n") == 1
+    assert (
+        run_tool("make_synthetic", *arguments(tmp_path / "test_000.h5"), status=1).err.count("\n")
+        == 1
+    )
 
 
 def test_ctrl_c(tmp_path: Path) -> None:

@@ -39,10 +39,16 @@ def test_logs_of_one_name_are_told_apart(tmp_path, figures):
         (tmp_path / name / "train.log").write_text(LOG)
     logs = [tmp_path / name / "train.log" for name in ("one", "two")]
     done = run_tool("plot_log", *logs, "--out", tmp_path / "a.png")
-    assert done == (0, f"wrote {tmp_path}/a.png\n", "") and cv2.imread(str(tmp_path / "a.png")) is not None
+    assert (
+        done == (0, f"wrote {tmp_path}/a.png\n", "")
+        and cv2.imread(str(tmp_path / "a.png")) is not None
+    )
     losses, outputs = (axis.lines for axis in figures[0].axes)
     assert [line.get_label() for line in losses] == ["one/train", "two/train"]
-    assert losses[0].get_xydata()[:2].tolist() == [[0, 2.4], [3, 0.001]] and losses[0].get_xdata()[2] == 6
+    assert (
+        losses[0].get_xydata()[:2].tolist() == [[0, 2.4], [3, 0.001]]
+        and losses[0].get_xdata()[2] == 6
+    )
     assert outputs[0].get_xydata().tolist() == [[0, 2.5]]
 
 
@@ -50,7 +56,9 @@ def test_a_curve_of_one_point_is_seen(tmp_path, figures):
     """It has a marker, a long curve has none; all panels show the same iterations."""
     (tmp_path / "short.log").write_text("Iteration 40, loss = 2\n")
     lines = [f"Iteration {i}, loss = {i}" for i in range(50)]
-    (tmp_path / "long.log").write_text("\n".join(["Iteration 0, Testing", "Test net output #0: a = 1", *lines]))
+    (tmp_path / "long.log").write_text(
+        "\n".join(["Iteration 0, Testing", "Test net output #0: a = 1", *lines])
+    )
     run_tool("plot_log", tmp_path / "short.log", tmp_path / "long.log", "--out", tmp_path / "a.png")
     losses, outputs = figures[0].axes
     assert [line.get_marker() for line in losses.lines] == ["o", ""]
@@ -68,9 +76,14 @@ def test_many_test_outputs(tmp_path, figures, count, said):
 
     A name is not typeset.
     """
-    names = ["begin" + r"$\wrong{$" + "x" * 60000 + "end", *(f"out{i:03d}" for i in range(1, count))]
-    (tmp_path / "a.log").write_text("Iteration 0, loss = 1\n" + "\n".join(
-        f"Test net output #{i}: {name} = {i}" for i, name in enumerate(names)))
+    names = [
+        "begin" + r"$\wrong{$" + "x" * 60000 + "end",
+        *(f"out{i:03d}" for i in range(1, count)),
+    ]
+    (tmp_path / "a.log").write_text(
+        "Iteration 0, loss = 1\n"
+        + "\n".join(f"Test net output #{i}: {name} = {i}" for i, name in enumerate(names))
+    )
     done = run_tool("plot_log", tmp_path / "a.log", "--out", tmp_path / "log.png")
     assert done.err == said
     loss, first, *titles = [axis.get_title() for axis in figures[0].axes]
@@ -85,7 +98,10 @@ def test_many_test_outputs(tmp_path, figures, count, said):
         ("no.log", "no.log: "),
         ("hello.txt", "hello.txt: .*expected a training log"),
         ("a.svg --out log.xyz", "log.xyz: cannot write the image: .*png"),
-        ("a.svg --out folder/../a.svg", "folder/../a.svg: is read in this run; expected another output"),
+        (
+            "a.svg --out folder/../a.svg",
+            "folder/../a.svg: is read in this run; expected another output",
+        ),
     ],
 )
 def test_mistakes(here, argv, message):

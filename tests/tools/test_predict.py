@@ -32,9 +32,17 @@ from tests.tools.conftest import ROOT
 
 OWN = ["--weights", "net.caffemodel.h5", "--fit", "no"]  # the user's network without a fit
 KINECT = ["--camera", "kinect2"]
-CENTER = ["--center", "271,217"]  # on the hand in frame.png, which the finder then does not look for
+# on the hand in frame.png, which the finder then does not look for
+CENTER = ["--center", "271,217"]
 # before joints
-COLUMNS = ["image", "hand", "presence", "confidence", "error_mm", *(f"{finger}_error_mm" for finger in FINGERS)]
+COLUMNS = [
+    "image",
+    "hand",
+    "presence",
+    "confidence",
+    "error_mm",
+    *(f"{finger}_error_mm" for finger in FINGERS),
+]
 
 
 @pytest.fixture(scope="module")
@@ -111,14 +119,21 @@ def test_crops(snapshot):
     assert lines.startswith("crop.png: ") and Path("a.json").read_text() == text
     document, (first, second) = json.loads(text), hands_of(text)
     assert document["camera"] is None and document["source"] == "2 images"
-    assert [(found["number"], found["time_s"]) for found in (first, second)] == [(0, None), (1, None)]
+    assert [(found["number"], found["time_s"]) for found in (first, second)] == [
+        (0, None),
+        (1, None),
+    ]
     unknown = {"presence", "confidence", "error_mm", "angles_rad", "translations_mm", "bones_mm"}
-    assert {key for key, value in document["frames"][0]["hands"][0].items() if value is None} == unknown
+    assert {
+        key for key, value in document["frames"][0]["hands"][0].items() if value is None
+    } == unknown
     assert first["origin_mm"] == [0, 0, 0] and first["crop"] == {"center_uvd": None, "cube_mm": 300}
     assert cv2.imread(first["picture"]) is not None and first["picture"] == "p/crop_hand.png"
     assert len(first["joints"]) == 31 and first["image"] == "crop.png"
     (smaller,) = predicted("crop.png", "--cube", "261")
-    assert smaller["joints"]["palm"] == pytest.approx(np.array(first["joints"]["palm"]) * 0.87, abs=0.02)
+    assert smaller["joints"]["palm"] == pytest.approx(
+        np.array(first["joints"]["palm"]) * 0.87, abs=0.02
+    )
     with pytest.raises(DataError, match="predicted from crops without a camera"):
         read_track("a.json")
 
@@ -126,8 +141,10 @@ def test_crops(snapshot):
 def test_engine(snapshot, monkeypatch):
     """--engine selects the engine, and the joints agree to rounding."""
     nets, names = [], ["plain", *(["fast"] if engine.has_fast() else [])]
-    monkeypatch.setattr("handpose.estimate.nets.Net",
-                        lambda *args, **options: nets.append(netlib.Net(*args, **options)) or nets[-1])
+    monkeypatch.setattr(
+        "handpose.estimate.nets.Net",
+        lambda *args, **options: nets.append(netlib.Net(*args, **options)) or nets[-1],
+    )
     found = [predicted("crop.png", "--engine", name)[0]["positions_mm"] for name in names]
     assert [net.engine.name for net in nets] == names  # crops need no finder
     assert np.allclose(found[0], found[-1], atol=0.02)  # mm
@@ -141,8 +158,10 @@ def test_another_format_of_a_crop(snapshot):
     assert (x, y) == pytest.approx((0.5 + tip[0] / 300, 0.5 - tip[1] / 300), abs=1e-4)
     (row,) = table("hands.csv")
     assert list(row) == [*COLUMNS, *joint_values.columns("mediapipe")]
-    expected = [np.ravel(part) for part in found["mediapipe"].values()] + [list(found["anatomical_deg"].values())]
-    assert [float(value) for value in list(row.values())[len(COLUMNS):]] == pytest.approx(
+    expected = [np.ravel(part) for part in found["mediapipe"].values()] + [
+        list(found["anatomical_deg"].values())
+    ]
+    assert [float(value) for value in list(row.values())[len(COLUMNS) :]] == pytest.approx(
         np.concatenate(expected).tolist(), abs=1e-4
     )
 
@@ -155,7 +174,10 @@ def test_a_whole_frame(frame):
     options = ["frame.png", *KINECT, "--out", "p", "--json", "hands.json", "--csv", "hands.csv"]
     first, *joints = run_tool("predict", *OWN, *options, "--refine", "0").out.splitlines()
     place = r"at -?\d+, -?\d+, \d{3} mm"
-    assert re.fullmatch(f"frame.png: right hand; {place}, joints in mm from the camera, cube 300 mm; picture .*", first)
+    assert re.fullmatch(
+        f"frame.png: right hand; {place}, joints in mm from the camera, cube 300 mm; picture .*",
+        first,
+    )
     assert len(joints) == 31 and all(abs(float(line.split()[-1]) - 700) < 300 for line in joints)
     (found,) = hands_of(Path("hands.json").read_text())
     center = KINECT2.project(packaged.load_finder().hands(frame, KINECT2)[0].middle)
@@ -163,7 +185,9 @@ def test_a_whole_frame(frame):
     truth = rendered()[1].joints[0].mean(axis=0) * 150 + (30, -20, 700)
     assert found["origin_mm"] == pytest.approx(truth, abs=30)
     (row,) = table("hands.csv")
-    assert [row[name] for name in COLUMNS[:2]] == ["frame.png", "right"] and float(row["presence"]) > 0.1
+    assert [row[name] for name in COLUMNS[:2]] == ["frame.png", "right"] and float(
+        row["presence"]
+    ) > 0.1
     assert row["confidence"] == row["error_mm"] == ""
     numbers = [float(row[f"{name}_{axis}_mm"]) for name in found["joints"] for axis in "xyz"]
     assert numbers == pytest.approx(np.ravel(found["positions_mm"]), abs=0.011)
@@ -173,11 +197,22 @@ def test_a_whole_frame(frame):
 def test_json_of_frames_is_read_as_a_track(frame):
     """Frames are read like those of a track, with NaN for what only a fit determines; their sizes may differ."""
     cv2.imwrite("smaller.png", frame[:-8])
-    images = ["frame.png", "smaller.png", "--camera", "363.9,363.9,255.4,206.3", "--center", "255,206,700"]
+    images = [
+        "frame.png",
+        "smaller.png",
+        "--camera",
+        "363.9,363.9,255.4,206.3",
+        "--center",
+        "255,206,700",
+    ]
     text = run_tool("predict", *OWN, *images, "--out", "p", "--json", "-").out
     Path("a.json").write_text(text)
     track = read_track("a.json")
-    assert (track.header.camera.width, track.header.camera.fx, track.header.smoothed) == (0, 363.9, False)
+    assert (track.header.camera.width, track.header.camera.fx, track.header.smoothed) == (
+        0,
+        363.9,
+        False,
+    )
     for found, hand in zip(track.frames, hands_of(text), strict=True):
         assert np.isnan(found.time) and np.isnan(found.hands[0].inputs).any()
         assert found.hands[0].xyz.tolist() == hand["positions_mm"]
@@ -186,7 +221,17 @@ def test_json_of_frames_is_read_as_a_track(frame):
 @pytest.mark.parametrize(("name", "count"), [("mediapipe", 21), ("mano", 21), ("nyu", 14)])
 def test_joints_of_another_format(frame, name, count):
     """With --joints JSON has the other format in addition; the table shows its joints and angles instead."""
-    options = ["frame.png", *KINECT, *CENTER, "--out", "p", "--joints", name, "--json", "hands.json"]
+    options = [
+        "frame.png",
+        *KINECT,
+        *CENTER,
+        "--out",
+        "p",
+        "--joints",
+        name,
+        "--json",
+        "hands.json",
+    ]
     lines = run_tool("predict", *OWN, *options).out.splitlines()
     (found,) = hands_of(Path("hands.json").read_text())
     assert len(found["positions_mm"]) == 31 and len(found["anatomical_deg"]) == 20
@@ -194,7 +239,9 @@ def test_joints_of_another_format(frame, name, count):
     assert len(lines) == 1 + 1 + count + 20 and lines[-1].split()[0] == "little_dip_flexion"
     about = "about its mean" if name == "mediapipe" else "from the camera"
     assert lines[1].startswith(f"  {name}: ") and lines[1].endswith(about)
-    key, digits = {"mediapipe": ("landmarks", 4), "nyu": ("positions_mm", 1)}.get(name, ("positions_m", 4))
+    key, digits = {"mediapipe": ("landmarks", 4), "nyu": ("positions_mm", 1)}.get(
+        name, ("positions_m", 4)
+    )
     assert lines[2].split()[1:4] == [f"{value:.{digits}f}" for value in found[name][key][0]]
 
 
@@ -220,7 +267,9 @@ def test_centers(frame):
 
 def test_the_crop_is_moved_as_often_as_refine_says(frame, monkeypatch):
     sides = []
-    monkeypatch.setattr(pipeline, "recenter", lambda *given: sides.append(given[-1]) or given[2] + (5, 0, 0))
+    monkeypatch.setattr(
+        pipeline, "recenter", lambda *given: sides.append(given[-1]) or given[2] + (5, 0, 0)
+    )
     for hand, times in (("left", 1), ("right", 3), ("right", 0)):
         options = ["--center", "250,200,700", "--hand", hand, "--refine", str(times)]
         (found,) = predicted("frame.png", *KINECT, *options)
@@ -246,20 +295,41 @@ GIVE = "; give the position of the hand with --center U,V,D"
     [
         ("no.png", "no.png: cannot read the picture: No such file or directory"),
         ("flat.png", "flat.png: 640 x 480 pixels; expected a square crop"),
-        ("deep.png", "deep.png: found uint16 (128, 128); expected an 8-bit grey picture of normalised depth "
-                     "(for a whole depth frame name its --camera)"),
+        (
+            "deep.png",
+            "deep.png: found uint16 (128, 128); expected an 8-bit grey picture of normalised depth "
+            "(for a whole depth frame name its --camera)",
+        ),
         ("empty.png --camera kinect2", f"empty.png: no depth anywhere in the image{GIVE}"),
         ("empty.png --camera kinect2 --center 9,9", f"empty.png: no depth around pixel 9, 9{GIVE}"),
-        ("wall.png --camera kinect2 --center 9,9,-1", "wall.png: crop 0: centre u 9 px, v 9 px, depth -1 mm"),
-        ("wall.png --camera kinect2 --unit 1000", "wall.png: depths from 700000 to 700000, expected mm, nearer"),
-        ("grey.png --camera kinect2", "grey.png: a picture of uint8 grey values; expected depth, a 16-bit grey"),
-        ("net.caffemodel.h5 --camera kinect2", "net.caffemodel.h5: not an image that OpenCV can decode"),
+        (
+            "wall.png --camera kinect2 --center 9,9,-1",
+            "wall.png: crop 0: centre u 9 px, v 9 px, depth -1 mm",
+        ),
+        (
+            "wall.png --camera kinect2 --unit 1000",
+            "wall.png: depths from 700000 to 700000, expected mm, nearer",
+        ),
+        (
+            "grey.png --camera kinect2",
+            "grey.png: a picture of uint8 grey values; expected depth, a 16-bit grey",
+        ),
+        (
+            "net.caffemodel.h5 --camera kinect2",
+            "net.caffemodel.h5: not an image that OpenCV can decode",
+        ),
         ("wall.png --camera unit.json", "unit.json: has no camera; expected fx, fy, u0 and v0"),
         ("wall.png --camera no.json", "no.json: cannot read the camera: No such file or directory"),
-        ("a/x.png b/x.png", "b/x.png: its output x_hand.png would overwrite another one; run once per folder"),
+        (
+            "a/x.png b/x.png",
+            "b/x.png: its output x_hand.png would overwrite another one; run once per folder",
+        ),
         ("a/x.png x_hand.png", "x_hand.png: is read in this run; expected another output"),
         ("c.json --json c.json", "c.json: is read in this run; expected another output"),
-        ("crop.png --html net.caffemodel.h5", "net.caffemodel.h5: is read in this run; expected another output"),
+        (
+            "crop.png --html net.caffemodel.h5",
+            "net.caffemodel.h5: is read in this run; expected another output",
+        ),
         ("crop.png --csv gone/page.csv", "gone/page.csv: folder gone does not exist"),
     ],
 )
@@ -298,7 +368,9 @@ def hands_in(page):
     for hand in hands:
         inputs = np.array([hand["inputs"][: len(skeleton.dof_names)]])
         joints = Kinematics(skeleton).joints(inputs, skeleton.bones[None] * hand["size"])[0]
-        hand["joints"] = joints * hand["place"]["unit_mm"] * (-1 if hand["side"] == "left" else 1, 1, 1)
+        hand["joints"] = (
+            joints * hand["place"]["unit_mm"] * (-1 if hand["side"] == "left" else 1, 1, 1)
+        )
     return hands
 
 
@@ -306,11 +378,17 @@ def test_a_page_of_crops(snapshot):
     """The page has all images, and its inputs give the printed joints for either hand and any cube."""
     cv2.imwrite("b.png", np.random.default_rng(1).integers(0, 256, (128, 128), dtype=np.uint8))
     for side, cube in (("right", 300), ("left", 250)):
-        printed = predicted("crop.png", "b.png", "--html", "page.html", "--hand", side, "--cube", str(cube))
+        printed = predicted(
+            "crop.png", "b.png", "--html", "page.html", "--hand", side, "--cube", str(cube)
+        )
         shown = hands_in("page.html")
         assert [hand["name"] for hand in shown] == ["crop.png", "b.png"]
         for found, hand in zip(printed, shown):
-            assert (hand["side"], hand["place"]["cube_mm"], hand["words"]) == (side, cube, f"{side} hand")
+            assert (hand["side"], hand["place"]["cube_mm"], hand["words"]) == (
+                side,
+                cube,
+                f"{side} hand",
+            )
             np.testing.assert_allclose(hand["joints"], found["positions_mm"], atol=0.02)
 
 
@@ -327,14 +405,26 @@ def test_a_hand_below_the_minimum_confidence(frame):
         outputs = ["--json", "x.json", "--csv", "x.csv", "--html", "x.html"]
         done = run_tool("predict", *options, *joints, *outputs, status=1)
         (line,) = done.out.splitlines()
-        assert f"{percent(hand['confidence'])} sure" in line and "no joints below 100% (--min-confidence), cube" in line
-        assert "x.html: not written: nothing has joints, which need a confidence of at least 100%" in done.err
+        assert (
+            f"{percent(hand['confidence'])} sure" in line
+            and "no joints below 100% (--min-confidence), cube" in line
+        )
+        assert (
+            "x.html: not written: nothing has joints, which need a confidence of at least 100%"
+            in done.err
+        )
         [found] = json.loads(Path("x.json").read_text())["frames"]
         [present] = found["hands"]
-        assert present["palm_mm"] == pytest.approx(hand["origin_mm"], abs=0.06) and present["positions_mm"] is None
+        assert (
+            present["palm_mm"] == pytest.approx(hand["origin_mm"], abs=0.06)
+            and present["positions_mm"] is None
+        )
         assert present["reason"] == f"the pose is uncertain (confidence {hand['confidence']:.0%})"
         (row,) = table("x.csv")
-        assert float(row["confidence"]) == pytest.approx(hand["confidence"], abs=1e-4) and row["hand"] == "right"
+        assert (
+            float(row["confidence"]) == pytest.approx(hand["confidence"], abs=1e-4)
+            and row["hand"] == "right"
+        )
         assert len(row) > 60 and not any(value for key, value in row.items() if key not in COLUMNS)
     assert cv2.imread(found["picture"]).shape[1] < 2 * 512  # the crop alone
     assert read_track("x.json").frames[0].present[0].reason == present["reason"]
@@ -344,7 +434,17 @@ def test_a_hand_with_the_packaged_weights(here):
     """A fitted hand has the correct side, an expected error, and 14 joints within 2 cm of the truth on average."""
     depth, hand = rendered(prior_file.load(prior_file.PEOPLE_PRIOR), seed=3)
     cv2.imwrite("frame.png", depth)
-    argv = ["frame.png", "--center=271,217,700", *KINECT, "--out", "p", "--html", "page.html", "--csv", "hand.csv"]
+    argv = [
+        "frame.png",
+        "--center=271,217,700",
+        *KINECT,
+        "--out",
+        "p",
+        "--html",
+        "page.html",
+        "--csv",
+        "hand.csv",
+    ]
     (found,) = hands_of(text := run_tool("predict", *argv, "--json", "-").out)
     assert found["hand"] == "right" and found["error_mm"] < 15 and found["confidence"] > 0.9
     joints = np.array(found["positions_mm"])
@@ -353,16 +453,24 @@ def test_a_hand_with_the_packaged_weights(here):
     (row,) = table("hand.csv")
     assert float(row["error_mm"]) == pytest.approx(found["error_mm"], abs=0.0051)
     for finger, error in found["finger_error_mm"].items():
-        assert 0 < error < 30 and float(row[f"{finger}_error_mm"]) == pytest.approx(error, abs=0.051)
-    assert len(row) == 5 + 5 + 93 + 23 and all(value for name, value in row.items() if name != "presence")
+        assert 0 < error < 30 and float(row[f"{finger}_error_mm"]) == pytest.approx(
+            error, abs=0.051
+        )
+    assert len(row) == 5 + 5 + 93 + 23 and all(
+        value for name, value in row.items() if name != "presence"
+    )
     (shown,) = hands_in("page.html")
     np.testing.assert_allclose(shown["joints"] + found["origin_mm"], joints, atol=0.02)
     assert shown["place"]["center_uvd"] == pytest.approx(found["center_uvd"], abs=0.01)
     assert shown["place"]["camera"]["fx"] == KINECT2.fx and shown["crop"]
     Path("track.json").write_text(text)
-    np.testing.assert_allclose(shown["inputs"][:47], read_track("track.json").frames[0].hands[0].inputs, atol=1e-5)
+    np.testing.assert_allclose(
+        shown["inputs"][:47], read_track("track.json").frames[0].hands[0].inputs, atol=1e-5
+    )
     assert len(shown["inputs"]) == 52 and np.any(shown["inputs"][47:]) and shown["thickness"] != 1
     height, width, _ = cv2.imread("p/frame_hand.png").shape
     assert width > 3 * 512 and height > 512 + 22  # skeleton, surface, side view; with captions
     first = run_tool("predict", *argv, "--fit", "fast", "--hand", "right").out.splitlines()[0]
-    assert re.match(r"frame.png: right hand, (>99|\d+)% sure, \d+ mm of error expected; at -?\d+, ", first)
+    assert re.match(
+        r"frame.png: right hand, (>99|\d+)% sure, \d+ mm of error expected; at -?\d+, ", first
+    )

@@ -69,12 +69,26 @@ def test_frames(root):
 
 def test_net_learns_from_them(root):
     prepare(root)
-    text = (ROOT / "prototxt" / "icvl_train_test.prototxt").read_text().replace("data/icvl", str(root.parent / "out"))
-    text = text.replace("batch_size: 512", "batch_size: 20").replace("batch_size: 228", "batch_size: 12")
-    (root.parent / "net.prototxt").write_text(text.replace('"hand/icvl', f'"{ROOT}/prototxt/hand/icvl'))
-    solver = (ROOT / "prototxt" / "icvl_solver.prototxt").read_text().replace("test_iter: 7", "test_iter: 1")
+    text = (
+        (ROOT / "prototxt" / "icvl_train_test.prototxt")
+        .read_text()
+        .replace("data/icvl", str(root.parent / "out"))
+    )
+    text = text.replace("batch_size: 512", "batch_size: 20").replace(
+        "batch_size: 228", "batch_size: 12"
+    )
+    (root.parent / "net.prototxt").write_text(
+        text.replace('"hand/icvl', f'"{ROOT}/prototxt/hand/icvl')
+    )
+    solver = (
+        (ROOT / "prototxt" / "icvl_solver.prototxt")
+        .read_text()
+        .replace("test_iter: 7", "test_iter: 1")
+    )
     solver = solver.replace("prototxt/icvl_train_test", str(root.parent / "net"))
-    (root.parent / "solver.prototxt").write_text(solver.replace("snapshots/icvl", str(root.parent / "snapshot")))
+    (root.parent / "solver.prototxt").write_text(
+        solver.replace("snapshots/icvl", str(root.parent / "snapshot"))
+    )
     solver = netlib.get_solver(str(root.parent / "solver.prototxt"))
     assert solver.net.blobs["pred"].shape == (20, 48) and solver.net.blobs["hand"].shape == (20, 63)
     solver.step(1)

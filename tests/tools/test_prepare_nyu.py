@@ -42,7 +42,9 @@ def small(monkeypatch) -> None:
 
 
 def prepare(root: Path, *more: object, status: int = 0) -> Done:
-    return run_tool("prepare_nyu", root, "--out", root.parent / "out", "--workers", "2", *more, status=status)
+    return run_tool(
+        "prepare_nyu", root, "--out", root.parent / "out", "--workers", "2", *more, status=status
+    )
 
 
 def names(folder: Path) -> list[str]:
@@ -57,7 +59,10 @@ def test_raw_equals_direct(root, tmp_path):
     run_tool("make_synthetic", "--out", tmp_path / "direct", *COUNT)
     out = prepare(root).out
     for split in ("train", "test"):
-        with h5py.File(tmp_path / f"direct/{split}_000.h5") as a, h5py.File(tmp_path / f"out/{split}_000.h5") as b:
+        with (
+            h5py.File(tmp_path / f"direct/{split}_000.h5") as a,
+            h5py.File(tmp_path / f"out/{split}_000.h5") as b,
+        ):
             assert sorted(b) == sorted(set(a) - {"dof", "bones"}) and b.attrs["made_from"] == "NYU"
             for name in ("index", "center", "center_uvd", "half_cube"):
                 np.testing.assert_array_equal(a[name][:], b[name][:], name)
@@ -65,7 +70,8 @@ def test_raw_equals_direct(root, tmp_path):
             picked = window(a["center_uvd"][:].astype(float), 300)
             # pixels outside the image are not stored in a file
             inside = ((picked.rows >= 0)[:, :, None] & (picked.columns >= 0)[:, None])[:, None]
-            assert (np.abs(a["depth"][:] - b["depth"][:])[inside] * 150).max() <= 0.5 + 1e-4  # mm, of whole mm
+            # mm, of whole mm
+            assert (np.abs(a["depth"][:] - b["depth"][:])[inside] * 150).max() <= 0.5 + 1e-4
     assert "train: 30 frames (NYU), none bad" in out
     assert "crops about the annotated joint 34, cube 300 mm" in out
     before = (tmp_path / "out" / "train_000.h5").read_bytes()
@@ -96,12 +102,20 @@ def test_bad_frames(root, small):
     assert frame_name(2) in error and "no such file" in error and names(root.parent / "out") == []
     for made in ("made 48 frames", "all files kept"):
         out, err = prepare(root)[1:]
-        assert made in out and "train: 28 frames (NYU), 2 bad frames left out: 1 no such file, 1 truncated" in out
-        assert "warning: " in err and f"1 of 30 depth frames are missing, the first is {root}/train/" in err
+        assert (
+            made in out
+            and "train: 28 frames (NYU), 2 bad frames left out: 1 no such file, 1 truncated" in out
+        )
+        assert (
+            "warning: " in err
+            and f"1 of 30 depth frames are missing, the first is {root}/train/" in err
+        )
         for i in (2, 3):
             assert f"train frame {i}: {root}/train/{frame_name(i)}: " in err
     folder = root.parent / "out"
-    assert (folder / "bad_train.txt").read_text().count("\n") == 2 and not (folder / "bad_test.txt").exists()
+    assert (folder / "bad_train.txt").read_text().count("\n") == 2 and not (
+        folder / "bad_test.txt"
+    ).exists()
     with h5py.File(folder / "train_000.h5") as file:
         np.testing.assert_array_equal(file["index"], [0, 1, *range(4, 12)])
         assert all(len(file[name]) == 10 for name in file)
@@ -128,7 +142,10 @@ def test_a_signal_leaves_whole_files(root, small, monkeypatch):
 
     monkeypatch.setattr(nyu_files, "read_nyu_depth", read)
     done = prepare(root, "--splits", "train", status=143)
-    assert done[1:] == ("", "stopped; whole files are kept, and the next run continues after them\n")
+    assert done[1:] == (
+        "",
+        "stopped; whole files are kept, and the next run continues after them\n",
+    )
     assert names(root.parent / "out") == ["train_000.h5"]
 
 
@@ -148,9 +165,13 @@ def test_rendered_frames_are_replaced_with_force_only(root):
 def test_check(root):
     """--check prints what exists; it prints "complete" and returns 0 only if nothing is missing."""
     done = run_tool("prepare_nyu", root, "--check", "--out", root / "out")
-    found = [f"{root}/{split}: {n} labelled frames, {n} of their depth frames"
-             for split, n in (("train", 30), ("test", 20))]
-    assert done[1:] == ("\n".join([*found, f"{root}: complete\n"]), "") and not (root / "out").exists()
+    found = [
+        f"{root}/{split}: {n} labelled frames, {n} of their depth frames"
+        for split, n in (("train", 30), ("test", 20))
+    ]
+    assert (
+        done[1:] == ("\n".join([*found, f"{root}: complete\n"]), "") and not (root / "out").exists()
+    )
     (root / "test" / frame_name(3)).unlink()
     done = run_tool("prepare_nyu", root, "--check", "--splits", "test", status=1)
     missing = f"{root}/test: 1 of 20 depth frames are missing, the first is {root}/test/depth_1_0000004.png\n"
@@ -160,4 +181,7 @@ def test_check(root):
     assert "joint_data.mat: no such file; it holds the joints" in problems
     assert prepare(root, status=1)[1:] == ("", problems.replace(missing, f"warning: {missing}"))
     assert not (root.parent / "out").exists()
-    assert run_tool("prepare_nyu", root / "no", "--check", status=1).err == f"{root}/no: no such folder\n"
+    assert (
+        run_tool("prepare_nyu", root / "no", "--check", status=1).err
+        == f"{root}/no: no such folder\n"
+    )

@@ -59,8 +59,9 @@ def test_a_failure_keeps_what_was_done(frames: Path) -> None:
     cv2.imwrite("frames/11.png", np.zeros((5, 6), np.uint16))
     for i in range(4, 11):
         Path(f"frames/{i}.png").write_bytes(Path("frames/3.png").read_bytes())
-    assert "frames/11.png: 6 x 5 pixels; the camera has 64 x 48; a.npz has the 11 frames before it" in (
-        run_tool("record", "frames", *CAMERA, "--out", "a.npz", status=1).err
+    assert (
+        "frames/11.png: 6 x 5 pixels; the camera has 64 x 48; a.npz has the 11 frames before it"
+        in (run_tool("record", "frames", *CAMERA, "--out", "a.npz", status=1).err)
     )
     assert open_recording("a.npz").count == 11
 
@@ -68,7 +69,10 @@ def test_a_failure_keeps_what_was_done(frames: Path) -> None:
 def test_ctrl_c_keeps_what_was_done(frames: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     checks = iter([0, 0, 2])
     monkeypatch.setattr(record.Stopper, "signum", property(lambda self: next(checks, 2)))
-    assert "stopped; a has 2 frames" in run_tool("record", "frames", *CAMERA, "--out", "a", status=130).err
+    assert (
+        "stopped; a has 2 frames"
+        in run_tool("record", "frames", *CAMERA, "--out", "a", status=130).err
+    )
     assert open_recording("a").count == 2
 
 
@@ -77,7 +81,10 @@ def test_ctrl_c_keeps_what_was_done(frames: Path, monkeypatch: pytest.MonkeyPatc
     [
         (["frames", "--out", "a"], "frames/0.png: the camera of these frames is unknown"),
         (["none", *CAMERA, "--out", "a"], "none: no such file or folder"),
-        (["frames", *CAMERA, "--out", "frames"], "frames: contains the source; expected another output"),
+        (
+            ["frames", *CAMERA, "--out", "frames"],
+            "frames: contains the source; expected another output",
+        ),
         (["frames/*.png", *CAMERA, "--out", "frames"], "frames: contains the source"),
         (["frames", *CAMERA, "--out", "."], ".: contains the source"),
         (["frames", *CAMERA, "--out", "a.bag"], "a.bag: cannot write .bag; expected a folder"),

@@ -31,7 +31,9 @@ def work(here: Path) -> None:
     net.params["fc/1"][0].data[...] /= 50
     net.save("net.caffemodel")
     for number, shape in enumerate(SHAPES):
-        cv2.imwrite(f"{number}.png", np.random.default_rng(number).integers(0, 256, (*shape, 3), np.uint8))
+        cv2.imwrite(
+            f"{number}.png", np.random.default_rng(number).integers(0, 256, (*shape, 3), np.uint8)
+        )
     Path("labels.txt").write_text("n01 cat, tabby\nn02 dog\nn03 bird\nn04 fish\n")
 
 
@@ -44,25 +46,32 @@ def run(*argv: object, status: int = 0) -> Done:
 
 
 def outputs_of(blob: Array, name: str = "prob") -> Array:
-    return netlib.Net("net.prototxt", "net.caffemodel", netlib.TEST).forward([name], data=blob)[name]
+    return netlib.Net("net.prototxt", "net.caffemodel", netlib.TEST).forward([name], data=blob)[
+        name
+    ]
 
 
 def test_best_classes() -> None:
-    lines = run("0.png", "1.png", "2.png", "--mean", "104,117,123", "--labels", "labels.txt", "--top", "2").out
+    lines = run(
+        "0.png", "1.png", "2.png", "--mean", "104,117,123", "--labels", "labels.txt", "--top", "2"
+    ).out
     prob = outputs_of(cv2.dnn.blobFromImages(images(), 1, (10, 8), (104, 117, 123)))
     labels = Path("labels.txt").read_text().splitlines()
     expected = []
     for number in range(3):
         best = np.argsort(-prob[number])[:2]
-        expected += [f"{number}.png: prob", *(f"  {prob[number, i]:.4f}  {labels[i]}" for i in best)]
+        expected += [
+            f"{number}.png: prob",
+            *(f"  {prob[number, i]:.4f}  {labels[i]}" for i in best),
+        ]
     assert lines.splitlines() == expected
 
 
 def test_blobs_in_files() -> None:
     """A .npz file has the named blobs of all images, whatever their names; a .npy file has one."""
-    assert run("0.png", "1.png", "2.png", "--blob", "fc/1", "--blob", "pool", "--out", "a.npz").out == (
-        "wrote a.npz: fc/1 (3, 4), pool (3, 3, 7, 9)\n"
-    )
+    assert run(
+        "0.png", "1.png", "2.png", "--blob", "fc/1", "--blob", "pool", "--out", "a.npz"
+    ).out == ("wrote a.npz: fc/1 (3, 4), pool (3, 3, 7, 9)\n")
     blob = cv2.dnn.blobFromImages(images(), 1, (10, 8))
     with np.load("a.npz") as file:
         assert sorted(file) == ["fc/1", "pool"]
@@ -76,7 +85,10 @@ def test_blobs_in_files() -> None:
 @pytest.mark.parametrize(
     ("options", "arguments"),
     [
-        (["--scale", "0.017", "--mean", "104,117,123", "--rgb"], (0.017, (10, 8), (104, 117, 123), True)),
+        (
+            ["--scale", "0.017", "--mean", "104,117,123", "--rgb"],
+            (0.017, (10, 8), (104, 117, 123), True),
+        ),
         (["--crop", "--mean", "7"], (1.0, (10, 8), (7, 7, 7), False, True)),
         (["--size", "10x8", "--resize", "10x8"], (1.0, (10, 8))),
         (["--mean-file", "mean.npy"], (1.0, (10, 8), (1, 2, 3))),
@@ -92,7 +104,19 @@ def test_preprocessing_as_in_opencv(options: list[str], arguments: tuple[object,
 def test_another_size() -> None:
     """--size reshapes a net without fully connected layers, and --batch sets the number of images of a pass."""
     Path("net.prototxt").write_text(NET[: NET.index("layer", NET.index("pool"))])
-    run("0.png", "1.png", "2.png", "--size", "30x20", "--batch", "3", "--blob", "pool", "--out", "pool.npy")
+    run(
+        "0.png",
+        "1.png",
+        "2.png",
+        "--size",
+        "30x20",
+        "--batch",
+        "3",
+        "--blob",
+        "pool",
+        "--out",
+        "pool.npy",
+    )
     assert np.load("pool.npy").shape == (3, 3, 19, 29)
 
 
@@ -129,14 +153,28 @@ def test_mean_image(name: str) -> None:
         np.save(name, mean[0].astype(np.float64))
     else:
         write_blob(Path(name), mean)
-    run("0.png", "1.png", "--mean-file", name, "--scale", "0.5", "--blob", "data", "--out", "data.npy")
-    resized = np.stack([cv2.resize(image, (12, 13)) for image in images()[:2]]).transpose(0, 3, 1, 2)
+    run(
+        "0.png",
+        "1.png",
+        "--mean-file",
+        name,
+        "--scale",
+        "0.5",
+        "--blob",
+        "data",
+        "--out",
+        "data.npy",
+    )
+    resized = np.stack([cv2.resize(image, (12, 13)) for image in images()[:2]]).transpose(
+        0, 3, 1, 2
+    )
     assert np.array_equal(np.load("data.npy"), (resized - mean)[:, :, 2:10, 1:11] * np.float32(0.5))
 
 
 def test_grey_net() -> None:
-    Path("net.prototxt").write_text(inputs(data=(1, 1, 8, 10)) + 'layer { name: "p" type: "Power" bottom: "data" top: '
-                                    '"y" }')
+    Path("net.prototxt").write_text(
+        inputs(data=(1, 1, 8, 10)) + 'layer { name: "p" type: "Power" bottom: "data" top: "y" }'
+    )
     run("0.png", "--out", "y.npy")
     assert np.array_equal(np.load("y.npy")[0, 0], cv2.imread("0.png", cv2.IMREAD_GRAYSCALE))
 
@@ -170,20 +208,36 @@ def test_detections() -> None:
     """The best detections are printed with their boxes in px of the image, in each way to resize it."""
     Path("labels.txt").write_text("background\ncat\ndog\n")
     stretched = "  0.8000  dog  4 5 8 15", "  0.3000  cat  4 5 8 15"
-    assert run("1.png", "--labels", "labels.txt").out.splitlines() == ["1.png: found: 2 detections", *stretched]
+    assert run("1.png", "--labels", "labels.txt").out.splitlines() == [
+        "1.png: found: 2 detections",
+        *stretched,
+    ]
     assert run("1.png", "--top", "1").out.splitlines()[1:] == ["  0.8000  class 2  4 5 8 15"]
-    assert run("2.png", "--top", "1", "--crop").out.splitlines()[1:] == ["  0.8000  class 2  13 2 17 7"]
+    assert run("2.png", "--top", "1", "--crop").out.splitlines()[1:] == [
+        "  0.8000  class 2  13 2 17 7"
+    ]
     # of 30 x 9 px resized to 20 x 16: the input is (5, 4) to (15, 12) of it, the box (8, 6) to (12, 10)
-    assert run("2.png", "--top", "1", "--resize", "20x16").out.splitlines()[1:] == ["  0.8000  class 2  12 3 18 6"]
+    assert run("2.png", "--top", "1", "--resize", "20x16").out.splitlines()[1:] == [
+        "  0.8000  class 2  12 3 18 6"
+    ]
 
 
 @pytest.mark.usefixtures("detector")
-@pytest.mark.parametrize(("argv", "message"), [
-    (["0.png", "1.png", "--draw", "a.png"], "a.png: one file for 2 images; expected a folder"),
-    (["0.png", "--draw", "0.png"], "0.png: is read in this run"),
-    (["0.png", "--labels", "twice.prototxt"], "twice.prototxt:1:25: the label 0; expected each from 0 to 65535 once"),
-    (["0.png", "--labels", "few.txt"], "few.txt: 2 labels, but blob 'found' has 3 classes, the background included"),
-])
+@pytest.mark.parametrize(
+    ("argv", "message"),
+    [
+        (["0.png", "1.png", "--draw", "a.png"], "a.png: one file for 2 images; expected a folder"),
+        (["0.png", "--draw", "0.png"], "0.png: is read in this run"),
+        (
+            ["0.png", "--labels", "twice.prototxt"],
+            "twice.prototxt:1:25: the label 0; expected each from 0 to 65535 once",
+        ),
+        (
+            ["0.png", "--labels", "few.txt"],
+            "few.txt: 2 labels, but blob 'found' has 3 classes, the background included",
+        ),
+    ],
+)
 def test_pictures_and_label_maps_that_are_refused(argv: list[str], message: str) -> None:
     Path("few.txt").write_text("cat\ndog\n")
     Path("twice.prototxt").write_text('item { name: "a" } item { name: "b" }')
@@ -196,12 +250,16 @@ def test_a_value_that_is_not_finite(caplog: pytest.LogCaptureFixture) -> None:
     net.params["fc/1"][1].data[0] = np.nan
     net.save("net.caffemodel")
     assert "nan  class 0" in run("0.png", "1.png", "--batch", "1").out
-    assert caplog.messages == ["NaN or infinity, first in parameter 1 of layer 'fc/1': check the weights, the mean and "
-                               "the scale"]
+    assert caplog.messages == [
+        "NaN or infinity, first in parameter 1 of layer 'fc/1': check the weights, the mean and "
+        "the scale"
+    ]
 
 
 SILENCE = 'layer { name: "s" type: "Silence" bottom: "a" }'
-TRAIN = 'layer { name: "d" type: "DummyData" top: "data" dummy_data_param { shape { dim: 1 dim: 3 } } }'
+TRAIN = (
+    'layer { name: "d" type: "DummyData" top: "data" dummy_data_param { shape { dim: 1 dim: 3 } } }'
+)
 
 
 @pytest.mark.parametrize(
@@ -209,34 +267,109 @@ TRAIN = 'layer { name: "d" type: "DummyData" top: "data" dummy_data_param { shap
     [
         (NET, ["none.png"], "none.png: cannot read the image: No such file or directory"),
         (NET, ["labels.npy"], "labels.npy: not an image that OpenCV can decode"),
-        (NET, ["labels.txt"], "labels.txt:1: the label 'tabby' is not a whole number; expected 'path label'"),
-        (NET, ["0.png", "--labels", "net.prototxt"], "net.prototxt: 1 labels, but blob 'prob' has 4 classes"),
-        (NET, ["0.png", "--labels", "empty.txt"], "empty.txt: the file is empty; expected the name of a class"),
-        (NET, ["0.png", "--blob", "fc1"], "net.prototxt: the net has no blob 'fc1' (did you mean 'fc/1'?)"),
+        (
+            NET,
+            ["labels.txt"],
+            "labels.txt:1: the label 'tabby' is not a whole number; expected 'path label'",
+        ),
+        (
+            NET,
+            ["0.png", "--labels", "net.prototxt"],
+            "net.prototxt: 1 labels, but blob 'prob' has 4 classes",
+        ),
+        (
+            NET,
+            ["0.png", "--labels", "empty.txt"],
+            "empty.txt: the file is empty; expected the name of a class",
+        ),
+        (
+            NET,
+            ["0.png", "--blob", "fc1"],
+            "net.prototxt: the net has no blob 'fc1' (did you mean 'fc/1'?)",
+        ),
         (NET, ["0.png", "--mean", "1,2"], "the mean has 2 channels, the net's input 3"),
-        (NET, ["0.png", "--mean-file", "bad.npy"], "bad.npy: found float64 (2, 2); expected numbers (C,), (C, H, W)"),
-        (NET, ["0.png", "--mean-file", "nan.npy"], "nan.npy: the mean has values that are not finite"),
+        (
+            NET,
+            ["0.png", "--mean-file", "bad.npy"],
+            "bad.npy: found float64 (2, 2); expected numbers (C,), (C, H, W)",
+        ),
+        (
+            NET,
+            ["0.png", "--mean-file", "nan.npy"],
+            "nan.npy: the mean has values that are not finite",
+        ),
         (NET, ["0.png", "--mean-file", "0.png"], "0.png: "),
         (NET, ["0.png", "--mean", "1e99"], "the mean has values that are not finite in float32"),
         (NET, ["0.png", "--mean-file", "labels.npy"], "labels.npy: no array as NumPy writes it"),
         (NET, ["0.png", "--out", "none/a.npz"], "none/a.npz: folder none does not exist"),
-        (NET, ["0.png", "--out", "bad.npy", "--mean-file", "bad.npy"], "bad.npy: is read in this run"),
+        (
+            NET,
+            ["0.png", "--out", "bad.npy", "--mean-file", "bad.npy"],
+            "bad.npy: is read in this run",
+        ),
         (NET, ["labels.npy", "--out", "labels.npy"], "labels.npy: is read in this run"),
-        (NET, ["0.png", "--out", "a.npy", "--blob", "pool", "--blob", "prob"], "a.npy: a .npy file holds one array, "
-         "found pool, prob; expected .npz or --blob"),
-        (NET, ["0.png", "--resize", "3x4"], "images of 3 x 4 px are smaller than the net's input, 10 x 8"),
-        (NET, ["0.png", "--resize", "20x16", "--mean-file", "mean.npy"], "the mean image has 15 x 13 px, images are "
-         "resized to 20 x 16; expected the same size, or one number per channel"),
-        (NET, ["0.png", "--draw", "a.png"], "a.png: blob 'prob' holds no detections; --draw needs a net that ends in"),
-        (NET, ["0.png", "--labels", "labels.txt", "--confusion"], "--confusion needs lists of images with"),
-        (NET, ["nul.txt", "--blob", "prob", "--out", "o.npy"], "a\\x00b.png: cannot read the image: "),
-        (NET, ["list.txt", "--confusion"], "--confusion needs one blob of classes, and --labels with their names"),
-        (NET, ["list.txt", "--confusion", "--labels", "three.txt"], "3 labels, but blob 'prob' has 4 values"),
-        (TRAIN, ["0.png"], "net.prototxt:1:19: this is a training net: layer 'd' of type DummyData reads the data"),
-        (inputs(a=(1, 3, 2, 2)) + SILENCE, ["0.png"], "net.prototxt: no layer leaves a blob unread, so the net has no "
-         "output; name one with --blob"),
-        (inputs(a=(1, 3, 2, 2), b=(1, 3)), ["0.png"], "net.prototxt: the net has the inputs a, b; expected one"),
-        (inputs(a=(1, 7)), ["0.png"], "net.prototxt: the input 'a' has shape (1, 7); expected (N, C, H, W)"),
+        (
+            NET,
+            ["0.png", "--out", "a.npy", "--blob", "pool", "--blob", "prob"],
+            "a.npy: a .npy file holds one array, found pool, prob; expected .npz or --blob",
+        ),
+        (
+            NET,
+            ["0.png", "--resize", "3x4"],
+            "images of 3 x 4 px are smaller than the net's input, 10 x 8",
+        ),
+        (
+            NET,
+            ["0.png", "--resize", "20x16", "--mean-file", "mean.npy"],
+            "the mean image has 15 x 13 px, images are "
+            "resized to 20 x 16; expected the same size, or one number per channel",
+        ),
+        (
+            NET,
+            ["0.png", "--draw", "a.png"],
+            "a.png: blob 'prob' holds no detections; --draw needs a net that ends in",
+        ),
+        (
+            NET,
+            ["0.png", "--labels", "labels.txt", "--confusion"],
+            "--confusion needs lists of images with",
+        ),
+        (
+            NET,
+            ["nul.txt", "--blob", "prob", "--out", "o.npy"],
+            "a\\x00b.png: cannot read the image: ",
+        ),
+        (
+            NET,
+            ["list.txt", "--confusion"],
+            "--confusion needs one blob of classes, and --labels with their names",
+        ),
+        (
+            NET,
+            ["list.txt", "--confusion", "--labels", "three.txt"],
+            "3 labels, but blob 'prob' has 4 values",
+        ),
+        (
+            TRAIN,
+            ["0.png"],
+            "net.prototxt:1:19: this is a training net: layer 'd' of type DummyData reads the data",
+        ),
+        (
+            inputs(a=(1, 3, 2, 2)) + SILENCE,
+            ["0.png"],
+            "net.prototxt: no layer leaves a blob unread, so the net has no "
+            "output; name one with --blob",
+        ),
+        (
+            inputs(a=(1, 3, 2, 2), b=(1, 3)),
+            ["0.png"],
+            "net.prototxt: the net has the inputs a, b; expected one",
+        ),
+        (
+            inputs(a=(1, 7)),
+            ["0.png"],
+            "net.prototxt: the input 'a' has shape (1, 7); expected (N, C, H, W)",
+        ),
     ],
 )
 def test_mistakes(net: str, argv: list[str], message: str) -> None:
@@ -269,4 +402,7 @@ def test_the_surest_detections_in_pictures() -> None:
     picture, image = cv2.imread("found.png"), cv2.imread("1.png")
     assert picture.shape == image.shape and (picture[15, 4:8] != image[15, 4:8]).any(axis=1).all()
     run("0.png", "2.png", "--draw", "pictures")
-    assert [cv2.imread(f"pictures/{n}.jpg").shape for n in (0, 2)] == [(*SHAPES[0], 3), (*SHAPES[2], 3)]
+    assert [cv2.imread(f"pictures/{n}.jpg").shape for n in (0, 2)] == [
+        (*SHAPES[0], 3),
+        (*SHAPES[2], 3),
+    ]

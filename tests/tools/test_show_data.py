@@ -52,7 +52,10 @@ def test_plain_draws_no_hands(frames: Path) -> None:
         ("nan.h5", "nan.h5: frame 4: its joints are not finite; use --plain to omit hands"),
         ("a.h5 --skeleton one.prototxt", "frames have 31 joints, one.prototxt has 1"),
         ("crops --out crops/0.png", "crops/0.png: is read in this run; expected another output"),
-        ("crops --frames 2 --out crops/1.png", "crops/1.png: is read in this run; expected another output"),
+        (
+            "crops --frames 2 --out crops/1.png",
+            "crops/1.png: is read in this run; expected another output",
+        ),
         ("list.png --out list.png", "list.png: is read in this run; expected another output"),
         ("list.png --out b.png", "b.png: is read in this run; expected another output"),
     ],

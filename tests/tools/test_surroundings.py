@@ -35,7 +35,16 @@ class TestNamesThatAreNotUtf8:
 
     @pytest.mark.parametrize("ending", ["", ".npz"])
     def test_recordings(self, odd: str, ending: str) -> None:
-        words = ["rest", "--camera", "icvl", "--seconds", "0.1", "--clean", "--out", f"{odd}{ending}"]
+        words = [
+            "rest",
+            "--camera",
+            "icvl",
+            "--seconds",
+            "0.1",
+            "--clean",
+            "--out",
+            f"{odd}{ending}",
+        ]
         run_tool("make_recording", *words)
         assert {path.name for path in Path().iterdir()} == {f"{odd}{ending}", f"{odd}.truth.json"}
 
@@ -51,6 +60,17 @@ def test_the_c_locale_without_a_home(tmp_path: Path) -> None:
     """In the C locale a file gets its exact name, which is printed escaped; Matplotlib prints nothing on stderr."""
     (tmp_path / "home").touch()
     (tmp_path / "ö.log").write_text(LOG)
-    changes = {name: str(tmp_path / "home") for name in ("HOME", "USERPROFILE", "MPLCONFIGDIR", "XDG_CACHE_HOME")}
-    done = run_python(ROOT / "tools" / "plot_log.py", "ö.log", "--out", "ü.png", cwd=tmp_path, **C_LOCALE, **changes)
+    changes = {
+        name: str(tmp_path / "home")
+        for name in ("HOME", "USERPROFILE", "MPLCONFIGDIR", "XDG_CACHE_HOME")
+    }
+    done = run_python(
+        ROOT / "tools" / "plot_log.py",
+        "ö.log",
+        "--out",
+        "ü.png",
+        cwd=tmp_path,
+        **C_LOCALE,
+        **changes,
+    )
     assert done == (0, "wrote \\udcc3\\udcbc.png\n", "") and (tmp_path / "ü.png").exists()

@@ -24,7 +24,9 @@ def snapshot(work):
 
 def test_figures_of_each_snapshot(work, snapshot):
     """The report has them in JSON; tests of handpose/scoring/held_out.py check their values."""
-    report = json.loads(run_tool("test", "--model", "net.prototxt", snapshot, snapshot, "--json").out)
+    report = json.loads(
+        run_tool("test", "--model", "net.prototxt", snapshot, snapshot, "--json").out
+    )
     first, second = report["snapshots"]
     assert report["frames"] == 24 and report["data"] == "synthetic"
     assert first == second and first.keys() >= {"error_mm", "joint_loss"}
@@ -32,7 +34,9 @@ def test_figures_of_each_snapshot(work, snapshot):
 
 def test_table_and_picture(work, snapshot):
     """The table has a line for each snapshot; the picture shows frames with both skeletons."""
-    lines = run_tool("test", "--model", "net.prototxt", snapshot, "--picture", "pictures/hands.png").out.splitlines()
+    lines = run_tool(
+        "test", "--model", "net.prototxt", snapshot, "--picture", "pictures/hands.png"
+    ).out.splitlines()
     assert lines[0].startswith("24 frames (synthetic), errors about the crop's centre, cube 300 mm")
     assert "14 joints mm" in lines[1] and lines[2].startswith(snapshot)
     assert cv2.imread("pictures/hands.png").shape[2] == 3
@@ -41,7 +45,9 @@ def test_table_and_picture(work, snapshot):
 def test_engine(work, snapshot, monkeypatch):
     """--engine selects the engine; the errors agree to rounding."""
     names, nets, found = ["plain"] + (["fast"] if engine.has_fast() else []), [], []
-    monkeypatch.setattr(test, "Net", lambda *args, **options: nets.append(netlib.Net(*args, **options)) or nets[-1])
+    monkeypatch.setattr(
+        test, "Net", lambda *args, **options: nets.append(netlib.Net(*args, **options)) or nets[-1]
+    )
     for name in names:
         done = run_tool("test", "--model", "net.prototxt", snapshot, "--json", "--engine", name)
         found.append(json.loads(done.out)["snapshots"][0]["error_mm"])
@@ -58,7 +64,9 @@ def test_mistakes(work, snapshot):
     narrow = (work / "net.prototxt").read_text().replace("num_output: 64", "num_output: 48")
     (work / "narrow.prototxt").write_text(narrow)
     done = run_tool("test", "--model", "narrow.prototxt", snapshot, status=1)
-    assert done.err.splitlines()[-1].endswith("; the net is narrow.prototxt: give that of these weights with --model")
+    assert done.err.splitlines()[-1].endswith(
+        "; the net is narrow.prototxt: give that of these weights with --model"
+    )
 
 
 def test_predictions_that_are_all_equal(work, snapshot):
@@ -69,19 +77,27 @@ def test_predictions_that_are_all_equal(work, snapshot):
         blob.data[...] = 0
     net.save("dead.caffemodel")
     done = run_tool("test", "--model", "net.prototxt", "dead.caffemodel")
-    assert "warning: dead.caffemodel: all 24 predictions are equal, whatever the frame shows: are units of" in done.err
+    assert (
+        "warning: dead.caffemodel: all 24 predictions are equal, whatever the frame shows: are units of"
+        in done.err
+    )
 
 
 def test_fit(work, small_data):
     """--fit adds the errors after the fit to the depth, and the picture shows the fitted hands."""
-    model = (SYNTHETIC_HAND / "train_test.prototxt").read_text().replace("data/people", str(small_data))
+    model = (
+        (SYNTHETIC_HAND / "train_test.prototxt").read_text().replace("data/people", str(small_data))
+    )
     model = model.replace("../../prototxt", str(ROOT / "prototxt"))
     (work / "own.prototxt").write_text(model.replace("batch_size: 250", "batch_size: 10"))
     weights = str(read_card(SYNTHETIC_HAND).weights)
     deploy = str(SYNTHETIC_HAND / "deploy.prototxt")
     arguments = ["--model", "own.prototxt", "--deploy", deploy, weights, "--fit", "fast"]
     (row,) = json.loads(run_tool("test", *arguments, "--json").out)["snapshots"]
-    assert row["fit_error_14_mm"] < 0.7 * row["error_14_mm"] and row["fit_within_40_mm"] >= row["within_40_mm"]
+    assert (
+        row["fit_error_14_mm"] < 0.7 * row["error_14_mm"]
+        and row["fit_within_40_mm"] >= row["within_40_mm"]
+    )
     assert "fit_out_of_limits" not in row
     done = run_tool("test", *arguments, "--picture", "x.png")
     assert "fit: all joints mm" in done.out and cv2.imread("x.png") is not None
@@ -91,17 +107,31 @@ def test_frames_that_cannot_be_fitted(work, small_data, snapshot):
     """Frames without crop centres, or of several cameras, cannot be fitted."""
     (work / "data").mkdir()
     with h5py.File(small_data / "test_000.h5") as file:
-        arrays = {name: file[name][...] for name in ("depth", "joint", "half_cube", "center", "center_uvd")}
+        arrays = {
+            name: file[name][...]
+            for name in ("depth", "joint", "half_cube", "center", "center_uvd")
+        }
     net = (work / "net.prototxt").read_text().replace(str(small_data), "data")
     (work / "own.prototxt").write_text(net)
-    deploy = (ROOT / "prototxt" / "nyu_deploy.prototxt").read_text().replace("num_output: 1024", "num_output: 64")
+    deploy = (
+        (ROOT / "prototxt" / "nyu_deploy.prototxt")
+        .read_text()
+        .replace("num_output: 1024", "num_output: 64")
+    )
     (work / "deploy.prototxt").write_text(deploy)
     options = ["--model", "own.prototxt", "--deploy", "deploy.prototxt", snapshot, "--fit", "fast"]
     (work / "data" / "test.txt").write_text(str(work / "data" / "test.h5"))
     for missing, change, message in (
         ("center", {}, "no data set 'center'; it has "),
-        ("", {"center_uvd": arrays["center_uvd"] + np.arange(24)[:, None]}, "fit none of the cameras nyu, "),
+        (
+            "",
+            {"center_uvd": arrays["center_uvd"] + np.arange(24)[:, None]},
+            "fit none of the cameras nyu, ",
+        ),
         ("", {"center_uvd": arrays["center_uvd"][:, :2]}, "centres of shape"),
     ):
-        write_hdf5(work / "data" / "test.h5", **{n: v for n, v in (arrays | change).items() if n != missing})
+        write_hdf5(
+            work / "data" / "test.h5",
+            **{n: v for n, v in (arrays | change).items() if n != missing},
+        )
         assert message in run_tool("test", *options, status=1).err

@@ -77,7 +77,10 @@ def test_without_any_output_named() -> None:
     assert not found.cut and found.header.smoothed and found.header.camera == ICVL
     assert len(found.frames) == COUNT
     for one, other in zip(found.frames, expected):
-        assert (one.number, [hand.id for hand in one.hands]) == (other.number, [hand.id for hand in other.hands])
+        assert (one.number, [hand.id for hand in one.hands]) == (
+            other.number,
+            [hand.id for hand in other.hands],
+        )
         for own, same in zip(one.hands, other.hands):
             np.testing.assert_allclose(own.xyz, same.xyz, atol=0.006)
     assert cv2.imread("take.png") is not None
@@ -91,20 +94,30 @@ def test_without_any_output_named() -> None:
 
 def test_lines_for_another_program() -> None:
     """With --json - a header and a line per frame go to stdout, with other joints; messages go to stderr."""
-    _, out, said = run_tool("track", "takes/take.npz", "--json", "-", "--csv", "takes/a.csv", "--joints", "mano")
+    _, out, said = run_tool(
+        "track", "takes/take.npz", "--json", "-", "--csv", "takes/a.csv", "--joints", "mano"
+    )
     header, *frames = (json.loads(line) for line in out.splitlines())
     assert header["format"] == "handpose" and header["source"] == "takes/take.npz"
     assert [frame["number"] for frame in frames] == list(range(COUNT))
-    assert header["joint_format"]["name"] == "mano" and len(frames[0]["hands"][0]["mano"]["positions_m"]) == 21
+    assert (
+        header["joint_format"]["name"] == "mano"
+        and len(frames[0]["hands"][0]["mano"]["positions_m"]) == 21
+    )
     assert "index1_x_m" in Path("takes/a.csv").read_text().splitlines()[0]
-    assert not json_schema.faults(header, "header") and not any(json_schema.faults(frame, "frame") for frame in frames)
+    assert not json_schema.faults(header, "header") and not any(
+        json_schema.faults(frame, "frame") for frame in frames
+    )
     assert said.startswith("takes/take.npz: ") and "frames/s" in said and "0 right" in said
     assert files() == []
 
 
 def test_a_rate_that_is_unknown_is_said_at_the_end() -> None:
     np.save("takes/wall.npy", np.full((3, 240, 320), 900, np.uint16))
-    for rate, expected in ((["--rate", "15"], ""), ([], "rate unknown: 30 frames per second assumed")):
+    for rate, expected in (
+        (["--rate", "15"], ""),
+        ([], "rate unknown: 30 frames per second assumed"),
+    ):
         done = run_tool("track", "takes/wall.npy", *RAW[:-2], *rate, "--json", "a.json")
         assert expected in done.err and ("rate unknown" in done.err) == bool(expected)
         Path("a.json").unlink()
@@ -112,30 +125,53 @@ def test_a_rate_that_is_unknown_is_said_at_the_end() -> None:
 
 def test_options() -> None:
     """--raw, --size and --frames are passed to the tracker."""
-    run_tool("track", "takes/take.npz", "--json", "a.json", "--raw", "--size", "1.1", "--frames", "3")
+    run_tool(
+        "track", "takes/take.npz", "--json", "a.json", "--raw", "--size", "1.1", "--frames", "3"
+    )
     found = read_track("a.json")
-    assert not found.header.smoothed and len(found.frames) == 3 and not found.cut and files() == ["a.json"]
+    assert (
+        not found.header.smoothed
+        and len(found.frames) == 3
+        and not found.cut
+        and files() == ["a.json"]
+    )
     bones = found.frames[-1].hands[0].bones
     np.testing.assert_allclose(bones, 1.1 * found.header.skeleton.bones, rtol=0.01, atol=1e-5)
 
 
-@pytest.mark.parametrize(("options", "expected"), [
-    ([], [0, 2, 4]), (["--min-confidence", "0.4"], [0, 4]), (["--min-confidence", "0"], [0, 1, 2, 3, 4, 5]),
-])
-def test_the_minimum_confidence(options: list[str], expected: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ([], [0, 2, 4]),
+        (["--min-confidence", "0.4"], [0, 4]),
+        (["--min-confidence", "0"], [0, 1, 2, 3, 4, 5]),
+    ],
+)
+def test_the_minimum_confidence(
+    options: list[str], expected: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """It holds for what is written, after the smoothing; elsewhere the hand is present without joints."""
     release = LaterFrames._release
 
     def doubtful(self: LaterFrames[Any], count: int) -> list[tuple[Any, TrackedFrame]]:
         after = (0.5, 0.1, 0.3, 0.29, 0.9, 0.0)
-        return [(item, frame._replace(hands=tuple(replace(one, confidence=after[frame.number]) for one in frame.hands)))
-                for item, frame in release(self, count)]
+        return [
+            (
+                item,
+                frame._replace(
+                    hands=tuple(replace(one, confidence=after[frame.number]) for one in frame.hands)
+                ),
+            )
+            for item, frame in release(self, count)
+        ]
 
     monkeypatch.setattr(LaterFrames, "_release", doubtful)
     done = run_tool("track", "takes/take.npz", "--json", "a.json", *options)
     frames = read_track("a.json").frames
     assert [frame.number for frame in frames if frame.hands] == expected
-    assert [frame.number for frame in frames if frame.present] == [n for n in range(COUNT) if n not in expected]
+    assert [frame.number for frame in frames if frame.present] == [
+        n for n in range(COUNT) if n not in expected
+    ]
     summary = f"{COUNT - len(expected)} frames have a hand with a confidence below"
     assert (summary in done.out) == (len(expected) < COUNT)
 
@@ -143,7 +179,10 @@ def test_the_minimum_confidence(options: list[str], expected: list[int], monkeyp
 def test_no_hand_is_sure_enough() -> None:
     """The summary says that there is none, and why."""
     done = run_tool("track", "takes/take.npz", "--json", "a.json", "--min-confidence", "1")
-    assert f"no pose was found of the hands that were seen: the pose is uncertain ({COUNT})" in done.out
+    assert (
+        f"no pose was found of the hands that were seen: the pose is uncertain ({COUNT})"
+        in done.out
+    )
     assert f"{COUNT} frames have a hand with a confidence below 100%" in done.out
     assert "(docs/camera.md#limits); --min-confidence 0 writes" in done.out
     assert not any(frame.hands for frame in read_track("a.json").frames)
@@ -157,9 +196,18 @@ def test_which_hand_is_known() -> None:
 
 @pytest.mark.parametrize(
     ("source", "name"),
-    [("takes/wave.bag", "wave"), ("takes/wave", "wave"), ("takes/wave/", "wave"), ("takes/*.png", "takes"),
-     ("takes/left_*.png", "left"), ("realsense", "realsense"), ("takes/a b;c.npz", "a_b_c"),
-     ("camera.npz", "camera_track"), (".", "here"), ("../here", "here")],
+    [
+        ("takes/wave.bag", "wave"),
+        ("takes/wave", "wave"),
+        ("takes/wave/", "wave"),
+        ("takes/*.png", "takes"),
+        ("takes/left_*.png", "left"),
+        ("realsense", "realsense"),
+        ("takes/a b;c.npz", "a_b_c"),
+        ("camera.npz", "camera_track"),
+        (".", "here"),
+        ("../here", "here"),
+    ],
 )
 def test_names_of_outputs(source: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Default output names are derived from the source and never equal a camera file."""
@@ -193,11 +241,25 @@ def test_a_first_look(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize(
     "argv",
-    [["--json", "a.txt"], ["--csv", "a.json"], ["--video", "a.avi"], ["--sheet", "a.pdf"],
-     ["--look", "a.txt"], ["--hand", "both"], ["--hands", "0"], ["--joints", "smpl"],
-     ["--joints", "mano", "--sheet", "a.png"], ["--gestures", "--sheet", "a.png"],
-     ["--frames", "0"], ["--size", "0"], ["--min-confidence", "1.1"], ["--min-confidence", "-1"], ["--fit", "no"],
-     ["--serve", "a:65536"], ["--look", "a.png", "--serve"]],
+    [
+        ["--json", "a.txt"],
+        ["--csv", "a.json"],
+        ["--video", "a.avi"],
+        ["--sheet", "a.pdf"],
+        ["--look", "a.txt"],
+        ["--hand", "both"],
+        ["--hands", "0"],
+        ["--joints", "smpl"],
+        ["--joints", "mano", "--sheet", "a.png"],
+        ["--gestures", "--sheet", "a.png"],
+        ["--frames", "0"],
+        ["--size", "0"],
+        ["--min-confidence", "1.1"],
+        ["--min-confidence", "-1"],
+        ["--fit", "no"],
+        ["--serve", "a:65536"],
+        ["--look", "a.png", "--serve"],
+    ],
     ids=lambda argv: " ".join(argv),
 )
 def test_wrong_usage(argv: list[str]) -> None:
@@ -206,7 +268,9 @@ def test_wrong_usage(argv: list[str]) -> None:
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_signal_leaves_whole_files(number: int, status: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_signal_leaves_whole_files(
+    number: int, status: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A signal leaves complete files up to the current frame, and the summary is printed."""
     stopped_at(monkeypatch, 3, lambda: signal.raise_signal(number))
     outputs = ["--json", "a.json", "--csv", "a.csv"]
@@ -214,7 +278,9 @@ def test_a_signal_leaves_whole_files(number: int, status: int, monkeypatch: pyte
     found = read_track("a.json")
     assert found.cut and [frame.number for frame in found.frames] == [0, 1, 2, 3]
     assert files() == ["a.csv", "a.json"] and Path("a.csv").read_text().endswith("\n")
-    assert error == "stopped after 4 frames\n" and "4 frames of 0.2 s" in out and "wrote a.json" in out
+    assert (
+        error == "stopped after 4 frames\n" and "4 frames of 0.2 s" in out and "wrote a.json" in out
+    )
 
 
 def test_a_frame_that_cannot_be_tracked(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -241,12 +307,17 @@ def test_a_source_that_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_nobody_there() -> None:
     """Frames without a hand give an empty track; --look shows the first frame."""
-    np.save("takes/wall.npy", np.random.default_rng(0).integers(1190, 1210, (3, 240, 320)).astype(np.uint16))
+    np.save(
+        "takes/wall.npy",
+        np.random.default_rng(0).integers(1190, 1210, (3, 240, 320)).astype(np.uint16),
+    )
     assert "no hand was found: " in run_tool("track", "takes/wall.npy", *RAW).out
     assert [(frame.hands, frame.lost) for frame in read_track("wall.json").frames] == [((), ())] * 3
     assert cv2.imread("wall.png") is not None
     np.save("takes/empty.npy", np.zeros((2, 240, 320), np.uint16))
-    assert run_tool("track", "takes/empty.npy", *RAW, "--look", "look.png", status=1).err.splitlines()[-1] == (
+    assert run_tool(
+        "track", "takes/empty.npy", *RAW, "--look", "look.png", status=1
+    ).err.splitlines()[-1] == (
         "takes/empty.npy: no hand in the first 2 frames; look.png shows the first one"
     )
     assert cv2.imread("look.png") is not None

@@ -28,14 +28,23 @@ def frames(here: Path) -> Path:
     [
         (["frames", "--sheet", "frames/0.png"], "frames/0.png: is in the folder of the frames"),
         (["frames", "--look", "frames/x.png"], "frames/x.png: is in the folder of the frames"),
-        (["frames/*.png", "--sheet", "frames/x.png"], "frames/x.png: is in the folder of the frames"),
+        (
+            ["frames/*.png", "--sheet", "frames/x.png"],
+            "frames/x.png: is in the folder of the frames",
+        ),
         (["frames", "--json", "frames/camera.json"], "frames/camera.json: is read"),
         (["frames/1.png", "--sheet", "frames/1.png"], "frames/1.png: is read"),
         (["frames", "--camera", "own.json", "--json", "own.json"], "own.json: is read"),
         (["take.npy", "--json", "take.camera.json"], "take.camera.json: is read"),
         (["frames", "--json", "link.jsonl"], "link.jsonl: is read"),
-        (["frames", "--json", "a.json", "--sheet", "none/a.png"], "none/a.png: folder none does not exist"),
-        (["frames", "--json", "a.json", "--csv", "none/a.csv"], "none/a.csv: No such file or directory"),
+        (
+            ["frames", "--json", "a.json", "--sheet", "none/a.png"],
+            "none/a.png: folder none does not exist",
+        ),
+        (
+            ["frames", "--json", "a.json", "--csv", "none/a.csv"],
+            "none/a.csv: No such file or directory",
+        ),
         (["frames", "--json", "a.json", "--video", "folder.mp4"], "folder.mp4: Is a directory"),
     ],
 )
@@ -47,16 +56,24 @@ def test_what_cannot_be_written(argv: list[str], said: str) -> None:
     Path("link.jsonl").symlink_to("frames/camera.json")
     Path("folder.mp4").mkdir()
     before = contents()
-    (line,) = [line for line in run_tool("track", *argv, status=1).err.splitlines() if not line.startswith("warning")]
+    (line,) = [
+        line
+        for line in run_tool("track", *argv, status=1).err.splitlines()
+        if not line.startswith("warning")
+    ]
     assert line.startswith(said) and contents() == before
 
 
-def test_the_default_names_do_not_replace_frames(frames: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_default_names_do_not_replace_frames(
+    frames: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(frames)
     before = contents()
     for source in (".", "*.png", "1.png"):
         done = run_tool("track", source, status=1)
-        assert done.err.splitlines()[-1].startswith(("frames.png: is in the folder", "1.png: is read"))
+        assert done.err.splitlines()[-1].startswith(
+            ("frames.png: is in the folder", "1.png: is read")
+        )
     assert contents() == before
 
 
@@ -79,8 +96,14 @@ def test_a_hand_in_another_unit() -> None:
     np.save("fifths.npy", np.stack([image + i for i in range(2)]))
     options = ["fifths.npy", "--camera", "60,60,31.5,23.5", "--hands", "1"]
     done = run_tool("track", *options, "--json", "a.json")
-    assert "--unit 0.2 0.45 m away and 90 mm wide" in done.err and "not plausible for a hand" in done.err
+    assert (
+        "--unit 0.2 0.45 m away and 90 mm wide" in done.err
+        and "not plausible for a hand" in done.err
+    )
     (line,) = [line for line in done.out.splitlines() if line.startswith("no hand was found")]
     assert "the unit, 1 mm, may be wrong" in line and "--unit 0.2 0.45 m away" in line
     (*_, last) = run_tool("track", *options, "--look", "a.png", status=1).err.splitlines()
-    assert "no hand in the first 2 frames; a.png shows the first one; the unit, 1 mm, may be wrong" in last
+    assert (
+        "no hand in the first 2 frames; a.png shows the first one; the unit, 1 mm, may be wrong"
+        in last
+    )

@@ -25,13 +25,21 @@ def train(*argv, status=0):
 
 
 def mistake(*argv):
-    lines = [line for line in train(*argv, status=1).err.splitlines() if not re.match(STAMP + "|[a-z_]+:", line)]
+    lines = [
+        line
+        for line in train(*argv, status=1).err.splitlines()
+        if not re.match(STAMP + "|[a-z_]+:", line)
+    ]
     assert len(lines) == 1, lines
     return lines[0]
 
 
 def weights(path):
-    return {f"{name}/{i}": v for name, arrays in snapshot.read_weights(path).items() for i, v in arrays.items()}
+    return {
+        f"{name}/{i}": v
+        for name, arrays in snapshot.read_weights(path).items()
+        for i, v in arrays.items()
+    }
 
 
 def test_log(work):
@@ -40,7 +48,11 @@ def test_log(work):
     log = (work / "train.log").read_text()
     assert log == done.err and "made from synthetic" in log
     assert re.search(STAMP + r"Network initialization done: \d+ parameters, seed 1\n", log)
-    for line in (r"Iteration 4 \([-+\d.e]+ iter/s, ", r"Iteration 3, Testing net \(#0\)\n", r"Optimization Done\.\n"):
+    for line in (
+        r"Iteration 4 \([-+\d.e]+ iter/s, ",
+        r"Iteration 3, Testing net \(#0\)\n",
+        r"Optimization Done\.\n",
+    ):
         assert re.search(STAMP + line, log)
 
 
@@ -58,12 +70,17 @@ layer { name: "loss" type: "Reduction" bottom: "filled" top: "loss" loss_weight:
 def test_weights_of_zero_are_reported(here):
     """A layer without a filler is reported if it learns and no file has its weights."""
     Path("net.prototxt").write_text(ZERO)
-    Path("solver.prototxt").write_text('net: "net.prototxt" base_lr: 1 lr_policy: "fixed" max_iter: 1')
+    Path("solver.prototxt").write_text(
+        'net: "net.prototxt" base_lr: 1 lr_policy: "fixed" max_iter: 1'
+    )
     net = netlib.Net("net.prototxt", netlib.TRAIN)
     net.params["zero"][0].data[...] = 1
     net.save("w.caffemodel")
-    for argv, reported in (([], ["zero"]), (["--weights", "w.caffemodel"], []),
-                           (["--snapshot", "solver_iter_1.solverstate"], [])):
+    for argv, reported in (
+        ([], ["zero"]),
+        (["--weights", "w.caffemodel"], []),
+        (["--snapshot", "solver_iter_1.solverstate"], []),
+    ):
         assert re.findall(r"layer '(\w+)': its weights start at 0", train(*argv).err) == reported
 
 
@@ -99,7 +116,8 @@ def test_seed_and_threads(work):
 
 
 @pytest.mark.parametrize(
-    ("number", "status", "last"), [(signal.SIGINT, 130, 1), (signal.SIGTERM, 143, 1), (signal.SIGHUP, 0, 2)]
+    ("number", "status", "last"),
+    [(signal.SIGINT, 130, 1), (signal.SIGTERM, 143, 1), (signal.SIGHUP, 0, 2)],
 )
 def test_signals(work, signal_at_start, monkeypatch, number, status, last):
     """Ctrl-C and SIGTERM finish the iteration, write a snapshot, and determine the exit status; SIGHUP goes on.
@@ -113,7 +131,9 @@ def test_signals(work, signal_at_start, monkeypatch, number, status, last):
     signal_at_start(number)
     lines = train("--max-iter", "2", status=status).err.splitlines()
     monkeypatch.setattr(training, "requests_by_signal", original)
-    assert handlers == [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
+    assert handlers == [
+        signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    ]
     assert ("Optimization stopped early." in lines[-2]) == (last == 1)
     for i in {1, last}:
         assert (work / f"snapshots/net_iter_{i}.solverstate").exists()
@@ -131,10 +151,15 @@ def test_mistakes(work):
     assert "this is a solver state" in mistake("--weights", state)
     (work / "cut.state").write_bytes((work / state).read_bytes()[:3000])
     assert "cut.state: byte 0: truncated" in mistake("--snapshot", "cut.state")
-    assert mistake("--snapshot", state, "--log", state) == f"{state}: is read in this run; expected another output"
+    assert (
+        mistake("--snapshot", state, "--log", state)
+        == f"{state}: is read in this run; expected another output"
+    )
     assert (work / state).read_bytes()[:3000] == (work / "cut.state").read_bytes()
     Path("solver.prototxt").write_text('net: "net.prototxt"\nbase_lr: 0.1 lr_polizy: "fixed"')
-    assert mistake().startswith("solver.prototxt:2:14: error: unknown field 'lr_polizy' (did you mean")
+    assert mistake().startswith(
+        "solver.prototxt:2:14: error: unknown field 'lr_polizy' (did you mean"
+    )
     Path("solver.prototxt").unlink()
     assert mistake() == "solver.prototxt: cannot read the prototxt: No such file or directory"
 
@@ -151,8 +176,17 @@ READ = "is read in this run; expected another output"
 @pytest.mark.parametrize(
     ("log", "message"),
     [
-        *((log, f"{log}: {READ}") for log in ("solver.prototxt", "net.prototxt", "data/train.txt", "data/train_000.h5",
-                                              "mine.caffemodel", "link.log")),
+        *(
+            (log, f"{log}: {READ}")
+            for log in (
+                "solver.prototxt",
+                "net.prototxt",
+                "data/train.txt",
+                "data/train_000.h5",
+                "mine.caffemodel",
+                "link.log",
+            )
+        ),
         ("locked.log", "locked.log: another process is writing this log"),
         ("net.prototxt/a.log", "net.prototxt/a.log: cannot write the log: "),
         (".", ".: cannot write the log: Is a directory"),
@@ -182,7 +216,9 @@ def test_a_training_that_does_not_begin_leaves_an_older_log_alone(work):
     first.release()
     Path("snapshots").rmdir()
     Path("snapshots").touch()
-    assert "cannot write snapshots there" in train("--log", "old.log", status=1).err.splitlines()[-1]
+    assert (
+        "cannot write snapshots there" in train("--log", "old.log", status=1).err.splitlines()[-1]
+    )
     Path("solver.prototxt").unlink()
     for log in ("old.log", "new/new.log"):
         mistake("--log", log)

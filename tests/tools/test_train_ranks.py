@@ -47,7 +47,9 @@ def test_caffes_command(small):
     for words in ([TRAIN, "short.prototxt"], [CAFFE, "train", "-solver", "short.prototxt"]):
         done = ranks_started.run(2, *words)
         assert done.returncode == 0, done.stderr
-        assert done.stderr.count("2 ranks × 8 = 16 per step") == done.stderr.count("lr = 0.001") == 1, done.stderr
+        assert (
+            done.stderr.count("2 ranks × 8 = 16 per step") == done.stderr.count("lr = 0.001") == 1
+        ), done.stderr
         weights.append(Path("snapshots/small_iter_20.caffemodel").read_bytes())
     assert weights[0] == weights[1]
 
@@ -76,18 +78,28 @@ def test_a_signal_to_mpiexec(small):
     stopped = whole_snapshot()
     assert stopped == max(int(i) for i in re.findall(r"state to .*_iter_(\d+)", "\n".join(lines)))
     written = re.findall(r"state to .*_iter_(\d+)", "\n".join(lines))
-    assert written.count(str(stopped)) <= 2  # twice if SIGTERM arrives before the iteration after SIGUSR1's snapshot
+    # twice if SIGTERM arrives before the iteration after SIGUSR1's snapshot
+    assert written.count(str(stopped)) <= 2
     said = [line for line in Path("log").read_text().splitlines() if re.match(r"[IWE]\d{4} ", line)]
     assert said == [line for line in lines if re.match(r"[IWE]\d{4} ", line)]
-    again = ranks_started.run(2, TRAIN, "solver.prototxt", "--snapshot", f"snapshots/small_iter_{stopped}.solverstate",
-                              "--max-iter", stopped + 1)
+    again = ranks_started.run(
+        2,
+        TRAIN,
+        "solver.prototxt",
+        "--snapshot",
+        f"snapshots/small_iter_{stopped}.solverstate",
+        "--max-iter",
+        stopped + 1,
+    )
     assert again.returncode == 0 and "averaged loss; the resume is exact" in again.stderr
 
 
 def test_one_process_of_a_training_is_stopped(small):
     """SIGTERM to one rank ends all after a snapshot, which is complete."""
     with ranks_started.started(2, TRAIN, "solver.prototxt") as process:
-        lines = ranks_started.lines_until(process, "Snapshotting to binary proto file snapshots/small_iter_40")
+        lines = ranks_started.lines_until(
+            process, "Snapshotting to binary proto file snapshots/small_iter_40"
+        )
         os.kill(int(Path("pid.1").read_text()), signal.SIGTERM)
         rest = ends(process, 128 + signal.SIGTERM)
     assert ours(rest) == [], lines

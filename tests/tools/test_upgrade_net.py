@@ -33,7 +33,10 @@ def test_a_text(here, old):
     _, out, err = run_tool("upgrade_net", "old", "new.prototxt")
     new = (here / "new.prototxt").read_text()
     assert sorted(new.splitlines()) == sorted(f"{prototxt.parse(TODAY)}".splitlines())
-    assert (out, err) == ("wrote new.prototxt\n", "old: already in the current format\n" if old is TODAY else "")
+    assert (out, err) == (
+        "wrote new.prototxt\n",
+        "old: already in the current format\n" if old is TODAY else "",
+    )
     run_tool("upgrade_net", "new.prototxt", "again")
     assert (here / "again").read_text() == new
 
@@ -45,7 +48,9 @@ def test_weights(here, rng):
     old = prototxt.parse(V1.replace("blobs_lr: 1", f"{blobs} blobs_lr: 1"))
     (here / "old.caffemodel").write_bytes(wire.encode(old, AnyNetParameter))
     run_tool("upgrade_net", "old.caffemodel", "new.caffemodel")
-    new = schema.read(wire.decode((here / "new.caffemodel").read_bytes(), NetParameter), NetParameter)
+    new = schema.read(
+        wire.decode((here / "new.caffemodel").read_bytes(), NetParameter), NetParameter
+    )
     assert [layer.type for layer in new.layer] == ["Input", "Convolution", "ReLU"]
     net = netlib.Net(prototxt.parse(TODAY), "new.caffemodel", netlib.TEST)
     assert all(np.array_equal(blob.data, array) for blob, array in zip(net.params["c"], weights))
@@ -55,7 +60,9 @@ def test_fields_of_forks(here, caplog):
     """Fields that are unknown in Caffe's older formats are dropped with a warning."""
     (here / "old").write_bytes(b"\x12\x0e\x12\x01a\x1a\x01b\x22\x01r\x28\x12\xa0\x06\x07")
     run_tool("upgrade_net", "old", "new")
-    assert "old: byte 13: a field that is unknown in Caffe's older formats is dropped" in caplog.text
+    assert (
+        "old: byte 13: a field that is unknown in Caffe's older formats is dropped" in caplog.text
+    )
     assert str(wire.decode((here / "new").read_bytes(), NetParameter)) == (
         'layer {\n  name: "r"\n  type: "ReLU"\n  bottom: "a"\n  top: "b"\n}\n'
     )
@@ -73,7 +80,10 @@ def test_inputs_without_shapes(here):
 @pytest.mark.parametrize(
     ("old", "new"),
     [
-        ("base_lr: 0.5 solver_type: ADAGRAD max_iter: 9", 'base_lr: 0.5\ntype: "AdaGrad"\nmax_iter: 9\n'),
+        (
+            "base_lr: 0.5 solver_type: ADAGRAD max_iter: 9",
+            'base_lr: 0.5\ntype: "AdaGrad"\nmax_iter: 9\n',
+        ),
         ("solver_type: 1", 'type: "Nesterov"\n'),
         ('type: "Adam" base_lr: 0.5', 'type: "Adam"\nbase_lr: 0.5\n'),
     ],
@@ -93,10 +103,20 @@ def test_a_solver(here, old, new):
         (b'name: "n"', [], "old:1:1: error: this file has no layers; expected a net"),
         (b"net: 'a' base_lr: 1", [], "old:1:1: error: this is a solver; add --solver"),
         (b"\x12\xff", [], "old: byte 1: truncated"),
-        (b"solver_type: SGD type: 'SGD'", ["--solver"], "old:1:1: error: found both solver_type and type"),
+        (
+            b"solver_type: SGD type: 'SGD'",
+            ["--solver"],
+            "old:1:1: error: found both solver_type and type",
+        ),
         (b"layer { }", ["--solver"], "old:1:1: error: unknown field 'layer'"),
-        *((old.replace("kernel_size", "kernal_size").encode(), [], f"old:{at}: error: unknown field 'kernal_size' (did")
-          for old, at in ((V1, "4:48"), (TODAY, "5:47"))),
+        *(
+            (
+                old.replace("kernel_size", "kernal_size").encode(),
+                [],
+                f"old:{at}: error: unknown field 'kernal_size' (did",
+            )
+            for old, at in ((V1, "4:48"), (TODAY, "5:47"))
+        ),
     ],
 )
 def test_mistakes(here, content, flags, message):
@@ -106,7 +126,10 @@ def test_mistakes(here, content, flags, message):
 
 
 def test_files_that_cannot_be(here):
-    assert refusal("upgrade_net", "old", "new") == "old: cannot read the net: No such file or directory"
+    assert (
+        refusal("upgrade_net", "old", "new")
+        == "old: cannot read the net: No such file or directory"
+    )
     (here / "old").write_text(V1)
     (here / "new").mkdir()
     assert refusal("upgrade_net", "old", "new") == "new: Is a directory"
@@ -114,7 +137,8 @@ def test_files_that_cannot_be(here):
 
 def test_nets_of_forks_keep_their_options(here):
     """A binary net of forks is written back as it is, with the numbers of the fork, and a text with its options."""
-    interp = b"\xa2\x06\x10\x0a\x01i\x12\x06Interp\xfa\x08\x02\x18\x08"  # interp_param { zoom_factor: 8 } as field 143
+    # interp_param { zoom_factor: 8 } as field 143
+    interp = b"\xa2\x06\x10\x0a\x01i\x12\x06Interp\xfa\x08\x02\x18\x08"
     text = b'layer {\n  name: "c"\n  type: "Convolution"\n  convolution_param {\n    conv_algorithm: "auto"\n  }\n}\n'
     for net in (interp, text):
         (here / "old").write_bytes(net)

@@ -26,7 +26,9 @@ class _Parser(argparse.ArgumentParser):
         text = super().format_help()
         if not is_subcommand():
             return text
-        text = re.sub(r"(?:python (?:-m mpi4py )?)?tools/(\w+)\.py", lambda match: command(match[1]), text)
+        text = re.sub(
+            r"(?:python (?:-m mpi4py )?)?tools/(\w+)\.py", lambda match: command(match[1]), text
+        )
         return re.sub(r"\bdocs/(\w+)\.md\b", lambda match: f"'{command('docs')} {match[1]}'", text)
 
 
@@ -37,21 +39,34 @@ def parser_of(doc: str | None, nets: bool = False) -> argparse.ArgumentParser:
     """
     parser = _Parser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     if nets:
-        parser.add_argument("--no-python-layers", action="store_true",
-                            help="reject nets with layers of type Python, which execute code")
+        parser.add_argument(
+            "--no-python-layers",
+            action="store_true",
+            help="reject nets with layers of type Python, which execute code",
+        )
     return parser
 
 
 def add_engine(parser: argparse.ArgumentParser, threads: bool = False) -> None:
     """Add the option --engine, for tools that run one net, and with ``threads`` the option --threads."""
     if threads:
-        parser.add_argument("--threads", type=workers, metavar="N",
-                            help="number of threads (default: one per processor)")
-    parser.add_argument("--engine", choices=engine.NAMES, help="engine that computes the net (default: NETLIB_ENGINE "
-                        "if set, else fast if the folder fast/ exists)")
+        parser.add_argument(
+            "--threads",
+            type=workers,
+            metavar="N",
+            help="number of threads (default: one per processor)",
+        )
+    parser.add_argument(
+        "--engine",
+        choices=engine.NAMES,
+        help="engine that computes the net (default: NETLIB_ENGINE "
+        "if set, else fast if the folder fast/ exists)",
+    )
 
 
-def reject_given(parser: argparse.ArgumentParser, args: argparse.Namespace, names: Sequence[str], why: str) -> None:
+def reject_given(
+    parser: argparse.ArgumentParser, args: argparse.Namespace, names: Sequence[str], why: str
+) -> None:
     """Raise a usage error that ends in ``why`` if one of these options is given, because it would be ignored."""
     for name in names:
         if getattr(args, name) != parser.get_default(name):
@@ -61,7 +76,10 @@ def reject_given(parser: argparse.ArgumentParser, args: argparse.Namespace, name
 def caffes_flags(argv: Sequence[str] | None) -> list[str]:
     """The arguments (None: of the process) with two dashes before flags that have one, as in Caffe's programs."""
     words = sys.argv[1:] if argv is None else argv
-    return [f"-{word}" if re.fullmatch(r"-[A-Za-z]\w+(=.*)?", word, re.DOTALL) else word for word in words]
+    return [
+        f"-{word}" if re.fullmatch(r"-[A-Za-z]\w+(=.*)?", word, re.DOTALL) else word
+        for word in words
+    ]
 
 
 # ---------------------------------------------------------------------------------------------- types of arguments
@@ -90,7 +108,11 @@ def real(
         found = _finite(text)
         number = found[0] if len(found) == 1 else math.nan  # every comparison with NaN is false
         if not (least < number if above else least <= number) or not number <= most:
-            lower = f" {'greater than' if above else 'of at least'} {least:g}" if least > -math.inf else ""
+            lower = (
+                f" {'greater than' if above else 'of at least'} {least:g}"
+                if least > -math.inf
+                else ""
+            )
             upper = f"{' and' if lower else ' of'} at most {most:g}" if most < math.inf else ""
             raise expected(f"a number{lower}{upper}{unit and f' {unit}'}", text)
         return number

@@ -21,13 +21,19 @@ DONE, FAILED = 0, 1  # argparse exits with 2 for wrong usage
 def guarded(run: Callable[[argparse.Namespace], int], args: argparse.Namespace) -> int:
     """Run a tool. A user's mistake gives one line on stderr and exit status 1, never a traceback."""
     try:
-        with tools.interruptible(), python_layer.allowed(not getattr(args, "no_python_layers", False)):
+        with (
+            tools.interruptible(),
+            python_layer.allowed(not getattr(args, "no_python_layers", False)),
+        ):
             return run(args)
     except NetlibError as error:
         print(_with_advice(error), file=sys.stderr)
     except UnicodeEncodeError as error:
-        print(f"cannot print or write {error.object[error.start : error.end]!r} in the encoding {error.encoding}; "
-              "set PYTHONUTF8=1", file=sys.stderr)
+        print(
+            f"cannot print or write {error.object[error.start : error.end]!r} in the encoding {error.encoding}; "
+            "set PYTHONUTF8=1",
+            file=sys.stderr,
+        )
     except ImportError as error:  # also of a library for which memory or descriptors do not suffice
         say(f"cannot load {error.name or 'a package'}: {reason_of(error)}", file=sys.stderr)
     except BrokenPipeError:  # the reader of the output has ended, like ``head``
@@ -44,7 +50,10 @@ def guarded(run: Callable[[argparse.Namespace], int], args: argparse.Namespace) 
         if memory.is_lacking(error):
             print("not enough memory; use a smaller batch_size", file=sys.stderr)
         elif isinstance(error, RuntimeError) and "start new thread" in str(error):
-            print("cannot start a thread: too many, or not enough memory; use fewer --threads", file=sys.stderr)
+            print(
+                "cannot start a thread: too many, or not enough memory; use fewer --threads",
+                file=sys.stderr,
+            )
         else:
             raise
     return FAILED
@@ -53,8 +62,10 @@ def guarded(run: Callable[[argparse.Namespace], int], args: argparse.Namespace) 
 def _with_advice(error: NetlibError) -> str:
     text = str(error)
     if "cannot read the list" in text and "data/nyu" in text:
-        return (f"{text}; generate synthetic hands with '{command('make_synthetic')}', or read the NYU data set with "
-                f"'{command('prepare_nyu')} NYU_ROOT'")
+        return (
+            f"{text}; generate synthetic hands with '{command('make_synthetic')}', or read the NYU data set with "
+            f"'{command('prepare_nyu')} NYU_ROOT'"
+        )
     return text
 
 
@@ -68,7 +79,10 @@ def aligned(rows: Sequence[Sequence[str]]) -> str:
     rows = [[printable(cell) for cell in row] for row in rows]
     widths = [max(len(cell) for cell in column) for column in zip(*rows)]
     return "\n".join(
-        "  ".join(cell.rjust(w) if i else cell.ljust(w) for i, (cell, w) in enumerate(zip(row, widths))) for row in rows
+        "  ".join(
+            cell.rjust(w) if i else cell.ljust(w) for i, (cell, w) in enumerate(zip(row, widths))
+        )
+        for row in rows
     )
 
 
@@ -76,4 +90,10 @@ def duration(seconds: float) -> str:
     """Format seconds: ``75`` → ``1 min 15 s``."""
     minutes, rest = divmod(round(max(seconds, 0.0)), 60)
     hours, minutes = divmod(minutes, 60)
-    return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"
+    return (
+        f"{hours} h {minutes:02d} min"
+        if hours
+        else f"{minutes} min {rest:02d} s"
+        if minutes
+        else f"{rest} s"
+    )

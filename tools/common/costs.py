@@ -28,10 +28,12 @@ def time_layers(net: Net, iterations: int) -> tuple[dict[str, float], dict[str, 
             for piece in step.pieces():
                 for at in piece:
                     begin = time.perf_counter()
-                    if not getattr(at.layer, "is_fused", False):  # with the fast engine: an earlier layer computes it
+                    # with the fast engine: an earlier layer computes it
+                    if not getattr(at.layer, "is_fused", False):
                         at.layer.forward(at.bottom, at.top)
                     forward[at.layer.name] += (time.perf_counter() - begin) / iterations
-                if len(piece) > 1:  # the memory of a shard is reused by the next one: run it backwards now
+                # the memory of a shard is reused by the next one: run it backwards now
+                if len(piece) > 1:
                     _time_backward(net, piece, backward, iterations)
         for step in reversed(net.steps):
             for piece in step.pieces():
@@ -41,7 +43,9 @@ def time_layers(net: Net, iterations: int) -> tuple[dict[str, float], dict[str, 
     return forward, backward
 
 
-def _time_backward(net: Net, piece: list[Connection], backward: dict[str, float], iterations: int) -> None:
+def _time_backward(
+    net: Net, piece: list[Connection], backward: dict[str, float], iterations: int
+) -> None:
     for at in reversed(piece):
         if at.needs_backward:
             for param in at.layer.blobs:
@@ -55,7 +59,10 @@ def warn_of_another_net(weights: str, net: Net) -> None:
     """Print a warning if weights name another net than the one that they were copied to. Raises WeightsError."""
     name = snapshot.net_name(weights)
     if name and net.name and name != net.name:
-        say(f"warning: {weights}: the weights are of the net {name!r}, {net.source} is {net.name!r}", file=sys.stderr)
+        say(
+            f"warning: {weights}: the weights are of the net {name!r}, {net.source} is {net.name!r}",
+            file=sys.stderr,
+        )
 
 
 def memory_of(net: Net) -> list[tuple[str, int]]:
@@ -69,7 +76,9 @@ def memory_of(net: Net) -> list[tuple[str, int]]:
 
 
 def mean_scores(
-    net: Net, iterations: int, on_value: Callable[[int, str, float], object] = lambda batch, name, value: None
+    net: Net,
+    iterations: int,
+    on_value: Callable[[int, str, float], object] = lambda batch, name, value: None,
 ) -> tuple[float, list[str]]:
     """The mean loss over batches, and a line with the mean of each output.
 
@@ -83,7 +92,9 @@ def mean_scores(
             sums[name] = sums[name] + values if i else values
             for value in values:
                 on_value(i, name, value)
-    return loss / iterations, list(report.scores(net, {name: total / iterations for name, total in sums.items()}))
+    return loss / iterations, list(
+        report.scores(net, {name: total / iterations for name, total in sums.items()})
+    )
 
 
 def report_time(net: Net, iterations: int, write: Callable[..., object]) -> tuple[float, float]:
@@ -113,7 +124,11 @@ def report_time(net: Net, iterations: int, write: Callable[..., object]) -> tupl
         for what, seconds in directions.items():
             write(f"{layer.name:>10}", f"{what}: {seconds[layer.name] * 1e3:.6g} ms.")
     forward, backward = passes.mean(axis=0)
-    means = {"Forward pass": forward, "Backward pass": backward, "Forward-Backward": forward + backward}
+    means = {
+        "Forward pass": forward,
+        "Backward pass": backward,
+        "Forward-Backward": forward + backward,
+    }
     for what, seconds in means.items():
         write(f"Average {what}: {seconds * 1e3:.6g} ms.")
     write(f"Total Time: {passes.sum() * 1e3:.6g} ms.")

@@ -397,7 +397,9 @@ def _tree_without(tree: Message | None, names: set[str]) -> Message | None:
 def _without(options: Message, name: str, value: str) -> Message:
     """Options without a field of this value."""
     given = [item for item in options.fields if item.name == name]
-    unwanted = [item for item in given if isinstance(item.value, Scalar) and item.value.text == value]
+    unwanted = [
+        item for item in given if isinstance(item.value, Scalar) and item.value.text == value
+    ]
     kept = [item for item in options.fields if item not in unwanted]
     return Message(kept, options.position)
 

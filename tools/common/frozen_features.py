@@ -133,7 +133,9 @@ def _reader(net: Net) -> ImageData:
         raise NotFrozenError("pictures are mirrored at random (--mirror)")
     p, crop = reader.param, reader.transformer.param.crop_size
     if net.state.phase == "TRAIN" and crop and (p.new_height, p.new_width) != (crop, crop):
-        raise NotFrozenError("pictures are cropped at random, as the mean image is larger than the input (--mean-file)")
+        raise NotFrozenError(
+            "pictures are cropped at random, as the mean image is larger than the input (--mean-file)"
+        )
     return reader
 
 
@@ -151,7 +153,9 @@ def _first_moving(net: Net) -> str:
 def _is_by_batch(layer: Layer) -> bool:
     """Whether a layer normalizes by the statistics of its batch."""
     given: Any = layer
-    return (layer.type == "BatchNorm" and not given.uses_sums) or (layer.type == "BN" and given.of_batch)
+    return (layer.type == "BatchNorm" and not given.uses_sums) or (
+        layer.type == "BN" and given.of_batch
+    )
 
 
 def _made_before(old: Net, name: str) -> Net:
@@ -165,7 +169,9 @@ def _made_before(old: Net, name: str) -> Net:
     return made
 
 
-def _blobs_between(connections: Sequence[Connection], first: int, reader: ImageData) -> dict[str, str]:
+def _blobs_between(
+    connections: Sequence[Connection], first: int, reader: ImageData
+) -> dict[str, str]:
     """The blobs that are made before a layer and read from it on, with the blobs that they are copies of."""
     label = reader.spec.top[1]
     origins: dict[str, str] = {}
@@ -176,7 +182,9 @@ def _blobs_between(connections: Sequence[Connection], first: int, reader: ImageD
         else:
             origins.update((name, name) for name in spec.top)
     read = dict.fromkeys(name for at in connections[first:] for name in at.layer.spec.bottom)
-    return {name: "" if origins[name] == label else origins[name] for name in read if name in origins}
+    return {
+        name: "" if origins[name] == label else origins[name] for name in read if name in origins
+    }
 
 
 def _computed(net: Net, paths: Sequence[str], how: Preprocessing, names: set[str]) -> Arrays:
@@ -184,7 +192,9 @@ def _computed(net: Net, paths: Sequence[str], how: Preprocessing, names: set[str
     batch = net.blobs[net.inputs[0]].shape[0]
     bytes_of_item = sum(net.blobs[name].bytes for name in names) // batch
     if (size := bytes_of_item * len(paths)) > SHARE_OF_MEMORY * memory.physical():
-        raise NotFrozenError(f"the features of {len(paths)} pictures would take {memory.format_bytes(size)}")
+        raise NotFrozenError(
+            f"the features of {len(paths)} pictures would take {memory.format_bytes(size)}"
+        )
     parts: dict[str, list[NDArray[Any]]] = {name: [] for name in names}
     for _, _, arrays in passes(net, paths, how, sorted(names), batch):
         for name, found in parts.items():

@@ -53,10 +53,14 @@ class Preprocessing:
     def __post_init__(self) -> None:
         (width, height), (w, h) = self.resize, self.size
         if width < w or height < h:
-            raise NetlibError(f"images of {width} x {height} px are smaller than the net's input, {w} x {h}")
+            raise NetlibError(
+                f"images of {width} x {height} px are smaller than the net's input, {w} x {h}"
+            )
         if self.mean.shape[1:] not in ((1, 1), (height, width)):
-            raise NetlibError(f"the mean image has {self.mean.shape[2]} x {self.mean.shape[1]} px, images are resized "
-                              f"to {width} x {height}; expected the same size, or one number per channel")
+            raise NetlibError(
+                f"the mean image has {self.mean.shape[2]} x {self.mean.shape[1]} px, images are resized "
+                f"to {width} x {height}; expected the same size, or one number per channel"
+            )
 
     def blob(self, images: Sequence[Array]) -> NDArray[np.float32]:
         """Return the input of the net for images."""
@@ -79,13 +83,27 @@ class Preprocessing:
 def add_value_options(group: argparse._ArgumentGroup, scale: float | None) -> None:
     """Add the options about an image's values; ``scale`` is the default of that option."""
     mean = group.add_mutually_exclusive_group()
-    mean.add_argument("--mean", type=numbers(), metavar="M[,M,M]", default=(),
-                      help="to subtract: one number, or one per channel of the input"
-                           f"{'' if scale is None else ' (default: nothing)'}")
-    mean.add_argument("--mean-file", metavar="FILE", help="mean image to subtract, .binaryproto or .npy")
-    group.add_argument("--scale", type=positive_number, metavar="S", default=scale,
-                       help=f"factor, after the mean{'' if scale is None else f' (default: {scale:g})'}")
-    group.add_argument("--rgb", action="store_true", help="the net's first channel is red (Caffe's is blue)")
+    mean.add_argument(
+        "--mean",
+        type=numbers(),
+        metavar="M[,M,M]",
+        default=(),
+        help="to subtract: one number, or one per channel of the input"
+        f"{'' if scale is None else ' (default: nothing)'}",
+    )
+    mean.add_argument(
+        "--mean-file", metavar="FILE", help="mean image to subtract, .binaryproto or .npy"
+    )
+    group.add_argument(
+        "--scale",
+        type=positive_number,
+        metavar="S",
+        default=scale,
+        help=f"factor, after the mean{'' if scale is None else f' (default: {scale:g})'}",
+    )
+    group.add_argument(
+        "--rgb", action="store_true", help="the net's first channel is red (Caffe's is blue)"
+    )
 
 
 def passes(
@@ -102,7 +120,9 @@ def passes(
         inputs: dict[str, Any] = {name: preprocessing.blob(images)}
         arrays = net.forward(blobs, **inputs)
         if not all(np.isfinite(array).all() for array in arrays.values()):
-            warn_once(f"NaN or infinity, first in {net.first_not_finite()}: check the weights, the mean and the scale")
+            warn_once(
+                f"NaN or infinity, first in {net.first_not_finite()}: check the weights, the mean and the scale"
+            )
         yield some, images, arrays
 
 
@@ -111,7 +131,11 @@ def pictures_in(folder: Path) -> list[str]:
 
     Raises DataError.
     """
-    names = [name for name in list_folder(folder) if Path(name).suffix.lower() in PICTURES and name[0] != "."]
+    names = [
+        name
+        for name in list_folder(folder)
+        if Path(name).suffix.lower() in PICTURES and name[0] != "."
+    ]
     return [str(folder / name) for name in sorted(names, key=_with_numbers)]
 
 
@@ -125,13 +149,17 @@ def image_input(net: Net) -> tuple[str, tuple[int, ...]]:
     if not net.inputs:
         raise NetlibError(f"{net.source}: the net has no input; expected one, for images")
     if len(net.inputs) > 1:
-        raise NetlibError(f"{net.source}: the net has the inputs {', '.join(net.inputs)}; expected one, for images. "
-                          "Python's Net.forward accepts all")
+        raise NetlibError(
+            f"{net.source}: the net has the inputs {', '.join(net.inputs)}; expected one, for images. "
+            "Python's Net.forward accepts all"
+        )
     (name,) = net.inputs
     shape = net.blobs[name].shape
     if len(shape) != 4 or shape[1] not in (1, 3):
-        raise NetlibError(f"{net.source}: the input {name!r} has shape {shape}; expected (N, C, H, W) with 3 channels, "
-                          "or 1 for grey images")
+        raise NetlibError(
+            f"{net.source}: the input {name!r} has shape {shape}; expected (N, C, H, W) with 3 channels, "
+            "or 1 for grey images"
+        )
     return name, shape
 
 
@@ -151,8 +179,10 @@ def _of_label_map(tree: prototxt.Message) -> list[str]:
     names: dict[int, str] = {}
     for item in schema.read(tree, LabelMap, "label map").item:
         if item.label in names or not 0 <= item.label < MAX_LABELS:
-            raise DataError(f"{schema.position_of(item)}: the label {item.label}; expected each from 0 to "
-                            f"{MAX_LABELS - 1} once")
+            raise DataError(
+                f"{schema.position_of(item)}: the label {item.label}; expected each from 0 to "
+                f"{MAX_LABELS - 1} once"
+            )
         names[item.label] = item.display_name or item.name
     return [names.get(label, f"class {label}") for label in range(max(names) + 1)]
 
@@ -179,11 +209,15 @@ def _read_mean(path: str) -> Array:
         try:
             mean = np.load(io.BytesIO(content), allow_pickle=False)
         except Exception as error:  # Python's parser may raise anything for a damaged header
-            raise DataError(f"{path}: no array as NumPy writes it: {reason_of(error)[:200]}") from error
+            raise DataError(
+                f"{path}: no array as NumPy writes it: {reason_of(error)[:200]}"
+            ) from error
     else:
         mean = read_blob(path)
     if mean.ndim == 4 and len(mean) == 1:  # as compute_image_mean writes it
         mean = mean[0]
     if mean.ndim not in (1, 3) or mean.dtype.kind not in "fiu" or not mean.size:
-        raise DataError(f"{path}: found {mean.dtype} {mean.shape}; expected numbers (C,), (C, H, W) or (1, C, H, W)")
+        raise DataError(
+            f"{path}: found {mean.dtype} {mean.shape}; expected numbers (C,), (C, H, W) or (1, C, H, W)"
+        )
     return mean

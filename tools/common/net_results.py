@@ -38,10 +38,14 @@ class Results:
     ``labels`` are the names of the classes, from the file ``source``.
     """
 
-    def __init__(self, net: Net, blob: str, labels: Sequence[str] | None, source: str | None) -> None:
+    def __init__(
+        self, net: Net, blob: str, labels: Sequence[str] | None, source: str | None
+    ) -> None:
         self.blob, self.labels, self.source = blob, labels, source
         makers: list[Any] = [layer for layer in net.layers if blob in layer.spec.top]
-        self.classes = makers[-1].param.num_classes if makers and makers[-1].type == "DetectionOutput" else 0
+        self.classes = (
+            makers[-1].param.num_classes if makers and makers[-1].type == "DetectionOutput" else 0
+        )
         self.is_softmax = any(layer.type == "Softmax" for layer in makers)
         self.found: list[Array] = []
 
@@ -53,8 +57,10 @@ class Results:
         elif array.shape[:1] == (count,):
             items = [item.copy() for item in array]
         else:
-            raise NetlibError(f"blob {self.blob!r} has shape {array.shape} for {count} images; expected the image as "
-                              "first axis")
+            raise NetlibError(
+                f"blob {self.blob!r} has shape {array.shape} for {count} images; expected the image as "
+                "first axis"
+            )
         self.found += items
         return items
 
@@ -62,10 +68,15 @@ class Results:
         """The values of all images: (images, ...), or (1, 1, D, 7) for detections, with the image as item."""
         if not self.classes:
             return np.stack(self.found)
-        rows = [np.column_stack([np.full(len(item), n), item[:, 1:]]) for n, item in enumerate(self.found)]
+        rows = [
+            np.column_stack([np.full(len(item), n), item[:, 1:]])
+            for n, item in enumerate(self.found)
+        ]
         return np.concatenate(rows).astype(np.float32)[None, None]
 
-    def lines(self, values: Array, shown: Shown, preprocessing: Preprocessing, shape: Sequence[int]) -> Iterator[str]:
+    def lines(
+        self, values: Array, shown: Shown, preprocessing: Preprocessing, shape: Sequence[int]
+    ) -> Iterator[str]:
         """Yield lines about an image of ``shape`` (H, W, C): its detections or classes, or the range of the values.
 
         Values are classes if a Softmax computed them or if there are labels. Boxes are in px of the image.
@@ -81,8 +92,10 @@ class Results:
             for number in _best(values.ravel(), shown):
                 yield f"  {values.flat[number]:.4f}  {self._name(number)}"
         else:
-            yield (f"{self.blob} {values.shape}, values from {values.min():.6g} to {values.max():.6g}, mean "
-                   f"{values.mean():.6g}")
+            yield (
+                f"{self.blob} {values.shape}, values from {values.min():.6g} to {values.max():.6g}, mean "
+                f"{values.mean():.6g}"
+            )
 
     def are_classes(self, values: Array) -> bool:
         """Whether the values of an image are one for each class."""
@@ -99,14 +112,21 @@ class Results:
         self._check_labels(self.classes)
         rows = values[values[:, 1] >= 0]
         for row in rows[_best(rows[:, 2], shown)]:
-            yield float(row[2]), self._name(int(row[1])), int(row[1]), preprocessing.to_image(row[3:], shape)
+            yield (
+                float(row[2]),
+                self._name(int(row[1])),
+                int(row[1]),
+                preprocessing.to_image(row[3:], shape),
+            )
 
     def drawn(
         self, values: Array, shown: Shown, preprocessing: Preprocessing, image: Array
     ) -> NDArray[np.uint8]:
         """The image (H, W, 3), blue first, with the boxes of its detections and their classes. Raises NetlibError."""
         height, width = image.shape[:2]
-        picture = np.repeat(image.reshape(height, width, -1), 3 * height * width // image.size, axis=2)
+        picture = np.repeat(
+            image.reshape(height, width, -1), 3 * height * width // image.size, axis=2
+        )
         unit = max(height, width) / 600
         line, scale = max(1, round(2 * unit)), max(0.4, 0.6 * unit)
         found = list(self.boxes(values, shown, preprocessing, image.shape))
@@ -114,20 +134,32 @@ class Results:
             hue = number * 0.618 % 1  # the golden ratio keeps neighbours apart
             colour = tuple(round(255 * part) for part in colorsys.hsv_to_rgb(hue, 0.9, 0.75))
             limits = np.tile((width, height), 2)
-            left, top, right, bottom = np.clip(box, -limits, 2 * limits).round().astype(int).tolist()
+            left, top, right, bottom = (
+                np.clip(box, -limits, 2 * limits).round().astype(int).tolist()
+            )
             cv2.rectangle(picture, (left, top), (right, bottom), colour, line)
             text = f"{name} {confidence:.0%}"
             (w, h), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, line)
             x, y = min(max(left, 0), max(width - w, 0)), max(top, h + 2 * below)
             cv2.rectangle(picture, (x, y - h - 2 * below), (x + w, y), colour, cv2.FILLED)
-            cv2.putText(picture, text, (x, y - below), cv2.FONT_HERSHEY_SIMPLEX, scale, (255, 255, 255), line)
+            cv2.putText(
+                picture,
+                text,
+                (x, y - below),
+                cv2.FONT_HERSHEY_SIMPLEX,
+                scale,
+                (255, 255, 255),
+                line,
+            )
         return picture
 
     def _check_labels(self, classes: int) -> None:
         if self.labels is not None and len(self.labels) != classes:
             background = ", the background included" if self.classes else ""
-            raise NetlibError(f"{self.source}: {len(self.labels)} labels, but blob {self.blob!r} has {classes} classes"
-                              f"{background}")
+            raise NetlibError(
+                f"{self.source}: {len(self.labels)} labels, but blob {self.blob!r} has {classes} classes"
+                f"{background}"
+            )
 
     def _name(self, number: int) -> str:
         return self.labels[number] if self.labels else f"class {number}"
@@ -157,8 +189,9 @@ class Confusion:
         right, total = int(np.trace(self.counts)), int(self.counts.sum())
         if len(self._names) <= MAX_SHOWN:
             heading = ["true \\ found", *self._names]
-            yield from aligned([heading, *([name, *map(str, row)] for name, row in zip(self._names, self.counts))]
-                               ).split("\n")
+            yield from aligned(
+                [heading, *([name, *map(str, row)] for name, row in zip(self._names, self.counts))]
+            ).split("\n")
         else:
             wrong = self.counts - np.diag(np.diag(self.counts))
             for at in np.argsort(-wrong.ravel(), kind="stable")[:MAX_SHOWN]:
@@ -166,6 +199,10 @@ class Confusion:
                     truth, found = divmod(int(at), len(self._names))
                     yield f"{self._names[truth]} taken for {self._names[found]}: {wrong.flat[at]}"
         yield f"accuracy {right / max(total, 1):.4f} ({right} of {total})"
-        if np.count_nonzero(self.counts.any(axis=0)) == 1 < np.count_nonzero(self.counts.any(axis=1)):
+        if (
+            np.count_nonzero(self.counts.any(axis=0))
+            == 1
+            < np.count_nonzero(self.counts.any(axis=1))
+        ):
             only = self._names[int(self.counts.any(axis=0).argmax())]
             yield f"all images were taken for {only!r}: are the mean, the scale and the weights those of this net?"

@@ -10,8 +10,10 @@ from netlib.proto import prototxt, schema
 from netlib.proto.messages import LayerParameter, NetParameter, ParamSpec
 from netlib.proto.prototxt import Field, Message
 
-HEADS = {"InnerProduct": "inner_product_param", "Convolution": "convolution_param"}  # types of the last layer
-AFTER = {"Softmax", "Pooling", "ReLU", "Dropout", "Flatten", "Reshape", "Power", "Split"}  # those that may follow it
+# types of the last layer
+HEADS = {"InnerProduct": "inner_product_param", "Convolution": "convolution_param"}
+# those that may follow it
+AFTER = {"Softmax", "Pooling", "ReLU", "Dropout", "Flatten", "Reshape", "Power", "Split"}
 NEW_RATE = 10  # of the new layer, relative to that of the others
 
 
@@ -29,31 +31,46 @@ class NewClasses:
     def __init__(self, net: Net, count: int) -> None:
         self._net, self._count = net, count
         if len(net.outputs) != 1:
-            raise NetlibError(f"{net.source}: the net has the outputs {', '.join(net.outputs) or 'none'}; expected "
-                              "one, the probabilities of the classes; delete the layers of the others from a copy")
+            raise NetlibError(
+                f"{net.source}: the net has the outputs {', '.join(net.outputs) or 'none'}; expected "
+                "one, the probabilities of the classes; delete the layers of the others from a copy"
+            )
         specs = [layer.spec for layer in net.layers]
         at = max((i for i, layer in enumerate(net.layers) if layer.blobs), default=-1)
         if at < 0 or specs[at].type not in HEADS:
-            found = f"{specs[at].name!r} has the type {specs[at].type}" if at >= 0 else "there is none"
-            raise NetlibError(f"{net.source}: the last layer with weights: {found}; expected {' or '.join(HEADS)}")
+            found = (
+                f"{specs[at].name!r} has the type {specs[at].type}" if at >= 0 else "there is none"
+            )
+            raise NetlibError(
+                f"{net.source}: the last layer with weights: {found}; expected {' or '.join(HEADS)}"
+            )
         for spec in specs[at + 1 :]:
             if spec.type not in AFTER:
-                raise NetlibError(f"{net.source}: layer {spec.name!r} of type {spec.type} follows the last layer with "
-                                  "weights; expected a classifier, which ends in a Softmax")
+                raise NetlibError(
+                    f"{net.source}: layer {spec.name!r} of type {spec.type} follows the last layer with "
+                    "weights; expected a classifier, which ends in a Softmax"
+                )
         self.head, self._at = specs[at].name, at
-        self.name = next(name for i in range(len(specs) + 1)
-                         if (name := f"{self.head}_new{i or ''}") not in net.layer_dict)
+        self.name = next(
+            name
+            for i in range(len(specs) + 1)
+            if (name := f"{self.head}_new{i or ''}") not in net.layer_dict
+        )
         ends_in_softmax = specs[-1].type == "Softmax"
         self.logits = specs[-1].bottom[0] if ends_in_softmax else net.outputs[0]
         self._body = specs[:-1] if ends_in_softmax else specs
         shape = Net(self.deploy()).blobs[net.outputs[0]].shape
         if shape[1:2] != (count,) or any(size > 1 for size in shape[2:]):
-            raise NetlibError(f"{net.source}: with {count} classes in layer {self.head!r} the output "
-                              f"{net.outputs[0]!r} has shape {shape}; expected (N, {count})")
+            raise NetlibError(
+                f"{net.source}: with {count} classes in layer {self.head!r} the output "
+                f"{net.outputs[0]!r} has shape {shape}; expected (N, {count})"
+            )
 
     def deploy(self) -> NetParameter:
         """The net that classifies images."""
-        return schema.changed(self._net.param, layer=tuple(map(self._renewed, self._net.param.layer)))
+        return schema.changed(
+            self._net.param, layer=tuple(map(self._renewed, self._net.param.layer))
+        )
 
     def training(self, data: str, frozen: Sequence[str]) -> NetParameter:
         """The net to train.
@@ -68,17 +85,24 @@ class NewClasses:
             f'layer {{ name: "accuracy" type: "Accuracy" bottom: "{self.logits}" bottom: "label" top: "accuracy" '
             "include { phase: TEST } }"
         )
-        body = [self._renewed(_with_statistics(self._fixed(spec) if spec.name in frozen else spec))
-                for spec in self._body if image not in spec.top or spec.bottom]
-        return schema.changed(self._net.param, layer=(*reader, *body, *schema.read(loss, NetParameter).layer))
+        body = [
+            self._renewed(_with_statistics(self._fixed(spec) if spec.name in frozen else spec))
+            for spec in self._body
+            if image not in spec.top or spec.bottom
+        ]
+        return schema.changed(
+            self._net.param, layer=(*reader, *body, *schema.read(loss, NetParameter).layer)
+        )
 
     def frozen(self, last: str | None) -> list[str]:
         """The layers with parameters before the new one, up to the ``last`` if given. Raises NetlibError."""
         layers = self._net.layers[: self._at]
         names = [layer.name for layer in layers]
         if last is not None and last not in names:
-            raise NetlibError(f"{self._net.source}: there is no layer {last!r} before {self.head!r}"
-                              f"{did_you_mean(last, names)}")
+            raise NetlibError(
+                f"{self._net.source}: there is no layer {last!r} before {self.head!r}"
+                f"{did_you_mean(last, names)}"
+            )
         end = len(names) if last is None else names.index(last) + 1
         return [layer.name for layer in layers[:end] if layer.blobs]
 
@@ -88,16 +112,26 @@ class NewClasses:
             return spec
         block = HEADS[spec.type]
         filler = prototxt.parse('weight_filler { type: "xavier" }')
-        options = _with(spec.blocks[block], "num_output", prototxt.parse(f"num_output: {self._count}"))
-        rates = tuple(ParamSpec(lr_mult=NEW_RATE * rate, decay_mult=decay) for rate, decay in ((1, 1), (2, 0)))
-        return schema.changed(spec, name=self.name, param=rates[: len(self._net.params[self.head])],
-                              blocks={**spec.blocks, block: _with(options, "weight_filler", filler)})
+        options = _with(
+            spec.blocks[block], "num_output", prototxt.parse(f"num_output: {self._count}")
+        )
+        rates = tuple(
+            ParamSpec(lr_mult=NEW_RATE * rate, decay_mult=decay) for rate, decay in ((1, 1), (2, 0))
+        )
+        return schema.changed(
+            spec,
+            name=self.name,
+            param=rates[: len(self._net.params[self.head])],
+            blocks={**spec.blocks, block: _with(options, "weight_filler", filler)},
+        )
 
     def _fixed(self, spec: LayerParameter) -> LayerParameter:
         """The layer with parameters that are not trained."""
         count = len(self._net.params[spec.name])
         given = (*spec.param, *[ParamSpec()] * count)[:count]
-        return schema.changed(spec, param=tuple(schema.changed(one, lr_mult=0.0, decay_mult=0.0) for one in given))
+        return schema.changed(
+            spec, param=tuple(schema.changed(one, lr_mult=0.0, decay_mult=0.0) for one in given)
+        )
 
 
 def _with_statistics(spec: LayerParameter) -> LayerParameter:
@@ -113,4 +147,3 @@ def _with(options: Message, name: str, new: Message) -> Message:
     """Options with another value of a field."""
     kept: list[Field] = [item for item in options.fields if item.name != name]
     return Message([*new.fields, *kept], options.position)
-

@@ -20,7 +20,9 @@ JPEG_QUALITY = 90
 MAX_LABEL = 60  # characters
 
 
-def refuse_inputs(out: str | Path, inputs: Iterable[str | Path | None], why: str = "is read in this run") -> None:
+def refuse_inputs(
+    out: str | Path, inputs: Iterable[str | Path | None], why: str = "is read in this run"
+) -> None:
     """Raise NetlibError if ``out`` is one of the inputs, under any name. None in ``inputs`` is ignored."""
     if real(out) in {real(path) for path in inputs if path is not None}:
         raise NetlibError(f"{out}: {why}; expected another output")
@@ -42,7 +44,8 @@ def label(name: str) -> str:
 
 def new_figure(width: float, height: float) -> Any:
     """Create a matplotlib figure of width x height inches without a window. Raises NetlibError without matplotlib."""
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it warns if the home folder is not writable
+    # it warns if the home folder is not writable
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
@@ -52,7 +55,11 @@ def new_figure(width: float, height: float) -> Any:
 
 def write_figure(path: str | Path, figure: Any, dpi: int) -> None:
     """Write a figure in the format of the file's suffix, cropped to its content. Raises NetlibError."""
-    how = {"format": Path(path).name.rpartition(".")[2].lower(), "bbox_inches": "tight", "pad_inches": 0.15}
+    how = {
+        "format": Path(path).name.rpartition(".")[2].lower(),
+        "bbox_inches": "tight",
+        "pad_inches": 0.15,
+    }
     _write(path, lambda file: figure.savefig(file, dpi=dpi, **how))
 
 
@@ -92,7 +99,9 @@ def places(images: Sequence[str], out: Path, ending: str) -> list[Path]:
         before = images[:n].count(image)
         place = out / f"{Path(image).stem}{f'_{before + 1}' if before else ''}{ending}"
         if place in found:
-            raise NetlibError(f"{image}: its output {place} would overwrite another one; run once per folder")
+            raise NetlibError(
+                f"{image}: its output {place} would overwrite another one; run once per folder"
+            )
         refuse_inputs(place, images)
         found.append(place)
     return found
@@ -101,5 +110,6 @@ def places(images: Sequence[str], out: Path, ending: str) -> list[Path]:
 def _write(path: str | Path, fill: Callable[[Path], object]) -> None:
     try:
         atomic.replace(Path(path), fill)
-    except (OSError, ValueError, cv2.error) as error:  # matplotlib raises ValueError for unknown formats
+    # matplotlib raises ValueError for unknown formats
+    except (OSError, ValueError, cv2.error) as error:
         raise NetlibError(f"{path}: cannot write the image: {reason_of(error)}") from error

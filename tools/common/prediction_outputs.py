@@ -45,20 +45,27 @@ def table(found: Hand, predictor: Predictor, joints: FormatName | None) -> tuple
     return words, [f"  {name:<14}{x:9.1f}{y:9.1f}{z:9.1f}" for name, (x, y, z) in own]
 
 
-def write_csv(path: Path, hands: Sequence[tuple[str, Hand]], predictor: Predictor, joints: FormatName | None) -> None:
+def write_csv(
+    path: Path, hands: Sequence[tuple[str, Hand]], predictor: Predictor, joints: FormatName | None
+) -> None:
     """Write a table with a row for each image and its prediction. Raises DataError, OSError."""
     columns = HandColumns(predictor.skeleton, joints, angles=predictor.fitter is not None)
     rows = [["image", "hand", *columns.about, *columns.pose]]
     for image, found in hands:
         made, camera = tracked(found, predictor.skeleton), found.camera if found.in_frame else None
         pose = columns.pose_values(made, camera) if found.has_joints else [""] * len(columns.pose)
-        rows.append([image, found.hand if predictor.is_hand else "", *columns.about_values(made), *pose])
+        rows.append(
+            [image, found.hand if predictor.is_hand else "", *columns.about_values(made), *pose]
+        )
     content = rows_of(rows)
     atomic.replace(path, lambda fresh: fresh.write_bytes(content))
 
 
 def write_json(
-    file: str, hands: Sequence[tuple[str, Hand]], pictures: Sequence[Path], predictor: Predictor,
+    file: str,
+    hands: Sequence[tuple[str, Hand]],
+    pictures: Sequence[Path],
+    predictor: Predictor,
     joints: FormatName | None,
 ) -> None:
     """Write the images, pictures and predictions as a track with one frame per image, or print it for the name ``-``.
@@ -67,7 +74,11 @@ def write_json(
     """
     source = hands[0][0] if len(hands) == 1 else f"{len(hands)} images"
     frames = [
-        {"image": image, "picture": str(picture), **frame_values(number, found, predictor.skeleton, joints)}
+        {
+            "image": image,
+            "picture": str(picture),
+            **frame_values(number, found, predictor.skeleton, joints),
+        }
         for number, ((image, found), picture) in enumerate(zip(hands, pictures))
     ]
     text = document(source, [found for _, found in hands], frames, predictor.skeleton, joints)
@@ -86,7 +97,11 @@ def in_words(found: Hand, predictor: Predictor) -> str:
         words += "; at {:.0f}, {:.0f}, {:.0f} mm".format(*found.center_mm)
     if not found.has_joints:
         return f"{words}; no joints below {predictor.min_confidence:.0%} (--min-confidence)"
-    return words + (", joints in mm from the camera" if found.in_frame else "; joints in mm from the crop's centre")
+    return words + (
+        ", joints in mm from the camera"
+        if found.in_frame
+        else "; joints in mm from the crop's centre"
+    )
 
 
 def _format_lines(found: Hand, name: FormatName, values: dict[str, Any]) -> list[str]:
@@ -98,8 +113,16 @@ def _format_lines(found: Hand, name: FormatName, values: dict[str, Any]) -> list
     for i, joint in enumerate(FORMATS[name].joints):
         rows = [np.atleast_1d(of[i]) for of in kinds.values()]
         decimals = 1 if FORMATS[name].unit == "mm" else 4
-        lines.append(f"  {joint:<20}" + "".join(f"{number:10.{decimals}f}" for row in rows for number in row))
-    return [*lines, *(f"  {angle:<28}{degrees:8.1f} deg" for angle, degrees in values[joint_values.ANGLES_KEY].items())]
+        lines.append(
+            f"  {joint:<20}" + "".join(f"{number:10.{decimals}f}" for row in rows for number in row)
+        )
+    return [
+        *lines,
+        *(
+            f"  {angle:<28}{degrees:8.1f} deg"
+            for angle, degrees in values[joint_values.ANGLES_KEY].items()
+        ),
+    ]
 
 
 def views(found: Hand, predictor: Predictor, zoom: int = 4) -> list[strokes.Image]:
@@ -109,13 +132,23 @@ def views(found: Hand, predictor: Predictor, zoom: int = 4) -> list[strokes.Imag
     """
     if not found.has_joints:
         return [hands.picture(found.crop, zoom)]
-    place: dict[str, Any] = {"center_uvd": found.center_uvd, "cube_mm": found.cube_mm, "camera": found.camera}
+    place: dict[str, Any] = {
+        "center_uvd": found.center_uvd,
+        "cube_mm": found.cube_mm,
+        "camera": found.camera,
+    }
     guesses = hands.guessed(found.finger_error_mm)
     seen_at = place if found.in_frame else {}
-    drawn = [hands.overlay(found.crop, found.joints, predictor.skeleton, **seen_at, zoom=zoom, guesses=guesses)]
+    drawn = [
+        hands.overlay(
+            found.crop, found.joints, predictor.skeleton, **seen_at, zoom=zoom, guesses=guesses
+        )
+    ]
     if found.fit is not None:
         drawn.append(surface.over_crop(found.crop, found.capsules(), **place, zoom=zoom))
-    drawn.append(hands.view_3d(found.joints, predictor.skeleton, size=len(drawn[0]), guesses=guesses))
+    drawn.append(
+        hands.view_3d(found.joints, predictor.skeleton, size=len(drawn[0]), guesses=guesses)
+    )
     return drawn
 
 
@@ -141,31 +174,57 @@ def write_page(path: Path, found: Sequence[tuple[str, Hand]], predictor: Predict
 
     Raises OSError, NetlibError, and DataError if there is none.
     """
-    from handpose.sequences.movements import poses  # imported here, because SciPy's rotations take a while
+    # imported here, because SciPy's rotations take a while
+    from handpose.sequences.movements import poses
 
-    hands = [_on_page(image, prediction, predictor) for image, prediction in found if prediction.has_joints]
+    hands = [
+        _on_page(image, prediction, predictor)
+        for image, prediction in found
+        if prediction.has_joints
+    ]
     if not hands:
-        raise DataError(f"{path}: not written: nothing has joints, which need a confidence of at least "
-                        f"{predictor.min_confidence:.0%} (--min-confidence)")
+        raise DataError(
+            f"{path}: not written: nothing has joints, which need a confidence of at least "
+            f"{predictor.min_confidence:.0%} (--min-confidence)"
+        )
     name = predictor.skeleton.name
-    sampler = BodySampler(prior_file.load(prior_file.PEOPLE_PRIOR if name == "people" else prior_file.NYU_PRIOR))
+    sampler = BodySampler(
+        prior_file.load(prior_file.PEOPLE_PRIOR if name == "people" else prior_file.NYU_PRIOR)
+    )
     own = predictor.skeleton.dof_names == sampler.skeleton.dof_names
     shown = body(name, predictor.skeleton, poses(sampler) if own else None, predictor.cube_mm / 2)
     title = "Predicted hands" if len(hands) > 1 else "Predicted hand"
-    atomic.replace_text(path, page(title if predictor.is_hand else f"{name}, predicted", [shown], hands))
+    atomic.replace_text(
+        path, page(title if predictor.is_hand else f"{name}, predicted", [shown], hands)
+    )
 
 
 def _on_page(image: str, found: Hand, predictor: Predictor) -> dict[str, Any]:
     if found.fit is not None:
         inputs, size, thickness = found.whole_inputs, found.size, found.thickness
     else:
-        inputs, size, thickness = hand_poses(predictor.net, as_right(found.crop, found.hand)[None]).inputs[0], 1.0, 1.0
+        inputs, size, thickness = (
+            hand_poses(predictor.net, as_right(found.crop, found.hand)[None]).inputs[0],
+            1.0,
+            1.0,
+        )
         if found.hand == "left":
-            along_x = prior_file.translations(predictor.skeleton, int(np.argmin(predictor.skeleton.parents)))[0]
+            along_x = prior_file.translations(
+                predictor.skeleton, int(np.argmin(predictor.skeleton.parents))
+            )[0]
             inputs[along_x] += mirror_shift(found.center_uvd, found.cube_mm, found.camera)
-    return hand(Path(image).name, in_words(found, predictor).partition(";")[0], inputs, camera=found.camera,
-                center_uvd=found.center_uvd, cube_mm=found.cube_mm, crop=found.crop, size=size, thickness=thickness,
-                side=found.hand)
+    return hand(
+        Path(image).name,
+        in_words(found, predictor).partition(";")[0],
+        inputs,
+        camera=found.camera,
+        center_uvd=found.center_uvd,
+        cube_mm=found.cube_mm,
+        crop=found.crop,
+        size=size,
+        thickness=thickness,
+        side=found.hand,
+    )
 
 
 def draw_first(seen: Inspection, predictor: Predictor, picture: str) -> int:
@@ -187,8 +246,13 @@ def draw_first(seen: Inspection, predictor: Predictor, picture: str) -> int:
         draw(Path(picture), found, predictor)
         say(f"frame {frame.number}: {in_words(found, predictor)}; figure {picture}")
         return DONE
-    first, header = seen.frames[0], TrackHeader(seen.recording.name, seen.recording.camera, predictor.skeleton)
-    outputs.write_image(picture, Painter(header).seen(first.depth, TrackedFrame(first.number, first.time, ())))
+    first, header = (
+        seen.frames[0],
+        TrackHeader(seen.recording.name, seen.recording.camera, predictor.skeleton),
+    )
+    outputs.write_image(
+        picture, Painter(header).seen(first.depth, TrackedFrame(first.number, first.time, ()))
+    )
     doubt = seen.doubt and f"; {seen.doubt}"
     raise DataError(
         f"{seen.recording.name}: no hand in the first {len(seen.frames)} frames; {picture} shows the first one{doubt}"

@@ -28,28 +28,49 @@ class Importer:
     root: str  # name of its folder on the command line
     out: Path  # default of --out
     center: str  # annotated joint at the centre of crops, default of --center
-    check: Callable[[Path, str], tuple[list[str], list[Flaw]]]  # reports what exists of a split, and its problems
-    read: Callable[[Path, str, Path | None], PublishedFrames]  # reads a split, optionally with a file of centres
+    # reports what exists of a split, and its problems
+    check: Callable[[Path, str], tuple[list[str], list[Flaw]]]
+    # reads a split, optionally with a file of centres
+    read: Callable[[Path, str, Path | None], PublishedFrames]
 
 
 def arguments(argv: list[str] | None, doc: str | None, importer: Importer) -> argparse.Namespace:
     """Parse the command line of an importer; ``center`` is None for the data set's own centres."""
     parser = parser_of(doc)
     parser.add_argument("root", type=Path, metavar=importer.root, help="the data set as published")
-    parser.add_argument("--out", type=Path, default=importer.out, help="folder to write to (default: %(default)s)")
-    parser.add_argument("--workers", type=workers, default=engine.available_cpus(), metavar="N",
-                        help="threads (default: one per processor, %(default)s)")
-    parser.add_argument("--center", default=importer.center, metavar=f"{importer.center}|FILE",
-                        help="crop centres (default: %(default)s)")
-    parser.add_argument("--splits", nargs="+", choices=SPLITS, default=list(SPLITS), help="default: both")
-    parser.add_argument("--check", action="store_true", help="only report what exists and what is missing")
+    parser.add_argument(
+        "--out", type=Path, default=importer.out, help="folder to write to (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--workers",
+        type=workers,
+        default=engine.available_cpus(),
+        metavar="N",
+        help="threads (default: one per processor, %(default)s)",
+    )
+    parser.add_argument(
+        "--center",
+        default=importer.center,
+        metavar=f"{importer.center}|FILE",
+        help="crop centres (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--splits", nargs="+", choices=SPLITS, default=list(SPLITS), help="default: both"
+    )
+    parser.add_argument(
+        "--check", action="store_true", help="only report what exists and what is missing"
+    )
     parser.add_argument("--strict", action="store_true", help="stop at the first bad frame")
-    parser.add_argument("--force", action="store_true", help="rebuild all files, replacing existing ones")
+    parser.add_argument(
+        "--force", action="store_true", help="rebuild all files, replacing existing ones"
+    )
     args = parser.parse_args(argv)
     args.splits = [split for split in SPLITS if split in args.splits]
     args.center = None if args.center == importer.center else args.center
     if args.center is not None and "{split}" not in args.center and len(args.splits) > 1:
-        parser.error('--center FILE applies to one split: select it with --splits, or use "{split}" in the name')
+        parser.error(
+            '--center FILE applies to one split: select it with --splits, or use "{split}" in the name'
+        )
     return args
 
 
@@ -69,8 +90,10 @@ def run(args: argparse.Namespace, importer: Importer) -> int:
         return FAILED if problems else DONE
     if any(problem.fatal for problem in problems):
         return FAILED
-    frames = [importer.read(args.root, split, args.center and Path(args.center.replace("{split}", split)))
-              for split in args.splits]
+    frames = [
+        importer.read(args.root, split, args.center and Path(args.center.replace("{split}", split)))
+        for split in args.splits
+    ]
     return _prepare([PreparedSplit(some, args.out, args.force) for some in frames], args)
 
 
@@ -83,7 +106,9 @@ def _prepare(splits: Sequence[PreparedSplit], args: argparse.Namespace) -> int:
         for split in splits:
             _write(split, args, advance)
 
-    parts.check_space(args.out, [(len(split.frames), split.frames.crops(0, 0)[0].arrays()) for split in splits])
+    parts.check_space(
+        args.out, [(len(split.frames), split.frames.crops(0, 0)[0].arrays()) for split in splits]
+    )
     status = fill_folder(args.out, sum(part.rows for part in missing), fill)
     if status != DONE:
         return status
@@ -108,5 +133,8 @@ def _write(split: PreparedSplit, args: argparse.Namespace, advance: Callable[[in
 
     split.write(args.workers, advance, on_bad)
     if count > MAX_SHOWN:
-        say(f"{split.frames.split}: {count - MAX_SHOWN} more bad frames, see {split.bad}", file=sys.stderr)
+        say(
+            f"{split.frames.split}: {count - MAX_SHOWN} more bad frames, see {split.bad}",
+            file=sys.stderr,
+        )
     split.write_list()

@@ -40,8 +40,13 @@ class ProgressBar:
                 from tqdm import tqdm
             except ImportError:
                 return self
-            self._bar = tqdm(total=self.total, initial=self.done, unit=f" {self.unit}",
-                             desc=printable(self.what) or None, dynamic_ncols=True)
+            self._bar = tqdm(
+                total=self.total,
+                initial=self.done,
+                unit=f" {self.unit}",
+                desc=printable(self.what) or None,
+                dynamic_ncols=True,
+            )
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -128,7 +133,10 @@ class Stopper:
     def __enter__(self) -> Stopper:
         self._before = {}
         if threading.current_thread() is threading.main_thread():
-            self._before = {number: signal.signal(number, self._note) for number in (signal.SIGINT, signal.SIGTERM)}
+            self._before = {
+                number: signal.signal(number, self._note)
+                for number in (signal.SIGINT, signal.SIGTERM)
+            }
         return self
 
     def __exit__(self, *exception: object) -> None:

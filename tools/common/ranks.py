@@ -16,7 +16,8 @@ OPEN_MPI = ("OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK")
 LAUNCHERS = (  # environment variables with the number of processes and the number of this one
     OPEN_MPI,
     ("PMI_SIZE", "PMI_RANK"),  # MPICH, Intel MPI
-    ("SLURM_STEP_NUM_TASKS", "SLURM_PROCID"),  # srun; also set in shells under it, so used only with -m mpi4py
+    # srun; also set in shells under it, so used only with -m mpi4py
+    ("SLURM_STEP_NUM_TASKS", "SLURM_PROCID"),
 )
 
 
@@ -34,17 +35,22 @@ def world(divide: bool = False) -> Ranks:
         mpi4py.rc.initialize, mpi4py.rc.finalize = False, True
         from mpi4py import MPI
     except ImportError as error:
-        raise NetlibError(f"{started} processes were started to train together, which needs mpi4py: {error}; "
-                          "pip install mpi4py mpich") from None
+        raise NetlibError(
+            f"{started} processes were started to train together, which needs mpi4py: {error}; "
+            "pip install mpi4py mpich"
+        ) from None
     library = " ".join(MPI.Get_library_version().split("\n")[0].split(",")[0].rstrip("\0").split())
     count = 1
-    if not (library.startswith("MPICH") and OPEN_MPI[0] in os.environ):  # MPICH would exit here without a message
+    # MPICH would exit here without a message
+    if not (library.startswith("MPICH") and OPEN_MPI[0] in os.environ):
         if not MPI.Is_initialized():
             MPI.Init_thread()
         count = MPI.COMM_WORLD.Get_size()
     if count != started > 1:
-        raise NetlibError(f"{started} processes were started, but mpi4py, with {library}, sees {count}: they were "
-                          "started by another MPI; use the mpiexec of the MPI that mpi4py was built with")
+        raise NetlibError(
+            f"{started} processes were started, but mpi4py, with {library}, sees {count}: they were "
+            "started by another MPI; use the mpiexec of the MPI that mpi4py was built with"
+        )
     if count == 1:
         return ALONE
     from netlib.distributed.mpi import MPIRanks
@@ -62,7 +68,8 @@ def only_first_prints() -> Iterator[None]:
         try:
             yield
         except (SystemExit, NetlibError):
-            sys.exit(0)  # another status could make the launcher kill the first process before it prints
+            # another status could make the launcher kill the first process before it prints
+            sys.exit(0)
 
 
 def threads_of(ranks: Ranks) -> int | None:

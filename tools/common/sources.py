@@ -28,7 +28,8 @@ from netlib.files.paths import exists
 from tools.common.arguments import expected, numbers, real
 from tools.common.console import say
 
-CONFIRMS_UNIT = 0.95  # confidence of a fit that confirms the depth unit: a wrong unit changes the size of the hand
+# confidence of a fit that confirms the depth unit: a wrong unit changes the size of the hand
+CONFIRMS_UNIT = 0.95
 FILES = (".json", ".yaml", ".yml", ".txt", ".ini", ".csv")  # with a camera
 OTHER_UNITS = ", ".join(f"for {name} {unit:g}" for name, unit in UNIT_MM.items())
 ABOUT_FRAMES = ("unit", "distortion")  # options of add_camera_options that need a camera
@@ -51,7 +52,9 @@ def camera(text: str) -> Camera | View:
 
 
 def _camera(text: str) -> Camera | View | Path:
-    is_file = Path(text).suffix.lower() in FILES or (exists(Path(text)) and text not in {*CAMERAS, *VIEWS})
+    is_file = Path(text).suffix.lower() in FILES or (
+        exists(Path(text)) and text not in {*CAMERAS, *VIEWS}
+    )
     return Path(text) if is_file else camera(text)
 
 
@@ -74,46 +77,81 @@ def _lens(text: str) -> Lens:
 
 def add_joints_option(parser: argparse.ArgumentParser, where: str) -> None:
     """Add the option --joints, for tools that write hands; ``where`` says to which output it applies."""
-    parser.add_argument("--joints", choices=FORMAT_NAMES, help="joints of another format and anatomical angles, "
-                        f"{where} (docs/joint_formats.md)")
+    parser.add_argument(
+        "--joints",
+        choices=FORMAT_NAMES,
+        help=f"joints of another format and anatomical angles, {where} (docs/joint_formats.md)",
+    )
 
 
 def add_min_confidence(parser: argparse.ArgumentParser) -> None:
     """Add the option --min-confidence, for tools that write hands."""
-    parser.add_argument("--min-confidence", type=real(0, 1), default=MIN_CONFIDENCE, metavar="P",
-                        help="give no joints of a hand with a lower confidence, from 0 to 1 (default: %(default)s)")
+    parser.add_argument(
+        "--min-confidence",
+        type=real(0, 1),
+        default=MIN_CONFIDENCE,
+        metavar="P",
+        help="give no joints of a hand with a lower confidence, from 0 to 1 (default: %(default)s)",
+    )
 
 
 def add_source_options(parser: argparse.ArgumentParser) -> None:
     """Add the argument SOURCE and the options about its camera."""
     parser.add_argument("source", metavar="SOURCE", help=EXPECTED)
     add_camera_options(parser, "camera of the frames", "given by the source, or a file next to it")
-    parser.add_argument("--rate", type=rate, metavar="HZ", help="frame rate, if the frames have no times")
-    parser.add_argument("--time-unit", choices=TIME_UNITS,
-                        help="unit of the times in file names or arrays; frames if they are numbers of frames "
-                             "(default: by the names)")
+    parser.add_argument(
+        "--rate", type=rate, metavar="HZ", help="frame rate, if the frames have no times"
+    )
+    parser.add_argument(
+        "--time-unit",
+        choices=TIME_UNITS,
+        help="unit of the times in file names or arrays; frames if they are numbers of frames "
+        "(default: by the names)",
+    )
 
 
 def add_camera_options(parser: argparse.ArgumentParser, of: str, default: str = "") -> None:
     """Add the options about a camera; ``of`` begins the help, and ``default`` is where its parameters come from."""
     names = ", ".join((*CAMERAS, *VIEWS))
     camera = parser.add_mutually_exclusive_group()
-    camera.add_argument("--camera", type=_camera, metavar="NAME|FX,FY,U0,V0|FILE",
-                        help=f"{of}: {names}, four numbers in px, or a file with its intrinsics: camera.json, or as "
-                             f"other programs write it{default and f' (default: {default})'}")
-    camera.add_argument("--fov", type=_field_of_view, metavar="DEGREES", dest="camera",
-                        help="if the intrinsics are unknown: the horizontal field of view of the depth image, or "
-                             "horizontal,vertical")
-    parser.add_argument("--unit", type=unit_mm, metavar="MM",
-                        help=f"depth unit: mm per stored value of 1 (default: one, {OTHER_UNITS})")
-    parser.add_argument("--distortion", type=_lens, metavar="K1,K2,P1,P2[,K3]",
-                        help="lens distortion in OpenCV's order; write --distortion= before a minus sign")
+    camera.add_argument(
+        "--camera",
+        type=_camera,
+        metavar="NAME|FX,FY,U0,V0|FILE",
+        help=f"{of}: {names}, four numbers in px, or a file with its intrinsics: camera.json, or as "
+        f"other programs write it{default and f' (default: {default})'}",
+    )
+    camera.add_argument(
+        "--fov",
+        type=_field_of_view,
+        metavar="DEGREES",
+        dest="camera",
+        help="if the intrinsics are unknown: the horizontal field of view of the depth image, or "
+        "horizontal,vertical",
+    )
+    parser.add_argument(
+        "--unit",
+        type=unit_mm,
+        metavar="MM",
+        help=f"depth unit: mm per stored value of 1 (default: one, {OTHER_UNITS})",
+    )
+    parser.add_argument(
+        "--distortion",
+        type=_lens,
+        metavar="K1,K2,P1,P2[,K3]",
+        help="lens distortion in OpenCV's order; write --distortion= before a minus sign",
+    )
 
 
 def given_of(args: argparse.Namespace) -> CameraInfo:
     """The camera parameters in the parsed arguments, and in the camera.json that they name. Raises NetlibError."""
-    said = CameraInfo(None, args.distortion, args.unit, getattr(args, "rate", None),
-                      time_unit=getattr(args, "time_unit", None))
+    said = CameraInfo(
+        None,
+        args.distortion,
+        args.unit,
+        getattr(args, "rate", None),
+        time_unit=getattr(args, "time_unit", None),
+    )
     if isinstance(args.camera, Path):
         return said.or_else(camera_file.read(args.camera))
     return said.or_else(CameraInfo(args.camera, origin="--camera"))
@@ -140,16 +178,30 @@ def print_inspection(found: Inspection, file: TextIO | None = None) -> None:
     """Print a report on a recording and its first frames; warnings go to stderr."""
     recording, camera = found.recording, found.recording.camera
     view, rate = view_of(camera), f", {recording.rate:g} frames/s" if recording.rate else ""
-    length = ("live" if recording.live else "unknown number of frames" if recording.count is None
-              else f"{recording.count} frames")
+    length = (
+        "live"
+        if recording.live
+        else "unknown number of frames"
+        if recording.count is None
+        else f"{recording.count} frames"
+    )
     say(f"{recording.name}: {length}, {camera.width} x {camera.height} pixels{rate}", file=file)
-    say(f"  camera {camera.name}: fx {camera.fx:g}, fy {camera.fy:g}, u0 {camera.u0:g}, v0 {camera.v0:g}; "
-        f"field of view {view[0]:.0f} x {view[1]:.0f} degrees", file=file)
+    say(
+        f"  camera {camera.name}: fx {camera.fx:g}, fy {camera.fy:g}, u0 {camera.u0:g}, v0 {camera.v0:g}; "
+        f"field of view {view[0]:.0f} x {view[1]:.0f} degrees",
+        file=file,
+    )
     if found.depth_mm is not None and found.nearest is not None:
         low, middle, high = found.depth_mm
-        say(f"  depth {low:.0f} to {high:.0f} mm, median {middle:.0f}; {found.zeros:.0%} of the pixels empty; "
-            f"unit {recording.unit_mm:g} mm", file=file)
-        say(f"  nearest object: {found.nearest[0]:.0f} mm away, {found.nearest[1]:.0f} mm wide", file=file)
+        say(
+            f"  depth {low:.0f} to {high:.0f} mm, median {middle:.0f}; {found.zeros:.0%} of the pixels empty; "
+            f"unit {recording.unit_mm:g} mm",
+            file=file,
+        )
+        say(
+            f"  nearest object: {found.nearest[0]:.0f} mm away, {found.nearest[1]:.0f} mm wide",
+            file=file,
+        )
     for remark in found.remarks:
         say(f"  {remark}", file=file)
     for warning in found.warnings:
@@ -157,14 +209,21 @@ def print_inspection(found: Inspection, file: TextIO | None = None) -> None:
 
 
 def print_warnings(
-    name: str, depth: NDArray[np.float32], camera: Camera, unit_mm: float | None, confidence: float = 0.0
+    name: str,
+    depth: NDArray[np.float32],
+    camera: Camera,
+    unit_mm: float | None,
+    confidence: float = 0.0,
 ) -> None:
     """Print warnings about a single frame in mm; the default unit is that of the camera.
 
     ``confidence`` is that of the hand found in the frame; a high one confirms the unit.
     """
     found = checked([depth], camera, unit_mm)
-    for warning in (*found.of_camera, *(found.of_depths if not confidence >= CONFIRMS_UNIT else ())):
+    for warning in (
+        *found.of_camera,
+        *(found.of_depths if not confidence >= CONFIRMS_UNIT else ()),
+    ):
         say(f"warning: {name}: {warning}", file=sys.stderr)
 
 

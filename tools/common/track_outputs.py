@@ -46,25 +46,56 @@ _CHECK_S = 0.1  # interval between checks for a request to stop
 
 def add_output_options(parser: argparse.ArgumentParser) -> None:
     """Add the options for output files and live output."""
-    parser.add_argument("--json", metavar="FILE|-", type=name_in(".json", ".jsonl", "-"),
-                        help="joints, angles, crops: .json, .jsonl (one line per frame), or - for such lines on "
-                             "standard output")
-    parser.add_argument("--csv", metavar="FILE.csv", type=name_in(".csv"), help="one row per frame and hand")
+    parser.add_argument(
+        "--json",
+        metavar="FILE|-",
+        type=name_in(".json", ".jsonl", "-"),
+        help="joints, angles, crops: .json, .jsonl (one line per frame), or - for such lines on "
+        "standard output",
+    )
+    parser.add_argument(
+        "--csv", metavar="FILE.csv", type=name_in(".csv"), help="one row per frame and hand"
+    )
     add_joints_option(parser, "in --json in addition to NYU's, in --csv instead")
-    parser.add_argument("--gestures", action="store_true",
-                        help="gesture of each hand and its confidence, in --json and --csv")
-    parser.add_argument("--video", metavar="FILE.mp4", type=name_in(".mp4"),
-                        help="skeleton and surface on the depth image")
-    parser.add_argument("--sheet", metavar="FILE.png", type=name_in(".png", ".jpg"),
-                        help="contact sheet of the track")
-    parser.add_argument("--serve", metavar="HOST:PORT", nargs="?", const=(LOCAL, 0), type=_served,
-                        help=f"a page for the browser that shows frames as they come, and JSON lines over WebSocket "
-                             f"(default: {LOCAL}, which other machines do not reach, and any free port)")
-    parser.add_argument("--addresses", metavar="FILE.json", type=name_in(".json"),
-                        help="with --serve: write the addresses, which contain the token, to a file that only you can "
-                             "read; removed at the end")
-    parser.add_argument("--look", metavar="FILE.png", type=name_in(".png", ".jpg"),
-                        help="only report on the first frames, and draw the first hand")
+    parser.add_argument(
+        "--gestures",
+        action="store_true",
+        help="gesture of each hand and its confidence, in --json and --csv",
+    )
+    parser.add_argument(
+        "--video",
+        metavar="FILE.mp4",
+        type=name_in(".mp4"),
+        help="skeleton and surface on the depth image",
+    )
+    parser.add_argument(
+        "--sheet",
+        metavar="FILE.png",
+        type=name_in(".png", ".jpg"),
+        help="contact sheet of the track",
+    )
+    parser.add_argument(
+        "--serve",
+        metavar="HOST:PORT",
+        nargs="?",
+        const=(LOCAL, 0),
+        type=_served,
+        help=f"a page for the browser that shows frames as they come, and JSON lines over WebSocket "
+        f"(default: {LOCAL}, which other machines do not reach, and any free port)",
+    )
+    parser.add_argument(
+        "--addresses",
+        metavar="FILE.json",
+        type=name_in(".json"),
+        help="with --serve: write the addresses, which contain the token, to a file that only you can "
+        "read; removed at the end",
+    )
+    parser.add_argument(
+        "--look",
+        metavar="FILE.png",
+        type=name_in(".png", ".jpg"),
+        help="only report on the first frames, and draw the first hand",
+    )
 
 
 def _served(text: str) -> tuple[str, int]:
@@ -106,10 +137,14 @@ def refuse_inputs(args: argparse.Namespace, recording: Recording) -> None:
         outputs.refuse_inputs(name, inputs)
         place = real(name)
         if frames and place.suffix.lower() in PICTURES and place.parent == real(frames):
-            raise NetlibError(f"{name}: is in the folder of the frames and would be taken for one; write it elsewhere")
+            raise NetlibError(
+                f"{name}: is in the folder of the frames and would be taken for one; write it elsewhere"
+            )
         if args.unnamed and os.path.lexists(name):
-            raise NetlibError(f"{name}: exists already; to replace it or to write elsewhere, name the outputs, as in "
-                              f"--json {args.json} --sheet {args.sheet}")
+            raise NetlibError(
+                f"{name}: exists already; to replace it or to write elsewhere, name the outputs, as in "
+                f"--json {args.json} --sheet {args.sheet}"
+            )
 
 
 def is_drawn(args: argparse.Namespace) -> bool:
@@ -139,7 +174,8 @@ class Outputs:
         self.written: list[str] = []
 
     def __enter__(self) -> Outputs:
-        for name in filter(None, (self._args.video, self._args.sheet)):  # created later, but checked now
+        # created later, but checked now
+        for name in filter(None, (self._args.video, self._args.sheet)):
             outputs.check_place(Path(name))
         every = (*self._writers, self._video, self._live)
         named = [output for output in every if output is not None]
@@ -174,7 +210,10 @@ class Outputs:
             self._live.write(depth, frame)
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        where: TracebackType | None,
     ) -> None:
         # Each output gets the exception of the block, not failures of other outputs; the first failure is raised.
         failure: Exception | None = error if isinstance(error, (NetlibError, OSError)) else None
@@ -228,7 +267,8 @@ class LiveOutput:
             say("warning: other machines can watch, if they have these addresses", file=sys.stderr)
         if not recording.live:
             say("waiting for the first connection; Ctrl-C stops", file=file)
-        print(end="", file=file, flush=True)  # not file.flush(): it is None if a shell closed standard output
+        # not file.flush(): it is None if a shell closed standard output
+        print(end="", file=file, flush=True)
         while not recording.live and not self._server.wait_for_client(_CHECK_S):
             check()
         if not recording.live:
@@ -247,12 +287,17 @@ class LiveOutput:
             self._server.put(VIEWS, self._messages.view(record, depth, frame))
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        where: TracebackType | None,
     ) -> None:
         self._stack.__exit__(kind, error, where)
 
     def _wait_until(self, seconds: float) -> None:
-        while self._begun is not None and (early := self._begun + seconds - time.perf_counter()) > 0:
+        while (
+            self._begun is not None and (early := self._begun + seconds - time.perf_counter()) > 0
+        ):
             time.sleep(min(early, _CHECK_S))
             self._check()
 

@@ -78,8 +78,10 @@ class LogFile(logging.FileHandler):
             if Path(self._path).is_file():  # terminals and the null device are not locked
                 if locks.take(self.stream.fileno()) is False:
                     self.close()
-                    raise NetlibError(f"{self._path}: another process is writing this log; wait for it, or choose "
-                                      "another name")
+                    raise NetlibError(
+                        f"{self._path}: another process is writing this log; wait for it, or choose "
+                        "another name"
+                    )
                 if not self._append:  # only after the lock is taken
                     self.stream.truncate(0)
                 self._size = os.fstat(self.stream.fileno()).st_size
@@ -143,11 +145,17 @@ def train(
         changes: dict[str, Any] = {} if max_iter is None else {"max_iter": max_iter}
         with files.noted() as read:
             solver = new_solver(solver_file, snapshot, weights, seed, engine, ranks, **changes)
-        if file := console.file:  # replaced when the snapshots can be written and no other training does
+        # replaced when the snapshots can be written and no other training does
+        if file := console.file:
             solver.on_step.append(lambda: file.begin([snapshot, *read]))
         status = solve(solver, console, snapshot)
     if status != DONE and not ranks.rank:
-        options = {"--max-iter": max_iter, "--threads": threads, "--engine": engine, "--log": log_file}
+        options = {
+            "--max-iter": max_iter,
+            "--threads": threads,
+            "--engine": engine,
+            "--log": log_file,
+        }
         say_how_to_continue(solver, options)
     return DONE if ranks.rank else status
 
@@ -155,13 +163,17 @@ def train(
 def say_how_to_continue(solver: Solver, options: Mapping[str, object]) -> None:
     """Print the command that continues a training that was stopped; options that are None are left out."""
     words: list[object] = [solver.source, "--snapshot", solver.snapshots.last]
-    words += [word for name, value in options.items() if value is not None for word in (name, value)]
+    words += [
+        word for name, value in options.items() if value is not None for word in (name, value)
+    ]
     how = f"continue with {solver.ranks.count} ranks" if solver.ranks.count > 1 else "continue"
     say(f"{how}: {command('train')} {shlex.join(map(str, words))}", file=sys.stderr)
 
 
 @contextlib.contextmanager
-def logged(ranks: Ranks, log_file: str | Path | None = None, append: bool = False) -> Iterator[BarHandler]:
+def logged(
+    ranks: Ranks, log_file: str | Path | None = None, append: bool = False
+) -> Iterator[BarHandler]:
     """Context manager: rank 0 sends netlib's log to stderr and to a file once that has begun; an error of one rank ends
     all. Raises NetlibError, on rank 0.
 
@@ -195,8 +207,13 @@ def set_up_engine(name: str | None, ranks: Ranks, threads: int | None = None) ->
 
 
 def new_solver(
-    solver_file: str | Path, snapshot: str | Path | None = None, weights: Sequence[str | Path] = (),
-    seed: int | None = None, engine: str | None = None, ranks: Ranks = ALONE, kind: type[Solver] = Solver,
+    solver_file: str | Path,
+    snapshot: str | Path | None = None,
+    weights: Sequence[str | Path] = (),
+    seed: int | None = None,
+    engine: str | None = None,
+    ranks: Ranks = ALONE,
+    kind: type[Solver] = Solver,
     **changes: Any,
 ) -> Solver:
     """Create the solver for ``train``, of this class, and log it; ``changes`` replace fields of its file. Raises
@@ -215,8 +232,12 @@ def new_solver(
 
 
 def solve(
-    solver: Solver, console: BarHandler, snapshot: str | Path | None = None, on_sigint: Effect = "stop",
-    on_sighup: Effect = "snapshot", shows_bar: bool = True,
+    solver: Solver,
+    console: BarHandler,
+    snapshot: str | Path | None = None,
+    on_sigint: Effect = "stop",
+    on_sighup: Effect = "snapshot",
+    shows_bar: bool = True,
 ) -> int:
     """Train to the end, or until a signal; returns the exit status: 0, or 128 + signal. Raises NetlibError."""
     bar = _progress(solver, console) if shows_bar else contextlib.nullcontext()
@@ -234,8 +255,14 @@ def _describe(solver: Solver) -> None:
         log.info("Creating Layer %s", at.layer.name)
         for name, blob in zip(at.layer.spec.top, at.top):
             where = " (in-place)" if name in at.layer.spec.bottom else ""
-            log.info("%s -> %s%s, top shape: %s (%d)", at.layer.name, name, where, " ".join(map(str, blob.shape)),
-                     blob.count)
+            log.info(
+                "%s -> %s%s, top shape: %s (%d)",
+                at.layer.name,
+                name,
+                where,
+                " ".join(map(str, blob.shape)),
+                blob.count,
+            )
     for name in net.outputs:
         log.info("This network produces output %s", name)
     if (ranks := solver.ranks.count) > 1:
@@ -250,8 +277,11 @@ def _warn_of_zeros(solver: Solver) -> None:
     learned = {id(param.blob) for param in solver.net.learnable if param.spec.lr_mult}
     for name, blobs in solver.net.params.items():
         if id(blobs[0]) in learned and blobs[0].data.ndim > 1 and not blobs[0].data.any():
-            log.warning("layer %r: its weights start at 0, the default without a weight_filler; expected a "
-                        "weight_filler, or weights for it in a file", name)
+            log.warning(
+                "layer %r: its weights start at 0, the default without a weight_filler; expected a "
+                "weight_filler, or weights for it in a file",
+                name,
+            )
 
 
 @contextlib.contextmanager

@@ -21,9 +21,11 @@ class Orbbec:
         self._pipeline.start(config)
         k, d = profile.get_intrinsic(), profile.get_distortion()
         camera = Camera("orbbec", k.fx, k.fy, k.cx, k.cy, k.width, k.height)
-        lens = Lens((d.k1, d.k2, d.p1, d.p2, d.k3))  # with k4, k5, k6 for the model BROWN_CONRADY_K6
+        # with k4, k5, k6 for the model BROWN_CONRADY_K6
+        lens = Lens((d.k1, d.k2, d.p1, d.p2, d.k3))
         self.name = "orbbec"
-        self.info = CameraInfo(camera, lens, unit_mm=1.0, rate=profile.get_fps())  # unit: a frame's get_depth_scale()
+        # unit: a frame's get_depth_scale()
+        self.info = CameraInfo(camera, lens, unit_mm=1.0, rate=profile.get_fps())
 
     def read(self) -> DeviceFrame | None:
         """The next frame; None if none comes."""
@@ -31,7 +33,9 @@ class Orbbec:
         frame = frames and frames.get_depth_frame()
         if not frame:
             return None
-        values = np.frombuffer(frame.get_data(), np.uint16).reshape(frame.get_height(), frame.get_width())
+        values = np.frombuffer(frame.get_data(), np.uint16).reshape(
+            frame.get_height(), frame.get_width()
+        )
         return DeviceFrame(frame.get_timestamp_us() / 1e6, values, frame.get_index())
 
     def close(self) -> None:

@@ -23,7 +23,9 @@ class Topic:
         self._images: list[Any] = []
         infos: list[Any] = []
         self._node.create_subscription(Image, topic, self._images.append, 1)
-        self._node.create_subscription(Info, f"{topic.rpartition('/')[0]}/camera_info", infos.append, 1)
+        self._node.create_subscription(
+            Info, f"{topic.rpartition('/')[0]}/camera_info", infos.append, 1
+        )
         while not infos:
             rclpy.spin_once(self._node, timeout_sec=WAIT_S)
         k = infos[0].k

@@ -11,7 +11,8 @@ from layers.hand.kinematics import Kinematics
 from layers.hand.skeleton import load
 from netlib.blob import Array
 
-SHOULDER, ELBOW = np.arctan2(4, 3), np.pi / 2 - np.arctan2(4, 3)  # they lead the arm to (3, 4) and (3, 6)
+# they lead the arm to (3, 4) and (3, 6)
+SHOULDER, ELBOW = np.arctan2(4, 3), np.pi / 2 - np.arctan2(4, 3)
 BONES = (5.0, 2.0)
 
 
@@ -35,14 +36,20 @@ def arm() -> Any:
     """The arm of chapter 8 with the frame of each joint."""
     figure, axes = _plane(5.2, 4.6)
     _bones(axes, ARM)
-    for place, turn, name in zip(ARM, (0.0, SHOULDER, SHOULDER + ELBOW), ("shoulder", "elbow", "wrist")):
+    for place, turn, name in zip(
+        ARM, (0.0, SHOULDER, SHOULDER + ELBOW), ("shoulder", "elbow", "wrist")
+    ):
         for axis, colour in ((0.0, AXES[0]), (np.pi / 2, AXES[1])):
             _arrow(axes, place, place + 1.1 * _direction(turn + axis), colour, 1.6)
         label = place + (0.25, 0.15 if name == "wrist" else -0.45)
         axes.text(*label, f"{name} ({place[0]:g}, {place[1]:g})", fontsize=9)
-    for place, begin, turn, words in zip(ARM, (0.0, SHOULDER), (SHOULDER, ELBOW), ("53.13°", "+ 36.87°")):
+    for place, begin, turn, words in zip(
+        ARM, (0.0, SHOULDER), (SHOULDER, ELBOW), ("53.13°", "+ 36.87°")
+    ):
         _arc(axes, place, 1.5, begin, begin + turn, INK)
-        axes.text(*(place + 1.7 * _direction(begin + turn / 2)), words, fontsize=8, color=INK, va="center")
+        axes.text(
+            *(place + 1.7 * _direction(begin + turn / 2)), words, fontsize=8, color=INK, va="center"
+        )
     axes.plot(*np.array([ARM[1], 1.3 * ARM[1]]).T, ":", color=LINE, lw=1)
     axes.set(xlim=(-1.2, 6.2), ylim=(-1.0, 7.6))
     axes.set_title("bones 5 and 2; the frame of each joint, x red and y green", fontsize=10)
@@ -56,13 +63,18 @@ def lever() -> Any:
     _bones(axes, ARM)
     _arrow(axes, wrist, wrist + force, FORCE, 2)
     axes.text(*(wrist + force + (0.15, -0.1)), "f = (1, 2)", color=FORCE)
-    for pivot, name, torque, shift in zip(ARM, ("shoulder", "elbow"), arm_torques(ARM, force), (0.0, -0.18)):
-        axes.plot(*(np.array([pivot, wrist]) + (shift, 0)).T, "--", color=INK, lw=1)  # the elbow's is on the bone
+    for pivot, name, torque, shift in zip(
+        ARM, ("shoulder", "elbow"), arm_torques(ARM, force), (0.0, -0.18)
+    ):
+        # the elbow's is on the bone
+        axes.plot(*(np.array([pivot, wrist]) + (shift, 0)).T, "--", color=INK, lw=1)
         if abs(torque) > 1e-9:
             arc = _arc(axes, pivot, 0.8, 2.4, 2.4 + np.sign(torque) * 1.8, FORCE)
             _arrow(axes, arc[-3], arc[-1], FORCE, 1.6)
         x, y, torque = np.round([*(wrist - pivot), torque], 6) + 0.0  # no -0
-        axes.text(*(pivot + (0.35, -0.55)), f"{name}: lever ({x:g}, {y:g})\ntorque {torque:g}", fontsize=9)
+        axes.text(
+            *(pivot + (0.35, -0.55)), f"{name}: lever ({x:g}, {y:g})\ntorque {torque:g}", fontsize=9
+        )
     axes.set(xlim=(-1.2, 6.8), ylim=(-1.2, 8.6), title="torque = lever × force")
     return figure
 
@@ -96,12 +108,28 @@ def joints() -> Any:
             if parent >= 0:
                 axes.plot(*at[[parent, j]].T, color=_colour(name), lw=2, zorder=1)
             axes.plot(*at[j], "o", ms=11, color=_colour(name), mec="white", zorder=2)
-            axes.text(*at[j], str(j), fontsize=6.5, ha="center", va="center_baseline", color="white", zorder=3)
+            axes.text(
+                *at[j],
+                str(j),
+                fontsize=6.5,
+                ha="center",
+                va="center_baseline",
+                color="white",
+                zorder=3,
+            )
         axes.set(xlabel=xlabel, ylabel="y, mm", title=title, aspect="equal")
         axes.grid(alpha=0.25)
     names.axis("off")
     for j, name in enumerate(hand.joint_names):
-        names.text(0, 1 - j / 31, f"{j:2d}  {name}", fontsize=8, family="monospace", color=_colour(name), va="top")
+        names.text(
+            0,
+            1 - j / 31,
+            f"{j:2d}  {name}",
+            fontsize=8,
+            family="monospace",
+            color=_colour(name),
+            va="top",
+        )
     return figure
 
 

@@ -6,7 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from docs.making.figures.drawing import AXES, DATA, DIFF, FIRST, FOURTH, INK, LINE, PALE_REST, SECOND, THIRD, new_figure
+from docs.making.figures.drawing import (
+    AXES,
+    DATA,
+    DIFF,
+    FIRST,
+    FOURTH,
+    INK,
+    LINE,
+    PALE_REST,
+    SECOND,
+    THIRD,
+    new_figure,
+)
 from layers.hand.kinematics import rotation
 from netlib.blob import Array
 
@@ -28,7 +40,11 @@ def _box(axes: Any, x: float, y: float, words: str, width: float, colour: str = 
     from matplotlib.patches import FancyBboxPatch
 
     corner = (x - width / 2, y - 0.32)
-    axes.add_patch(FancyBboxPatch(corner, width, 0.64, boxstyle="round,pad=0.05", facecolor=colour, edgecolor=LINE))
+    axes.add_patch(
+        FancyBboxPatch(
+            corner, width, 0.64, boxstyle="round,pad=0.05", facecolor=colour, edgecolor=LINE
+        )
+    )
     axes.text(x, y, words, ha="center", va="center", fontsize=9)
 
 
@@ -47,7 +63,9 @@ def _wire(axes: Any, start: Place, end: Place, value: str, gradient: str, side: 
         axes.text(x, y + above, words, color=colour, ha="center", va="center", fontsize=9)
 
 
-def _grid(axes: Any, x: float, y: float, numbers: Array, shade: Array | None = None, size: float = 0.7) -> None:
+def _grid(
+    axes: Any, x: float, y: float, numbers: Array, shade: Array | None = None, size: float = 0.7
+) -> None:
     """A matrix as squares; ``shade`` has a colour for each, or "" for none. (x, y) is the upper left corner."""
     from matplotlib.patches import Rectangle
 
@@ -55,8 +73,12 @@ def _grid(axes: Any, x: float, y: float, numbers: Array, shade: Array | None = N
         left, bottom = x + column * size, y - (row + 1) * size
         colour = (shade[row, column] if shade is not None else "") or "white"
         opacity = 0.55 if colour != "white" else 1
-        axes.add_patch(Rectangle((left, bottom), size, size, facecolor=colour, edgecolor=LINE, alpha=opacity))
-        axes.text(left + size / 2, bottom + size / 2, f"{number:g}", ha="center", va="center", fontsize=9)
+        axes.add_patch(
+            Rectangle((left, bottom), size, size, facecolor=colour, edgecolor=LINE, alpha=opacity)
+        )
+        axes.text(
+            left + size / 2, bottom + size / 2, f"{number:g}", ha="center", va="center", fontsize=9
+        )
 
 
 def circuit() -> Any:
@@ -66,7 +88,11 @@ def circuit() -> Any:
     loss, dy = 0.5 * (y - t) ** 2, y - t
     da = dy * (a > 0)
     figure, axes = _canvas((8.0, 2.4), (11.2, 3.2))
-    for place, words in ((2.6, "weigh: a = w x"), (5.8, "cut: max(a, 0)"), (9.0, "compare: ½ (y − t)²")):
+    for place, words in (
+        (2.6, "weigh: a = w x"),
+        (5.8, "cut: max(a, 0)"),
+        (9.0, "compare: ½ (y − t)²"),
+    ):
         _box(axes, place, 1.6, words, 2.0)
     _wire(axes, (0.1, 2.4), (1.5, 1.8), f"x = {x:g}", f"dx = {da * w:g}", side=1)
     _wire(axes, (0.1, 0.8), (1.5, 1.4), f"w = {w:g}", f"dw = {da * x:g}", side=-1)
@@ -98,7 +124,9 @@ def window() -> Any:
     figure, axes = _canvas((8.5, 3.3), (14.4, 4.6))
     shade, one = np.full((4, 4), "", dtype=object), np.full((3, 3), "", dtype=object)
     shade[1:3, 2:4] = one[1, 2] = FIRST
-    y = np.array([[(IMAGE[h : h + 2, v : v + 2] * KERNEL).sum() + 1 for v in range(3)] for h in range(3)])
+    y = np.array(
+        [[(IMAGE[h : h + 2, v : v + 2] * KERNEL).sum() + 1 for v in range(3)] for h in range(3)]
+    )
     _grid(axes, 0.1, 3.9, IMAGE, shade)
     _grid(axes, 3.3, 3.2, KERNEL, np.full((2, 2), SECOND))
     _grid(axes, 5.2, 3.6, y, one)
@@ -121,10 +149,17 @@ def im2col() -> Any:
         shade[place] = colour
     columns, colours = np.zeros((4, 9)), np.full((4, 9), "", dtype=object)
     for row, (i, j) in enumerate(np.ndindex(2, 2)):
-        columns[row], colours[row] = IMAGE[i : i + 3, j : j + 3].ravel(), shade[i : i + 3, j : j + 3].ravel()
-        axes.text(5.45, 3.35 - 0.7 * row, f"times w[{i}, {j}]", ha="right", va="center", fontsize=8.5)
-    for left, numbers, own, title in ((0.1, IMAGE, shade, "x"),
-                                      (5.6, columns, colours, "a column for each of the nine windows")):
+        columns[row], colours[row] = (
+            IMAGE[i : i + 3, j : j + 3].ravel(),
+            shade[i : i + 3, j : j + 3].ravel(),
+        )
+        axes.text(
+            5.45, 3.35 - 0.7 * row, f"times w[{i}, {j}]", ha="right", va="center", fontsize=8.5
+        )
+    for left, numbers, own, title in (
+        (0.1, IMAGE, shade, "x"),
+        (5.6, columns, colours, "a column for each of the nine windows"),
+    ):
         _grid(axes, left, 3.7, numbers, own)
         axes.text(left, 4.0, title, fontsize=9)
     return figure
@@ -132,7 +167,9 @@ def im2col() -> Any:
 
 def winners() -> Any:
     """Chapter 4: windows of 2 × 2 on 5 × 5, their winners, and where dy = 1 … 9 goes."""
-    x = np.array([[0.0, 0, 3, 1, 2], [0, 0, 1, 4, 2], [5, 1, 0, 0, 0], [2, 6, 0, 0, 7], [1, 1, 2, 2, 9]])
+    x = np.array(
+        [[0.0, 0, 3, 1, 2], [0, 0, 1, 4, 2], [5, 1, 0, 0, 0], [2, 6, 0, 0, 7], [1, 1, 2, 2, 9]]
+    )
     shade, dx = np.full((5, 5), "", dtype=object), np.zeros((5, 5))
     for number, (h, v) in enumerate(np.ndindex(3, 3)):
         part = x[2 * h : 2 * h + 2, 2 * v : 2 * v + 2]
@@ -140,7 +177,10 @@ def winners() -> Any:
         place = 2 * h + int(row), 2 * v + int(column)
         shade[place], dx[place] = SECOND, number + 1
     figure, axes = _canvas((7.0, 3.2), (9.6, 4.4))
-    for left, numbers, title in ((0.2, x, "x: winners in orange"), (5.2, dx, "dx: dy at the winners, 0 elsewhere")):
+    for left, numbers, title in (
+        (0.2, x, "x: winners in orange"),
+        (5.2, dx, "dx: dy at the winners, 0 elsewhere"),
+    ):
         _grid(axes, left, 3.7, numbers, shade)
         axes.text(left, 3.95, title, fontsize=9)
         for at in (1.4, 2.8):
@@ -152,8 +192,16 @@ def winners() -> Any:
 def small_pass() -> Any:
     """Chapter 5: the small net with x = 2 and t = 1; each wire with its value and its gradient."""
     figure, axes = _canvas((9.5, 3.8), (17.0, 6.0))
-    for x, y, words in ((2.6, 3, "first"), (5.4, 3, "second"), (8.4, 3, "relu"), (11.2, 3, "Split"),
-                        (14.0, 5.2, "out"), (14.0, 3, "mean"), (14.0, 0.8, "size"), (16.2, 5.2, "loss")):
+    for x, y, words in (
+        (2.6, 3, "first"),
+        (5.4, 3, "second"),
+        (8.4, 3, "relu"),
+        (11.2, 3, "Split"),
+        (14.0, 5.2, "out"),
+        (14.0, 3, "mean"),
+        (14.0, 0.8, "size"),
+        (16.2, 5.2, "loss"),
+    ):
         _box(axes, x, y, words, 1.1, PALE_REST if words not in ("first", "mean") else "white")
     _wire(axes, (0.2, 3), (1.9, 3), "x = 2", "–")
     _wire(axes, (3.3, 3), (4.7, 3), "a = 3", "–")
@@ -190,8 +238,14 @@ def rotations() -> Any:
     x, z = rotation(0, np.pi / 2), rotation(2, np.pi / 2)
     away = np.array([0.45, 0.35])  # how z, away from the viewer, is drawn
     figure = new_figure(8.5, 3.0)
-    for n, (title, turn) in enumerate((("not rotated", np.eye(3)), ("R_z R_x: points away", z @ x),
-                                       ("R_x R_z: points left", x @ z)), 1):
+    for n, (title, turn) in enumerate(
+        (
+            ("not rotated", np.eye(3)),
+            ("R_z R_x: points away", z @ x),
+            ("R_x R_z: points left", x @ z),
+        ),
+        1,
+    ):
         axes = figure.add_subplot(1, 3, n)
         axes.set(xlim=(-1.3, 1.3), ylim=(-0.9, 1.3), aspect="equal", title=title)
         axes.axis("off")
@@ -201,7 +255,13 @@ def rotations() -> Any:
             axes.text(*(1.15 * tip), name, color=colour, fontsize=9, ha="center", va="center")
         for offset in (-0.24, -0.08, 0.08, 0.24):
             finger = np.array([[offset, 0, 0], [offset, 0.75 if offset < 0.2 else 0.6, 0]]) @ turn.T
-            axes.plot(*(finger[:, :2] + finger[:, 2:] * away).T, color=INK, lw=4, solid_capstyle="round", alpha=0.75)
+            axes.plot(
+                *(finger[:, :2] + finger[:, 2:] * away).T,
+                color=INK,
+                lw=4,
+                solid_capstyle="round",
+                alpha=0.75,
+            )
     return figure
 
 
@@ -213,7 +273,11 @@ def torque_box() -> Any:
     for edge, one, other in ((a, r, f), (r, a, f), (f, a, r)):
         for start in (one, other, one + other):
             axes.plot(*np.array([origin + start, origin + start + edge]).T, color=LINE, lw=0.8)
-    for edge, words, colour in ((a, "a: the axis", AXES[2]), (r, "r: the lever X − P", INK), (f, "f = dL/dX", DIFF)):
+    for edge, words, colour in (
+        (a, "a: the axis", AXES[2]),
+        (r, "r: the lever X − P", INK),
+        (f, "f = dL/dX", DIFF),
+    ):
         _arrow(axes, tuple(origin), tuple(origin + edge), colour)
         axes.text(*(origin + 1.04 * edge + (0.05, 0.05)), words, color=colour, fontsize=9)
     axes.set_title("f · (a × r) = a · (r × f): the volume of the box", fontsize=10)

@@ -13,7 +13,8 @@ from handpose.synthetic.generator import Generator
 from netlib.engine import Connection
 from netlib.files.paths import ROOT
 
-SHIFT, GAP, ROOM = 5, 30, 20  # from map to map, from blob to blob, at least for a blob; a pixel of a map is 1
+# from map to map, from blob to blob, at least for a blob; a pixel of a map is 1
+SHIFT, GAP, ROOM = 5, 30, 20
 
 
 def stack() -> Any:
@@ -45,12 +46,28 @@ def _draw_maps(axes: Any, connections: list[Connection]) -> None:
         begin = left + (room - wide) / 2
         for i in reversed(range(count)):
             corner = (begin + SHIFT * i, SHIFT * i - height / 2)
-            axes.add_patch(Rectangle(corner, width, height, facecolor=PALE_DATA, edgecolor=FIRST, lw=0.7))
-        axes.text(left + room / 2, 102, at.layer.spec.top[0], ha="center", va="bottom", fontsize=9, weight="bold")
-        axes.text(left + room / 2, -70, "×".join(map(str, shape)), ha="center", va="top", fontsize=8.5)
+            axes.add_patch(
+                Rectangle(corner, width, height, facecolor=PALE_DATA, edgecolor=FIRST, lw=0.7)
+            )
+        axes.text(
+            left + room / 2,
+            102,
+            at.layer.spec.top[0],
+            ha="center",
+            va="bottom",
+            fontsize=9,
+            weight="bold",
+        )
+        axes.text(
+            left + room / 2, -70, "×".join(map(str, shape)), ha="center", va="top", fontsize=8.5
+        )
         if at is not connections[0]:
-            axes.annotate("", (begin - 3, 0), (end + 3, 0), arrowprops={"arrowstyle": "->", "lw": 0.8})
-            axes.text((begin + end) / 2, -5, _title_of(at.layer), ha="center", va="top", fontsize=7.5)
+            axes.annotate(
+                "", (begin - 3, 0), (end + 3, 0), arrowprops={"arrowstyle": "->", "lw": 0.8}
+            )
+            axes.text(
+                (begin + end) / 2, -5, _title_of(at.layer), ha="center", va="top", fontsize=7.5
+            )
         end, left = begin + wide, left + room + GAP
     axes.set(xlim=(-5, left - GAP + 5), ylim=(-88, 116), aspect="equal")
     axes.axis("off")
@@ -74,13 +91,17 @@ def _title_of(layer: netlib.Layer) -> str:
 
 def _draw_costs(axes: Any, connections: list[Connection]) -> None:
     costs = np.array([cost_of(at) for at in connections]).T
-    for values, name, colour, shift in zip(costs, ("parameters", "multiplications"), (FIRST, SECOND), (-0.2, 0.2)):
+    for values, name, colour, shift in zip(
+        costs, ("parameters", "multiplications"), (FIRST, SECOND), (-0.2, 0.2)
+    ):
         places, shares = np.arange(len(values)) + shift, 100 * values / values.sum()
         axes.bar(places, shares, 0.38, color=colour, label=f"{name}, {values.sum():,} in all")
         for place, share, value in zip(places, shares, values):
             axes.text(place, share + 1, f"{value:,}", ha="center", fontsize=8, color=colour)
     axes.set(ylim=(0, 62), ylabel="% of all")
-    axes.set_xticks(range(len(connections)), [at.layer.spec.top[0] for at in connections], fontsize=8)
+    axes.set_xticks(
+        range(len(connections)), [at.layer.spec.top[0] for at in connections], fontsize=8
+    )
     axes.legend(fontsize=8, loc="upper right")
     axes.spines[["top", "right"]].set_visible(False)
 
@@ -101,7 +122,9 @@ def kernels() -> Any:
         axes.set_axis_off()
 
     draw(grid[:, :2], hand, "depth", cmap=DEPTH, vmin=-1, vmax=1)
-    for i, (kernel, response) in enumerate(zip(net.params["convL1"][0].data[:, 0], net.blobs["convL1"].data[0])):
+    for i, (kernel, response) in enumerate(
+        zip(net.params["convL1"][0].data[:, 0], net.blobs["convL1"].data[0])
+    ):
         most = abs(kernel).max()
         draw(grid[0, 2 + i], kernel, f"w[{i}]", cmap=SIGNS, vmin=-most, vmax=most)
         draw(grid[1, 2 + i], response, cmap="gray", vmin=0)

@@ -21,7 +21,9 @@ def differences() -> Any:
         steps = np.logspace(-12 if dtype is np.float64 else -7, 0, 100)
         for kind, style in (("central", "-"), ("one-sided", ":")):
             errors = [error(dtype, h, kind) for h in steps]
-            axes.loglog(steps, errors, style, color=colour, label=f"{kind}, {dtype.__name__}", lw=1.2)
+            axes.loglog(
+                steps, errors, style, color=colour, label=f"{kind}, {dtype.__name__}", lw=1.2
+            )
     title = "the slope of x³ by differences, the worst of 31 places between ½ and 1"
     axes.set(xlabel="step h", ylabel="relative error", title=title)
     axes.grid(alpha=0.3)
@@ -34,7 +36,8 @@ def error(dtype: Any, h: float, kind: str) -> float:
     x, step = np.linspace(0.5, 1, 31).astype(dtype), dtype(h)
     above, below = x + step, x - step if kind == "central" else x
     width = step + step if kind == "central" else step
-    quotient = (above * above * above - below * below * below) / width  # products: the same on every machine
+    # products: the same on every machine
+    quotient = (above * above * above - below * below * below) / width
     return float(abs(quotient / (3 * x.astype(float) ** 2) - 1).max())
 
 
@@ -59,7 +62,8 @@ def initial() -> Any:
 START = (10.0, 2.0)
 STEEP = np.array([1.0, 9.0])  # the curvatures of the valley ½ (x² + 9 y²)
 STEPS = 30
-PATHS: tuple[tuple[str, str, str, str, dict[str, float]], ...] = (  # the best options for this valley, except Adam's
+# the best options for this valley, except Adam's
+PATHS: tuple[tuple[str, str, str, str, dict[str, float]], ...] = (
     ("plain, r = 0.2", FIRST, "o", "SGD", {"base_lr": 0.2}),
     ("momentum, r = 0.25, m = 0.25", SECOND, "s", "SGD", {"base_lr": 0.25, "momentum": 0.25}),
     ("Nesterov, r = 1/9, m = 0.5", THIRD, "^", "Nesterov", {"base_lr": 1 / 9, "momentum": 0.5}),
@@ -72,7 +76,14 @@ def valley() -> Any:
     figure = new_figure(8.5, 6.0)
     above, below = figure.subplots(2, 1, gridspec_kw={"height_ratios": (3, 2)})
     x, y = np.meshgrid(np.linspace(-2, 10.7, 60), np.linspace(-3.2, 3.2, 40))
-    above.contour(x, y, 0.5 * (x**2 + 9 * y**2), levels=[1, 4, 10, 20, 35, 55, 80], colors="0.8", linewidths=0.8)
+    above.contour(
+        x,
+        y,
+        0.5 * (x**2 + 9 * y**2),
+        levels=[1, 4, 10, 20, 35, 55, 80],
+        colors="0.8",
+        linewidths=0.8,
+    )
     for name, colour, mark, rule, options in PATHS:
         path = path_of(rule, **options)
         above.plot(path[:11, 0], path[:11, 1], color=colour, marker=mark, ms=4, lw=1.2, label=name)
@@ -105,15 +116,22 @@ POLICIES: tuple[tuple[str, dict[str, Any]], ...] = (
     ("inv: gamma 0.1, power 0.75", {"gamma": 0.1, "power": 0.75}),
     ("poly: power 2, max_iter 100", {"power": 2.0, "max_iter": 100}),
     ("sigmoid: gamma −0.2, stepsize 50", {"gamma": -0.2, "stepsize": 50}),
-    ("poly: power 1, with rampup_interval 20", {"power": 1.0, "max_iter": 100, "rampup_interval": 20}),
+    (
+        "poly: power 1, with rampup_interval 20",
+        {"power": 1.0, "max_iter": 100, "rampup_interval": 20},
+    ),
 )
 
 
 def rates() -> Any:
     """Chapter 7: the learning-rate policies as functions of the iteration."""
     figure = new_figure(8.5, 4.0)
-    for axes, (name, options) in zip(figure.subplots(2, 4, sharex=True, sharey=True).flat, POLICIES):
-        param = schema.changed(SolverParameter(), base_lr=1.0, lr_policy=name.partition(":")[0], **options)
+    for axes, (name, options) in zip(
+        figure.subplots(2, 4, sharex=True, sharey=True).flat, POLICIES
+    ):
+        param = schema.changed(
+            SolverParameter(), base_lr=1.0, lr_policy=name.partition(":")[0], **options
+        )
         axes.plot([learning_rate(param, i) for i in range(101)], color=FIRST, lw=1.5)
         axes.set_title(name.replace(": ", "\n").replace(", with", "\nwith"), fontsize=8)
         axes.set_ylim(-0.05, 1.1)
@@ -155,8 +173,10 @@ def hinge() -> Any:
     x = np.linspace(-2, 2, 201)
     beyond = np.maximum(x - 1, 0) - np.maximum(-1 - x, 0)
     loss, slope = figure.subplots(1, 2)
-    for axes, title, linear, squared in ((loss, "the loss of one angle", np.abs(beyond), beyond**2),
-                                         (slope, "its slope", np.sign(beyond), 2 * beyond)):
+    for axes, title, linear, squared in (
+        (loss, "the loss of one angle", np.abs(beyond), beyond**2),
+        (slope, "its slope", np.sign(beyond), 2 * beyond),
+    ):
         axes.axvspan(-1, 1, color="0.93")
         axes.plot(x, linear, color=FIRST, label="L1: linear, the paper's Eq. 2")
         axes.plot(x, squared, color=SECOND, ls="--", label="L2: squared, as released")

@@ -44,10 +44,20 @@ def predictions() -> Predictions:
     net = trained(PAPER_HAND / "deploy.prototxt", PAPER_HAND / "paper_hand.caffemodel.h5")
     net.blobs["depth"].reshape(*depth.shape)
     joints = net.forward(depth=depth)["pred"].reshape(-1, 31, 3).copy()
-    centers, truth, inputs = (np.concatenate([getattr(f, name) for f in frames])
-                              for name in ("center_uvd", "joint", "dof"))
+    centers, truth, inputs = (
+        np.concatenate([getattr(f, name) for f in frames])
+        for name in ("center_uvd", "joint", "dof")
+    )
     predicted = net.blobs["DoF"].data.copy()
-    return Predictions(depth[:, 0], centers, truth.reshape(-1, 31, 3), joints, inputs, predicted, skeleton_to_fit(net))
+    return Predictions(
+        depth[:, 0],
+        centers,
+        truth.reshape(-1, 31, 3),
+        joints,
+        inputs,
+        predicted,
+        skeleton_to_fit(net),
+    )
 
 
 def crop() -> Any:
@@ -59,10 +69,14 @@ def crop() -> Any:
     picture.axhline(ROW, color=SECOND, lw=1)
     picture.set_title("a crop, near is light")
     profile.plot(found.depth[0, ROW], color=SECOND, lw=1.2)
-    profile.set(ylim=(1.1, -1.1), xlabel="column", ylabel="value in the crop", title=f"its row {ROW}")
+    profile.set(
+        ylim=(1.1, -1.1), xlabel="column", ylabel="value in the crop", title=f"its row {ROW}"
+    )
     profile.grid(alpha=0.3)
     middle, half = float(found.center_uvd[0, 2]), HALF_CUBE_MM
-    scale = profile.secondary_yaxis("right", functions=(lambda v: middle + half * v, lambda d: (d - middle) / half))
+    scale = profile.secondary_yaxis(
+        "right", functions=(lambda v: middle + half * v, lambda d: (d - middle) / half)
+    )
     scale.set_ylabel("depth, mm")
     return figure
 
@@ -72,14 +86,23 @@ def six_hands() -> Any:
     found = predictions()
     figure = new_figure(8.5, 6.0)
     for n, axes in enumerate(figure.subplots(2, 3).flat):
-        draw_hands(axes, found.depth[n], found.center_uvd[n], found.truth[n], found.joints[n], found.skeleton)
+        draw_hands(
+            axes,
+            found.depth[n],
+            found.center_uvd[n],
+            found.truth[n],
+            found.joints[n],
+            found.skeleton,
+        )
         error = np.linalg.norm(found.joints[n] - found.truth[n], axis=1).mean() * HALF_CUBE_MM
         axes.set_title(f"frame {n}: {error:.0f} mm", fontsize=9)
         axes.set_axis_off()
     return figure
 
 
-def draw_hands(axes: Any, depth: Array, center_uvd: Array, truth: Array, predicted: Array, skeleton: Skeleton) -> None:
+def draw_hands(
+    axes: Any, depth: Array, center_uvd: Array, truth: Array, predicted: Array, skeleton: Skeleton
+) -> None:
     """Draw a crop (128, 128), its true joints (31, 3) in white and the predicted ones in colours, in half-cubes."""
     axes.imshow(0.8 * (1 - depth) / 2, cmap="gray", vmin=0, vmax=1)
     own, center = joint_colours(skeleton), np.asarray(center_uvd, dtype=np.float64)[None]
@@ -87,7 +110,11 @@ def draw_hands(axes: Any, depth: Array, center_uvd: Array, truth: Array, predict
         xyz = restore_joints(joints[None], NYU.unproject(center), HALF_CUBE_MM)
         pixels = crop_pixels(NYU.project(xyz), center, CUBE_MM)[0]
         for parent, joint in bones(skeleton):
-            axes.plot(*pixels[[parent, joint]].T, color="white" if true else own[joint], lw=1 if true else 2)
+            axes.plot(
+                *pixels[[parent, joint]].T,
+                color="white" if true else own[joint],
+                lw=1 if true else 2,
+            )
 
 
 def joint_colours(skeleton: Skeleton) -> list[tuple[float, ...]]:
@@ -103,7 +130,9 @@ def joint_errors() -> Any:
     errors = np.linalg.norm(found.joints - found.truth, axis=2).mean(axis=0) * HALF_CUBE_MM
     order, own = np.argsort(errors), joint_colours(found.skeleton)
     bars.barh(np.arange(len(order)), errors[order], color=[own[j] for j in order])
-    bars.set_yticks(np.arange(len(order)), [found.skeleton.joint_names[j] for j in order], fontsize=6)
+    bars.set_yticks(
+        np.arange(len(order)), [found.skeleton.joint_names[j] for j in order], fontsize=6
+    )
     bars.set(xlabel="mean error, mm", title=f"{len(found.joints)} held-out frames")
     dof = found.skeleton.dof_names.index("middle_dip_rot_x")
     bent.plot([-1.5, 0.6], [-1.5, 0.6], color="0.6", lw=1)
@@ -140,8 +169,22 @@ def errors_over_time(runs: dict[int, list[Point]]) -> Any:
     figure = new_figure(8.5, 3.2)
     for axes, (count, points) in zip(figure.subplots(1, 2, sharey=True), runs.items()):
         iterations = [point.iteration for point in points]
-        axes.plot(iterations, [p.held_out_mm for p in points], "s--", color=SECOND, ms=3, label="held-out frames")
-        axes.plot(iterations, [p.training_mm for p in points], "o-", color=FIRST, ms=3, label="training frames")
+        axes.plot(
+            iterations,
+            [p.held_out_mm for p in points],
+            "s--",
+            color=SECOND,
+            ms=3,
+            label="held-out frames",
+        )
+        axes.plot(
+            iterations,
+            [p.training_mm for p in points],
+            "o-",
+            color=FIRST,
+            ms=3,
+            label="training frames",
+        )
         axes.set(title=f"{count:,} training frames", xlabel="iteration", ylim=(0, 105))
         axes.grid(alpha=0.3)
     figure.axes[0].set_ylabel("mean error, mm")

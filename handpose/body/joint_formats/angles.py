@@ -39,7 +39,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handpose.body.joint_formats.frames import FINGERS, POINTS, hinges_of, joints_of, palm_frame, weights_of
+from handpose.body.joint_formats.frames import (
+    FINGERS,
+    POINTS,
+    hinges_of,
+    joints_of,
+    palm_frame,
+    weights_of,
+)
 from handpose.body.sides import Side, mirror_of
 from layers.hand.kinematics import Kinematics, rotation
 from layers.hand.skeleton import Skeleton
@@ -47,13 +54,21 @@ from netlib.blob import Array
 from netlib.errors import DataError
 
 ANGLES = (
-    "thumb_cmc_radial_abduction", "thumb_cmc_palmar_abduction", "thumb_mcp_flexion", "thumb_ip_flexion",
-    *(f"{finger}_{angle}" for finger in FINGERS
-      for angle in ("mcp_flexion", "mcp_abduction", "pip_flexion", "dip_flexion")),
+    "thumb_cmc_radial_abduction",
+    "thumb_cmc_palmar_abduction",
+    "thumb_mcp_flexion",
+    "thumb_ip_flexion",
+    *(
+        f"{finger}_{angle}"
+        for finger in FINGERS
+        for angle in ("mcp_flexion", "mcp_abduction", "pip_flexion", "dip_flexion")
+    ),
 )
-MAX_SPREAD = np.radians(60)  # of a finger from the middle of its range; near 90 degrees of bend noise decides the rest
+# of a finger from the middle of its range; near 90 degrees of bend noise decides the rest
+MAX_SPREAD = np.radians(60)
 MIN_PALM_MM = 1e-3
-MIN_SHARE = 1e-6  # minimum length of a bone relative to the palm, and sine of an angle between two directions
+# minimum length of a bone relative to the palm, and sine of an angle between two directions
+MIN_SHARE = 1e-6
 
 
 def anatomical_angles(skeleton: Skeleton, hand: Side, xyz: Array) -> dict[str, float]:
@@ -70,18 +85,24 @@ def anatomical_angles(skeleton: Skeleton, hand: Side, xyz: Array) -> dict[str, f
     across = np.cross(*sides)
     size = float(np.linalg.norm(sides, axis=1).min())
     if size < MIN_PALM_MM or not float(np.linalg.norm(across)) > MIN_SHARE * size**2:
-        raise DataError("the wrist and the knuckles of index and little finger are on a line; expected a palm")
+        raise DataError(
+            "the wrist and the knuckles of index and little finger are on a line; expected a palm"
+        )
     dorsal = _unit(across)
     metacarpals = [_unit(b - a) for a, b in zip(cmc, mcp)]
     if not np.linalg.norm(np.cross(metacarpals, dorsal), axis=1).min() > MIN_SHARE:
-        raise DataError("a metacarpal has no length or is perpendicular to the palm; expected a hand")
+        raise DataError(
+            "a metacarpal has no length or is perpendicular to the palm; expected a hand"
+        )
     found: list[float] = []
     for finger, m in zip(("thumb", *FINGERS), (metacarpals[0], *metacarpals)):
         ends = right[rest.hinges[finger]]
         phalanges = ends[1:] - ends[:-1]
         lengths = np.linalg.norm(phalanges, axis=1)
         if not lengths.min() > MIN_SHARE * size:
-            raise DataError(f"a bone of the {finger} has no length; expected joints at different positions")
+            raise DataError(
+                f"a bone of the {finger} has no length; expected joints at different positions"
+            )
         bones = phalanges / lengths[:, None]
         u, M = bones[0], R @ rest.frames[finger]
         r, d = np.cross(m, dorsal), M.T @ bones[0]
@@ -113,15 +134,21 @@ def _rest(skeleton: Skeleton) -> _Rest:
     points, hinges = weights_of([POINTS[name] for name in names], skeleton), hinges_of(skeleton)
     kinematics = Kinematics(skeleton)
     pose = kinematics.forward(np.zeros((1, len(skeleton.initial))))
-    middle = kinematics.forward(np.clip([skeleton.lower, skeleton.upper], -np.pi, np.pi).mean(axis=0, keepdims=True))
+    middle = kinematics.forward(
+        np.clip([skeleton.lower, skeleton.upper], -np.pi, np.pi).mean(axis=0, keepdims=True)
+    )
     root = pose.frames[0, skeleton.joint_names.index("palm")]
     ahead = {}
     for finger, (knuckle, next_joint, *_) in hinges.items():
-        x, y, _ = middle.frames[0, knuckle].T @ (middle.joints[0, next_joint] - middle.joints[0, knuckle])
+        x, y, _ = middle.frames[0, knuckle].T @ (
+            middle.joints[0, next_joint] - middle.joints[0, knuckle]
+        )
         ahead[finger] = float(np.arctan2(-x, y))
     return _Rest(
         {finger: root.T @ pose.frames[0, own[0]] for finger, own in hinges.items()},
-        ahead, {finger: list(own) for finger, own in hinges.items()}, points,
+        ahead,
+        {finger: list(own) for finger, own in hinges.items()},
+        points,
     )
 
 

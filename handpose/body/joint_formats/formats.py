@@ -60,8 +60,20 @@ def _mediapipe() -> JointFormat:
         joints |= dict(zip(names, (POINTS[f"{finger}_{part}"] for part in parts)))
         bones += itertools.pairwise(names)
     knuckles = [f"{name}_MCP" for name in ("INDEX_FINGER", "MIDDLE_FINGER", "RING_FINGER", "PINKY")]
-    bones += [("WRIST", "THUMB_CMC"), ("WRIST", knuckles[0]), ("WRIST", knuckles[-1]), *itertools.pairwise(knuckles)]
-    return JointFormat("mediapipe", joints, tuple(bones), "m", (1, -1, 1), "x right, y down, z away from the camera")
+    bones += [
+        ("WRIST", "THUMB_CMC"),
+        ("WRIST", knuckles[0]),
+        ("WRIST", knuckles[-1]),
+        *itertools.pairwise(knuckles),
+    ]
+    return JointFormat(
+        "mediapipe",
+        joints,
+        tuple(bones),
+        "m",
+        (1, -1, 1),
+        "x right, y down, z away from the camera",
+    )
 
 
 def _mano() -> JointFormat:
@@ -71,9 +83,15 @@ def _mano() -> JointFormat:
         parts = ("cmc", "mcp", "ip") if finger == "thumb" else ("mcp", "pip", "dip")
         names = [f"{_pinky(finger)}{i}" for i in (1, 2, 3)]
         joints |= dict(zip(names, (POINTS[f"{finger}_{part}"] for part in parts)))
-        bones += [("wrist", names[0]), *itertools.pairwise(names), (names[2], f"{_pinky(finger)}_tip")]
+        bones += [
+            ("wrist", names[0]),
+            *itertools.pairwise(names),
+            (names[2], f"{_pinky(finger)}_tip"),
+        ]
     joints |= {f"{_pinky(finger)}_tip": POINTS[f"{finger}_skin"] for finger in ("thumb", *FINGERS)}
-    return JointFormat("mano", joints, tuple(bones), "m", (1, -1, 1), "x right, y down, z away from the camera")
+    return JointFormat(
+        "mano", joints, tuple(bones), "m", (1, -1, 1), "x right, y down, z away from the camera"
+    )
 
 
 def _pinky(finger: str) -> str:
@@ -84,11 +102,19 @@ def _nyu() -> JointFormat:
     names = [f"{finger}_{part}" for finger in reversed(FINGERS) for part in ("tip", "pip_a")]
     names += ["thumb_tip", "thumb_dip", "thumb_pip", "wrist_left", "wrist_middle", "palm"]
     moved = "as annotated; of the packaged hand 5 to 8 mm distal"
-    joints = {name: Point({name: 1}, moved if name.endswith("_pip_a") else "as annotated") for name in names}
+    joints = {
+        name: Point({name: 1}, moved if name.endswith("_pip_a") else "as annotated")
+        for name in names
+    }
     bones = [(f"{finger}_pip_a", f"{finger}_tip") for finger in FINGERS]
-    bones += [("palm", f"{finger}_pip_a") for finger in FINGERS] + [("palm", "wrist_left"), ("palm", "wrist_middle")]
+    bones += [("palm", f"{finger}_pip_a") for finger in FINGERS] + [
+        ("palm", "wrist_left"),
+        ("palm", "wrist_middle"),
+    ]
     bones += [("palm", "thumb_pip"), ("thumb_pip", "thumb_dip"), ("thumb_dip", "thumb_tip")]
-    return JointFormat("nyu", joints, tuple(bones), "mm", (1, 1, 1), "x right, y up, z away from the camera")
+    return JointFormat(
+        "nyu", joints, tuple(bones), "mm", (1, 1, 1), "x right, y up, z away from the camera"
+    )
 
 
 FORMATS: dict[FormatName, JointFormat] = {one.name: one for one in (_mediapipe(), _mano(), _nyu())}
@@ -110,7 +136,11 @@ class FormattedHand:
 
 
 def formatted(
-    name: FormatName, skeleton: Skeleton, hand: Side, xyz: Array, camera: Camera | None = None,
+    name: FormatName,
+    skeleton: Skeleton,
+    hand: Side,
+    xyz: Array,
+    camera: Camera | None = None,
     cube_mm: float | None = None,
 ) -> FormattedHand:
     """A hand in a format.
@@ -123,7 +153,9 @@ def formatted(
     cube_mm  of a crop without its frame: landmarks are in the crop then
     """
     if name not in FORMATS:
-        raise DataError(f"format {name!r}{did_you_mean(str(name), FORMATS)}; expected {', '.join(FORMATS)}")
+        raise DataError(
+            f"format {name!r}{did_you_mean(str(name), FORMATS)}; expected {', '.join(FORMATS)}"
+        )
     chosen, xyz = FORMATS[name], joints_of(skeleton, hand, xyz)
     points = _weights(name, skeleton) @ xyz
     scale = np.array(chosen.axes) / (METRE if chosen.unit == "m" else 1.0)
@@ -141,10 +173,14 @@ def _landmarks(points: Array, camera: Camera | None, cube_mm: float | None) -> A
     x, y, z = points.T
     if camera is not None and camera.width:
         if not z.min() > 0:
-            raise DataError(f"a joint at depth {z.min():g} mm is not in the image; expected joints before the camera")
+            raise DataError(
+                f"a joint at depth {z.min():g} mm is not in the image; expected joints before the camera"
+            )
         u, v, d = camera.project(points).T
         behind = (d - d[0]) / d[0] * camera.fx
-        return np.stack([(u + 0.5) / camera.width, (v + 0.5) / camera.height, behind / camera.width], axis=1)
+        return np.stack(
+            [(u + 0.5) / camera.width, (v + 0.5) / camera.height, behind / camera.width], axis=1
+        )
     if cube_mm is None:
         return None
     return np.stack([0.5 + x / cube_mm, 0.5 - y / cube_mm, (z - z[0]) / cube_mm], axis=1)

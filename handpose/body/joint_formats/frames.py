@@ -35,9 +35,11 @@ from netlib.errors import DataError, reason_of
 
 NO_HAND = "the skeleton has no joint {!r}; only hands have joints and angles of other formats"
 FINGERS = ("index", "middle", "ring", "little")
-PALM_BONES = {"index": 0.75, "middle": 0.58, "ring": 0.42, "little": 0.25}  # share of wrist_middle; wrist_left the rest
+# share of wrist_middle; wrist_left the rest
+PALM_BONES = {"index": 0.75, "middle": 0.58, "ring": 0.42, "little": 0.25}
 CARPALS = 0.3  # position between wrist (0) and knuckle (1)
-SKIN = {"thumb": 0.39, "index": 0.58, "middle": 0.53, "ring": 0.55, "little": 0.57}  # last radius / last bone
+# last radius / last bone
+SKIN = {"thumb": 0.39, "index": 0.58, "middle": 0.53, "ring": 0.55, "little": 0.57}
 NYU_SKIN = {"thumb": 0.39, "index": 0.62, "middle": 0.48, "ring": 0.52, "little": 0.64}
 MAX_MM = 1e6  # of joints; larger numbers are in another unit, or no positions
 
@@ -58,10 +60,15 @@ class Point(NamedTuple):
 
 def _points() -> dict[str, Point]:
     found = {
-        "wrist": Point({"wrist_left": 0.5, "wrist_middle": 0.5}, "9 mm dorsal of the middle of the wrist"),
-        "thumb_cmc": Point({"thumb_mcp": 1}, "by the bones' proportions up to 15 mm distal; 8 mm dorsal"),
+        "wrist": Point(
+            {"wrist_left": 0.5, "wrist_middle": 0.5}, "9 mm dorsal of the middle of the wrist"
+        ),
+        "thumb_cmc": Point(
+            {"thumb_mcp": 1}, "by the bones' proportions up to 15 mm distal; 8 mm dorsal"
+        ),
         "thumb_mcp": Point(
-            {"thumb_pip": 0.85, "thumb_dip": 0.15}, "2 mm proximal, 3 mm palmar; the hinge is 7 mm proximal"
+            {"thumb_pip": 0.85, "thumb_dip": 0.15},
+            "2 mm proximal, 3 mm palmar; the hinge is 7 mm proximal",
         ),
         "thumb_ip": Point({"thumb_dip": 1}, "2 mm distal, 2 mm palmar"),
         "thumb_tip": Point({"thumb_tip": 1}, "2 mm distal; 9 mm before the end of the thumb"),
@@ -69,17 +76,27 @@ def _points() -> dict[str, Point]:
     }
     for finger in FINGERS:
         radial, base = PALM_BONES[finger], 1 - CARPALS
-        cmc = {"wrist_middle": base * radial, "wrist_left": base * (1 - radial), f"{finger}_mcp": CARPALS}
+        cmc = {
+            "wrist_middle": base * radial,
+            "wrist_left": base * (1 - radial),
+            f"{finger}_mcp": CARPALS,
+        }
         pip = {f"{finger}_base": 0.3, f"{finger}_pip_a": 0.7}
         dip = {f"{finger}_pip_b": 0.6, f"{finger}_dip": 0.4}
         found |= {
-            f"{finger}_cmc": Point(cmc, "a fixed proportion of the palm, not observable; 8 mm dorsal"),
+            f"{finger}_cmc": Point(
+                cmc, "a fixed proportion of the palm, not observable; 8 mm dorsal"
+            ),
             f"{finger}_mcp": Point({f"{finger}_mcp": 1}, "2 mm distal, 4 mm dorsal"),
             f"{finger}_pip": Point({f"{finger}_pip_a": 1}, "5 mm distal, 1 mm dorsal", pip),
             f"{finger}_dip": Point({f"{finger}_dip": 1}, "5 mm distal", dip),
-            f"{finger}_tip": Point({f"{finger}_tip": 1}, "3 mm distal; 9 mm before the end of the finger"),
+            f"{finger}_tip": Point(
+                {f"{finger}_tip": 1}, "3 mm distal; 9 mm before the end of the finger"
+            ),
             f"{finger}_skin": Point(
-                _beyond(finger, SKIN), "the end of the finger in the surface model", _beyond(finger, NYU_SKIN)
+                _beyond(finger, SKIN),
+                "the end of the finger in the surface model",
+                _beyond(finger, NYU_SKIN),
             ),
         }
     return found
@@ -111,7 +128,9 @@ def hinges_of(skeleton: Skeleton) -> dict[str, tuple[int, ...]]:
                 ends.append(int(skeleton.parents[joint]))
             joint = int(skeleton.parents[joint])
         if len(ends) != 4 or joint < 0:
-            raise DataError(f"skeleton {skeleton.name!r}: {finger} bends at {len(ends) - 1} joints; expected 3")
+            raise DataError(
+                f"skeleton {skeleton.name!r}: {finger} bends at {len(ends) - 1} joints; expected 3"
+            )
         found[finger] = tuple(reversed(ends))
     return found
 
@@ -139,12 +158,16 @@ def joints_of(skeleton: Skeleton, hand: Side, xyz: ArrayLike) -> Array:
     except (TypeError, ValueError) as error:
         raise DataError(f"joints are not numbers: {reason_of(error)}") from None
     if found.shape != (expected := (len(skeleton.joint_names), 3)):
-        raise DataError(f"joints of shape {found.shape}; expected {expected}, those of skeleton {skeleton.name!r}")
+        raise DataError(
+            f"joints of shape {found.shape}; expected {expected}, those of skeleton {skeleton.name!r}"
+        )
     bad = ~(np.abs(found) <= MAX_MM).all(axis=1)
     if bad.any():
         first = int(np.argmax(bad))
-        raise DataError(f"joint {skeleton.joint_names[first]!r} at {found[first].tolist()}; expected finite numbers "
-                        f"of mm, at most {MAX_MM:g}")
+        raise DataError(
+            f"joint {skeleton.joint_names[first]!r} at {found[first].tolist()}; expected finite numbers "
+            f"of mm, at most {MAX_MM:g}"
+        )
     return found
 
 
@@ -175,5 +198,7 @@ def _fixed_to_palm(skeleton: Skeleton) -> tuple[NDArray[np.int_], Array]:
     pose = kinematics.forward(np.zeros((1, len(skeleton.initial))))
     in_palm = (pose.joints[0, fixed] - pose.joints[0, palm]) @ kinematics.rotation_of(pose, palm)[0]
     if np.linalg.matrix_rank(in_palm) < 2:
-        raise DataError(f"skeleton {skeleton.name!r} has too few joints fixed to the palm to tell how it is turned")
+        raise DataError(
+            f"skeleton {skeleton.name!r} has too few joints fixed to the palm to tell how it is turned"
+        )
     return fixed, in_palm

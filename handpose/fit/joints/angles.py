@@ -50,9 +50,12 @@ def flips(skeleton: Skeleton) -> list[Flip]:
     driven = skeleton.driven.tolist()
     for joint, motions in enumerate(skeleton.motions):
         turns = tuple(motion for motion in motions if motion.kind == "rotate" and motion.row >= 0)
-        if any(driven.count(motion.dof) > 1 for motion in turns):  # a DoF of several joints cannot flip in one
+        # a DoF of several joints cannot flip in one
+        if any(driven.count(motion.dof) > 1 for motion in turns):
             continue
-        if len(turns) == 3 and turns == tuple(motion for motion in motions if motion.kind == "rotate"):
+        if len(turns) == 3 and turns == tuple(
+            motion for motion in motions if motion.kind == "rotate"
+        ):
             a, b, c = turns
             if len({a.axis, b.axis, c.axis}) == 3:
                 found.append(Flip((a.dof, c.dof), b.dof, (), whole=True))
@@ -108,7 +111,8 @@ def canonical(skeleton: Skeleton, inputs: ArrayLike, *, limits: bool = False) ->
             better = np.abs(wrap(theta[:, flip.mirrored])) > np.pi / 2
         else:
             away, other_away = (
-                (wrap(t[:, changed] - skeleton.initial[changed]) ** 2).sum(axis=1) for t in (theta, other)
+                (wrap(t[:, changed] - skeleton.initial[changed]) ** 2).sum(axis=1)
+                for t in (theta, other)
             )
             better = other_away < away
         if limits:
@@ -116,7 +120,11 @@ def canonical(skeleton: Skeleton, inputs: ArrayLike, *, limits: bool = False) ->
         theta[better] = other[better]
     result = theta - skeleton.initial
     wrapped = wrap(result[:, turning])
-    result[:, turning] = np.where(within(theta, turning.tolist()), wrapped, result[:, turning]) if limits else wrapped
+    result[:, turning] = (
+        np.where(within(theta, turning.tolist()), wrapped, result[:, turning])
+        if limits
+        else wrapped
+    )
     result[:, skeleton.fixed] = 0
     return np.asarray(result)
 

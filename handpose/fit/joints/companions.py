@@ -30,12 +30,16 @@ from netlib.errors import DataError, reason_of
 from netlib.files import atomic, hdf5, make_folder, opened
 from netlib.files.paths import exists, real
 
-DESCRIPTION = "dof: inputs of the hand model, radians, and half-cubes from center (mm, camera axes, y up)"
+DESCRIPTION = (
+    "dof: inputs of the hand model, radians, and half-cubes from center (mm, camera axes, y up)"
+)
 STARTS = 4  # of a fit
 VERSION = 3  # increase after a change of the code that changes the angles
 
 
-def write_fit(path: Path, found: JointFit, center: Array, half_cube: Array, index: NDArray[np.int_]) -> None:
+def write_fit(
+    path: Path, found: JointFit, center: Array, half_cube: Array, index: NDArray[np.int_]
+) -> None:
     """Write the angles and residuals of ``fit_absolute``, with its ``center`` (N, 3), to an HDF5 file atomically.
 
     half_cube  (N,) mm
@@ -55,14 +59,18 @@ def companions_of(files: Sequence[Path], out: Path) -> list[Path]:
         if real(path) == real(target):
             raise DataError(f"{target}: would replace the data themselves; choose another --out")
         if not hdf5.is_near(path, target):
-            raise DataError(f"{target}: is not next to the folder of the data, {path}; expected --out "
-                            f"{real(path).parent}_angles, for example")
+            raise DataError(
+                f"{target}: is not next to the folder of the data, {path}; expected --out "
+                f"{real(path).parent}_angles, for example"
+            )
     if len(set(targets)) < len(targets):
         raise DataError(f"{out}: two files of the list have the same name, expected different ones")
     return targets
 
 
-def fit_list(files: Sequence[Path], out: Path, name: str, skeleton: Skeleton, **options: Any) -> tuple[Array, Array]:
+def fit_list(
+    files: Sequence[Path], out: Path, name: str, skeleton: Skeleton, **options: Any
+) -> tuple[Array, Array]:
     """Write the companions of all files to a folder, with a list of this name. Raises DataError.
 
     Returns the inputs (N, D) of all frames and the residuals (N, K) in mm. ``options`` are those of ``fit_file``. Only
@@ -73,7 +81,10 @@ def fit_list(files: Sequence[Path], out: Path, name: str, skeleton: Skeleton, **
     for path, target in zip(files, targets):
         fit_file(path, target, skeleton, **options)
     atomic.replace_text(out / name, parts.list_text(targets))
-    fits = [[dataset.numbers() for dataset in hdf5.File(path, ("dof", "residual_mm")).datasets] for path in targets]
+    fits = [
+        [dataset.numbers() for dataset in hdf5.File(path, ("dof", "residual_mm")).datasets]
+        for path in targets
+    ]
     inputs, residuals = map(np.concatenate, zip(*fits))
     return inputs, residuals
 
@@ -84,15 +95,24 @@ def _refuse_others(files: Sequence[Path], targets: Sequence[Path], names: Path) 
         if exists(target):
             rest = str((parts.attributes(target) or {}).get("rest_in", ""))
             if not rest or real(target.parent / rest) != real(path):
-                raise DataError(f"{target}: is not a companion of {path}; move it away, or choose another --out")
+                raise DataError(
+                    f"{target}: is not a companion of {path}; move it away, or choose another --out"
+                )
     for name in parts.listed_names(names):
         if name not in [target.name for target in targets]:
-            raise DataError(f"{names}: names {name!r}, which is not a companion of these files; move the list away, or "
-                            "choose another --out")
+            raise DataError(
+                f"{names}: names {name!r}, which is not a companion of these files; move the list away, or "
+                "choose another --out"
+            )
 
 
 def fit_file(
-    path: Path, target: Path, skeleton: Skeleton, *, limits: bool = True, ridge: float = 0.0,
+    path: Path,
+    target: Path,
+    skeleton: Skeleton,
+    *,
+    limits: bool = True,
+    ridge: float = 0.0,
     progress: Callable[[int], None] = lambda done: None,
 ) -> None:
     """Fit the frames of one file and write its companion atomically. Raises DataError.
@@ -103,8 +123,16 @@ def fit_file(
     with opened(path, "the joints") as stream:
         stat = os.fstat(stream.fileno())
     recipe = json.dumps(
-        {"version": VERSION, "skeleton": hand, "limits": limits, "ridge": ridge, "starts": STARTS,
-         "source": path.name, "size": stat.st_size, "changed": stat.st_mtime_ns},
+        {
+            "version": VERSION,
+            "skeleton": hand,
+            "limits": limits,
+            "ridge": ridge,
+            "starts": STARTS,
+            "source": path.name,
+            "size": stat.st_size,
+            "changed": stat.st_mtime_ns,
+        },
         sort_keys=True,
     )
     kept = parts.attributes(target)
@@ -114,7 +142,9 @@ def fit_file(
     found_labels = labels.read(path, len(skeleton.parents))
     joints = np.where(found_labels.seen[..., None], found_labels.joints, np.nan)
     try:
-        found = fit_joints(skeleton, joints, limits=limits, ridge=ridge, starts=STARTS, progress=progress)
+        found = fit_joints(
+            skeleton, joints, limits=limits, ridge=ridge, starts=STARTS, progress=progress
+        )
     except DataError as error:
         raise DataError(f"{path}: {error}") from None
     rest = os.path.relpath(real(path), real(target.parent))
@@ -122,7 +152,9 @@ def fit_file(
         make_folder(target.parent)
         with hdf5.created(target) as file:
             file["dof"] = found.inputs.astype(np.float32)
-            file["residual_mm"] = (found.residuals * found_labels.half_cube[:, None]).astype(np.float32)
+            file["residual_mm"] = (found.residuals * found_labels.half_cube[:, None]).astype(
+                np.float32
+            )
             file.attrs.update(recipe=recipe, made_from=found_labels.made_from, rest_in=rest)
     except OSError as error:
         raise DataError(f"{target}: {reason_of(error)}") from None

@@ -64,11 +64,14 @@ class PoseProblem:
     limb_turns  the DoFs of all other rotations
     """
 
-    def __init__(self, skeleton: Skeleton, joints: Sequence[int], limits: bool, ridge: float) -> None:
+    def __init__(
+        self, skeleton: Skeleton, joints: Sequence[int], limits: bool, ridge: float
+    ) -> None:
         self.skeleton, self.joints = skeleton, list(joints)
         self.kinematics = kinematics_of(skeleton)
         self.free = np.unique(skeleton.driven)
-        self.sums = (skeleton.driven[:, None] == self.free).astype(float)  # (Q, F): motions of one DoF are added
+        # (Q, F): motions of one DoF are added
+        self.sums = (skeleton.driven[:, None] == self.free).astype(float)
         self.lower = np.where(limits, skeleton.lower, -np.inf)[self.free]
         self.upper = np.where(limits, skeleton.upper, np.inf)[self.free]
         roots = np.flatnonzero(skeleton.parents < 0)
@@ -103,14 +106,21 @@ class PoseProblem:
     def result(self, inputs: Array, goal: Array, limits: bool) -> JointFit:
         """Inputs (N, D) in canonical form, within the limits or not, and their distances from the targets (N, K, 3)."""
         final = canonical(self.skeleton, inputs, limits=limits)
-        final[:, self.free] = np.clip(final[:, self.free], self.lower, self.upper)  # undoes rounding
+        # undoes rounding
+        final[:, self.free] = np.clip(final[:, self.free], self.lower, self.upper)
         found = self.kinematics.forward(final).joints[:, self.joints]
         return JointFit(final, np.linalg.norm(found - goal, axis=2))
 
 
 def fit_joints(
-    skeleton: Skeleton, targets: ArrayLike, joints: Sequence[int] | None = None, *, limits: bool = True,
-    ridge: float = 0.0, starts: int = 8, seed: int = 0,
+    skeleton: Skeleton,
+    targets: ArrayLike,
+    joints: Sequence[int] | None = None,
+    *,
+    limits: bool = True,
+    ridge: float = 0.0,
+    starts: int = 8,
+    seed: int = 0,
     progress: Callable[[int], None] = lambda done: None,
 ) -> JointFit:
     """Fit every frame independently. Results do not depend on the number of threads. Raises DataError.
@@ -126,7 +136,9 @@ def fit_joints(
     """
     goal, chosen = checked(skeleton, targets, joints)
     problem = PoseProblem(skeleton, chosen, limits, ridge)
-    grids = [RotationGrid(problem, limbs) for limbs in _limb_poses(problem, 1 + (starts - 1) // 2, seed)]
+    grids = [
+        RotationGrid(problem, limbs) for limbs in _limb_poses(problem, 1 + (starts - 1) // 2, seed)
+    ]
     inputs = np.zeros((len(goal), len(skeleton.initial)))
 
     def job(rows: slice) -> None:
@@ -139,8 +151,13 @@ def fit_joints(
 
 
 def fit_absolute(
-    skeleton: Skeleton, xyz: Array, half_cube: Array, joints: Sequence[int], *,
-    fit: Callable[..., JointFit] = fit_joints, **options: Any,
+    skeleton: Skeleton,
+    xyz: Array,
+    half_cube: Array,
+    joints: Sequence[int],
+    *,
+    fit: Callable[..., JointFit] = fit_joints,
+    **options: Any,
 ) -> tuple[JointFit, Array]:
     """Fit the hand to joints (N, K, 3) in mm, whose unit of the skeleton is ``half_cube`` (N,) mm. Raises DataError.
 
@@ -156,7 +173,11 @@ def fit_absolute(
 
 
 def _best(
-    problem: PoseProblem, grids: Sequence[RotationGrid], goal: Array, starts: int, rng: np.random.Generator
+    problem: PoseProblem,
+    grids: Sequence[RotationGrid],
+    goal: Array,
+    starts: int,
+    rng: np.random.Generator,
 ) -> Array:
     """Inputs (N, D) of the best of all starts."""
     inputs, cost = _descend(problem, grids[0].near(goal), goal)
@@ -164,7 +185,11 @@ def _best(
         todo = np.flatnonzero(cost > EXACT**2 * len(problem.joints))
         if not len(todo):
             break
-        trial = _redrawn_limbs(problem.skeleton, inputs[todo], rng) if start % 2 else grids[start // 2].near(goal[todo])
+        trial = (
+            _redrawn_limbs(problem.skeleton, inputs[todo], rng)
+            if start % 2
+            else grids[start // 2].near(goal[todo])
+        )
         found, found_cost = _descend(problem, trial, goal[todo])
         better = found_cost < cost[todo]
         inputs[todo[better]], cost[todo[better]] = found[better], found_cost[better]
@@ -179,25 +204,39 @@ def _descend(problem: PoseProblem, inputs: Array, goal: Array) -> tuple[Array, A
         trial[:, problem.free] = x
         return problem.evaluate(trial, goal[rows])
 
-    x, cost = minimise(evaluate, inputs[:, problem.free], problem.lower, problem.upper, ITERATIONS,
-                       ridge=RIDGE, min_mu=MIN_MU, min_gain=MIN_GAIN)
+    x, cost = minimise(
+        evaluate,
+        inputs[:, problem.free],
+        problem.lower,
+        problem.upper,
+        ITERATIONS,
+        ridge=RIDGE,
+        min_mu=MIN_MU,
+        min_gain=MIN_GAIN,
+    )
     found = inputs.copy()
     found[:, problem.free] = x
     return found, cost
 
 
-def checked(skeleton: Skeleton, targets: ArrayLike, joints: Sequence[int] | None) -> tuple[Array, list[int]]:
+def checked(
+    skeleton: Skeleton, targets: ArrayLike, joints: Sequence[int] | None
+) -> tuple[Array, list[int]]:
     """Joint positions (N, K, 3), all NaN for an unknown joint, and the K chosen joints. Raises DataError."""
     goal = np.asarray(targets, dtype=np.float64)
     chosen = list(range(len(skeleton.parents))) if joints is None else list(joints)
     if goal.ndim != 3 or goal.shape[1:] != (len(chosen), 3):
         raise DataError(f"joints of shape {goal.shape}, expected (N, {len(chosen)}, 3)")
     if np.isinf(goal).any():
-        raise DataError(f"frame {int(np.isinf(goal).any(axis=(1, 2)).argmax())} has an infinite joint")
+        raise DataError(
+            f"frame {int(np.isinf(goal).any(axis=(1, 2)).argmax())} has an infinite joint"
+        )
     goal = np.where(np.isnan(goal).any(axis=2, keepdims=True), np.nan, goal)
     empty = np.isnan(goal).all(axis=(1, 2))
     if empty.any():
-        raise DataError(f"frame {int(empty.argmax())} has no known joint ({np.count_nonzero(empty)} such frames)")
+        raise DataError(
+            f"frame {int(empty.argmax())} has no known joint ({np.count_nonzero(empty)} such frames)"
+        )
     return goal, chosen
 
 
@@ -220,7 +259,8 @@ class RotationGrid:
     def near(self, goal: Array) -> Array:
         """The best inputs (N, D) of the grid for joints (N, K, 3)."""
         problem, centre = self.problem, np.nanmean(goal, axis=1)
-        shapes = np.nan_to_num(goal - centre[:, None]).reshape(len(goal), -1)  # unknown joints: in the middle
+        # unknown joints: in the middle
+        shapes = np.nan_to_num(goal - centre[:, None]).reshape(len(goal), -1)
         best = np.argmin(self.sizes - 2 * shapes @ self.shapes.T, axis=1)
         inputs = self.inputs[best]
         for motion in problem.root_moves:
@@ -250,13 +290,22 @@ def _limbs(skeleton: Skeleton) -> list[NDArray[np.int_]]:
     """The free rotations of each limb, the subtree of one child of a root."""
     children = np.flatnonzero(np.isin(skeleton.parents, np.flatnonzero(skeleton.parents < 0)))
     found = []
-    for joints in sorted(np.flatnonzero(skeleton.descendants[child]).tolist() for child in children):
-        own = {m.dof for joint in joints for m in skeleton.motions[joint] if m.kind == "rotate" and m.row >= 0}
+    for joints in sorted(
+        np.flatnonzero(skeleton.descendants[child]).tolist() for child in children
+    ):
+        own = {
+            m.dof
+            for joint in joints
+            for m in skeleton.motions[joint]
+            if m.kind == "rotate" and m.row >= 0
+        }
         found.append(np.array(sorted(own), dtype=int))
     return [own for own in found if len(own)]
 
 
-def _drawn(skeleton: Skeleton, dofs: NDArray[np.int_], count: int, rng: np.random.Generator) -> Array:
+def _drawn(
+    skeleton: Skeleton, dofs: NDArray[np.int_], count: int, rng: np.random.Generator
+) -> Array:
     """Angles (count, len(dofs)) within the limits, and within half a turn of the initial pose."""
     low, high = np.maximum(skeleton.lower[dofs], -np.pi), np.minimum(skeleton.upper[dofs], np.pi)
     return rng.uniform(low, high, (count, len(dofs)))

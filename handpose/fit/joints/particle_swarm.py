@@ -22,8 +22,14 @@ CONSTRICTION, ATTRACTION = 0.7298, 2.05  # Clerc and Kennedy (2002): the swarm c
 
 
 def fit_joints_by_swarm(
-    skeleton: Skeleton, targets: ArrayLike, joints: Sequence[int] | None = None, *, particles: int = 128,
-    generations: int = 200, seed: int = 0, progress: Callable[[int], None] = lambda done: None,
+    skeleton: Skeleton,
+    targets: ArrayLike,
+    joints: Sequence[int] | None = None,
+    *,
+    particles: int = 128,
+    generations: int = 200,
+    seed: int = 0,
+    progress: Callable[[int], None] = lambda done: None,
 ) -> JointFit:
     """Fit every frame independently, within the limits. Raises DataError.
 
@@ -36,14 +42,18 @@ def fit_joints_by_swarm(
     inputs = np.zeros((len(goal), len(skeleton.initial)))
 
     def job(n: int) -> None:
-        inputs[n] = _swarm(problem, goal[n], particles, generations, np.random.default_rng([seed, n]))
+        inputs[n] = _swarm(
+            problem, goal[n], particles, generations, np.random.default_rng([seed, n])
+        )
         progress(1)
 
     for_each(range(len(goal)), job)
     return problem.result(inputs, goal, limits=True)
 
 
-def _swarm(problem: PoseProblem, goal: Array, particles: int, generations: int, rng: np.random.Generator) -> Array:
+def _swarm(
+    problem: PoseProblem, goal: Array, particles: int, generations: int, rng: np.random.Generator
+) -> Array:
     """The best inputs (D,) for one frame's joints (K, 3)."""
     free = problem.free
     low, high = _bounds(problem, goal)
@@ -76,8 +86,12 @@ def _bounds(problem: PoseProblem, goal: Array) -> tuple[Array, Array]:
             low[i], high[i] = -np.pi - sk.initial[dof], np.pi - sk.initial[dof]
         for motion in problem.root_moves:
             if dof == motion.dof:
-                low[i], high[i] = motion.sign * centre[motion.axis] - sk.initial[dof] + np.array([-0.5, 0.5])
+                low[i], high[i] = (
+                    motion.sign * centre[motion.axis] - sk.initial[dof] + np.array([-0.5, 0.5])
+                )
     low, high = np.clip((low, high), problem.lower, problem.upper)
     if not np.isfinite([low, high]).all():
-        raise DataError(f"skeleton {sk.name!r} has translations without limits, where a swarm cannot begin")
+        raise DataError(
+            f"skeleton {sk.name!r} has translations without limits, where a swarm cannot begin"
+        )
     return low, high

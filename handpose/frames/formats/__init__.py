@@ -14,7 +14,12 @@ from handpose.frames.recording import UNKNOWN, CameraInfo, Recording
 from netlib.errors import DataError
 from netlib.files.paths import exists
 
-STACKS, BAGS, PICTURES, RAW = (".npy", ".npz"), (".bag", ".db3", ".mcap"), (".png", ".tif", ".tiff"), ".raw"
+STACKS, BAGS, PICTURES, RAW = (
+    (".npy", ".npz"),
+    (".bag", ".db3", ".mcap"),
+    (".png", ".tif", ".tiff"),
+    ".raw",
+)
 OF_ONE_FRAME = (*PICTURES, *STACKS, RAW)  # kinds of files that are a frame each in a folder
 LIVE = "realsense"
 EXPECTED = (
@@ -44,7 +49,13 @@ _FROM_PGM = (
     "for p in pathlib.Path(sys.argv[1]).parent.glob('*.pgm')]",
 )
 # Kinds of files that are not read: what they are, and the Python statement that converts the file in sys.argv[1].
-CONVERTED = {".mkv": _FROM_VIDEO, ".avi": _FROM_VIDEO, ".h5": _FROM_HDF5, ".hdf5": _FROM_HDF5, ".pgm": _FROM_PGM}
+CONVERTED = {
+    ".mkv": _FROM_VIDEO,
+    ".avi": _FROM_VIDEO,
+    ".h5": _FROM_HDF5,
+    ".hdf5": _FROM_HDF5,
+    ".pgm": _FROM_PGM,
+}
 
 
 def conversion(path: Path) -> str:
@@ -74,7 +85,8 @@ def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording
     file = path if exists(path) else Path(name.partition("#/")[0])  # a bag's topic may follow
     suffix = file.suffix.lower()
     if exists(file) and file.is_dir():
-        suffix = BAGS[1] if (file / "metadata.yaml").is_file() else PICTURES[0]  # a bag of ROS 2 is a folder
+        # a bag of ROS 2 is a folder
+        suffix = BAGS[1] if (file / "metadata.yaml").is_file() else PICTURES[0]
     elif is_pattern(path):
         suffix = PICTURES[0]
     elif not exists(file) and suffix in (*STACKS, RAW, *CONVERTED, *BAGS):
@@ -99,4 +111,6 @@ def open_recording(source: str | Path, given: CameraInfo = UNKNOWN) -> Recording
 
 def _refuse_time_unit(source: str, given: CameraInfo) -> None:
     if given.time_unit is not None:
-        raise DataError(f"{source}: its times have a unit; --time-unit is for the names of images and for arrays")
+        raise DataError(
+            f"{source}: its times have a unit; --time-unit is for the names of images and for arrays"
+        )

@@ -81,13 +81,17 @@ class FolderRecording(Recording):
         _, path, raw = next(self._whole_frames())
         where = str(path)
         if path.suffix.lower() in (".tif", ".tiff") and (pictures := cv2.imcount(where)) > 1:
-            raise DataError(f"{path}: a TIFF of {pictures} pictures; expected one for each frame, or all in an .npy")
+            raise DataError(
+                f"{path}: a TIFF of {pictures} pictures; expected one for each frame, or all in an .npy"
+            )
         own, taken = UNKNOWN, list[str]()
         if path.suffix.lower() in STACKS:
             first = arrays_in(path, is_single=True)
             own, fields, taken = parameters_in(first.others, where, given)
             timed = name_of_times(first.others, 1)
-            self.warnings = not_used([name for name in first.names if name not in fields and name != timed])
+            self.warnings = not_used(
+                [name for name in first.names if name not in fields and name != timed]
+            )
             if timed is not None:
                 in_names = in_order(names, str(self.folder))  # a given unit is that of the arrays
                 if not in_names[1].ticks:
@@ -102,26 +106,42 @@ class FolderRecording(Recording):
             remarks += assumed
         self.remarks = self._remarks = tuple(remarks)
 
-    def _timed_by(self, name: str, given: CameraInfo, own: CameraInfo, camera_json: CameraInfo) -> Reading:
+    def _timed_by(
+        self, name: str, given: CameraInfo, own: CameraInfo, camera_json: CameraInfo
+    ) -> Reading:
         """The times in an array of each file, in the order of the names. Raises DataError unless they ascend."""
         found: dict[int, NDArray[Any]] = {}
         for number, file in enumerate(self._names):
             with contextlib.suppress(DataError):  # of a damaged frame, which is left out
-                found[number] = arrays_in(self.folder / file, is_single=True).others.get(name, np.zeros(0))
+                found[number] = arrays_in(self.folder / file, is_single=True).others.get(
+                    name, np.zeros(0)
+                )
         where = f"{self.folder}: {name}"
-        numbers = checked_times(np.concatenate([values.ravel() for values in found.values()]), len(found), where)
-        unit, how = unit_of_times(name, numbers, str(self.folder), given.time_unit, own, camera_json)
+        numbers = checked_times(
+            np.concatenate([values.ravel() for values in found.values()]), len(found), where
+        )
+        unit, how = unit_of_times(
+            name, numbers, str(self.folder), given.time_unit, own, camera_json
+        )
         ticks = 0 if unit == FRAMES else NANO
-        steps = np.rint((numbers - numbers[0]) * (ticks / TICKS[unit] if ticks else 1)).astype(int).tolist()
+        steps = (
+            np.rint((numbers - numbers[0]) * (ticks / TICKS[unit] if ticks else 1))
+            .astype(int)
+            .tolist()
+        )
         times = dict(zip(found, steps))
         in_place = [times.get(number, 0) for number in range(len(self._names))]
-        return self._reading._replace(times=in_place, ticks=ticks, how=f"times from {name!r} of each frame, {how}")
+        return self._reading._replace(
+            times=in_place, ticks=ticks, how=f"times from {name!r} of each frame, {how}"
+        )
 
     def __iter__(self) -> Iterator[DepthFrame]:
         """The frames that can be read. Raises DataError for one of another size or kind, and for a system error."""
         ticks = self._reading.ticks or self.rate or 1.0
         for number, path, values in self._whole_frames():
-            yield DepthFrame(number, self._reading.times[number] / ticks, self._decode(values, str(path)))
+            yield DepthFrame(
+                number, self._reading.times[number] / ticks, self._decode(values, str(path))
+            )
 
     def _whole_frames(self) -> Iterator[tuple[int, Path, NDArray[Any]]]:
         """The stored values of all frames that are whole, with their numbers. Raises DataError.
@@ -137,7 +157,10 @@ class FolderRecording(Recording):
                 if isinstance(error, NotDepthError) or system_error_of(error):
                     raise
                 damaged.append(error)
-                self.remarks = (*self._remarks, f"{len(damaged)} damaged frames are left out, the first: {damaged[0]}")
+                self.remarks = (
+                    *self._remarks,
+                    f"{len(damaged)} damaged frames are left out, the first: {damaged[0]}",
+                )
             else:
                 yield number, path, values
         if len(damaged) == len(self._names):
@@ -174,15 +197,21 @@ def _raw(path: Path, sizes: Sequence[tuple[int, int]]) -> NDArray[np.uint16]:
         )
     expected = {BYTES * width * height: (height, width) for width, height in sizes}
     if len(content) not in expected:
-        known = ", ".join(f"{count}, {width} x {height}" for count, (height, width) in expected.items())
-        raise NotDepthError(f"{path}: {len(content)} bytes; expected {known} depths of 16 bits without a header")
+        known = ", ".join(
+            f"{count}, {width} x {height}" for count, (height, width) in expected.items()
+        )
+        raise NotDepthError(
+            f"{path}: {len(content)} bytes; expected {known} depths of 16 bits without a header"
+        )
     return np.frombuffer(content, "<u2").reshape(expected[len(content)])
 
 
 def _frames_in(source: Path) -> tuple[Path, list[str]]:
     """The folder, and the names of all frames in it, of those that fit a pattern, or of a single one."""
     if exists(source) and source.is_dir():
-        names = _without_other_arrays(source, [name for name in list_folder(source) if _is_frame(name)])
+        names = _without_other_arrays(
+            source, [name for name in list_folder(source) if _is_frame(name)]
+        )
         if not names:
             raise DataError(_no_frames(source))
         return source, names
@@ -245,7 +274,9 @@ def _no_frames(folder: Path) -> str:
 NANO = TICKS["ns"]
 NAMED_UNIT = re.compile(r"(?<!\d)(\d+)([mun]s)(?:ec)?(?![A-Za-z])")
 SINCE_1970 = re.compile(r"(?<!\d)(\d{9,19})(?:\.(\d+)|(?<=(?<!\d)\d{10})[_-](\d{6}|\d{9}))?(?!\d)")
-DATE = re.compile(r"(?<!\d)20\d\d\D?[01]\d\D?[0-3]\d(?:\D{0,4}[0-2]\d\D?[0-5]\d\D?[0-5]\d(?:\.\d+)?)?")
+DATE = re.compile(
+    r"(?<!\d)20\d\d\D?[01]\d\D?[0-3]\d(?:\D{0,4}[0-2]\d\D?[0-5]\d\D?[0-5]\d(?:\.\d+)?)?"
+)
 NUMBER, DECIMAL = re.compile(r"\d+"), re.compile(r"\d+(?:[.,]\d+)?")
 SPARSE = 10  # times as many numbers as frames are no count if the names have a date
 MIN_SIDE = 16  # px of a frame; labels and matrices have fewer rows or columns
@@ -268,7 +299,9 @@ class Reading(NamedTuple):
     rests: Sequence[str]
 
 
-def in_order(names: Iterable[str], where: str, unit: str | None = None) -> tuple[list[str], Reading]:
+def in_order(
+    names: Iterable[str], where: str, unit: str | None = None
+) -> tuple[list[str], Reading]:
     """The names in the order of time, and their times from the first one on, which ascend.
 
     Raises DataError for several sequences, and for two frames of the same moment.
@@ -280,11 +313,17 @@ def in_order(names: Iterable[str], where: str, unit: str | None = None) -> tuple
     found = _reading(names, unit) if len(groups) == 1 else None
     if found is not None:
         return _sorted(names, found, where)
-    sequences = sorted((_pattern(part), len(part)) for group in groups.values() for part in _sequences(group, unit))
+    sequences = sorted(
+        (_pattern(part), len(part)) for group in groups.values() for part in _sequences(group, unit)
+    )
     more = f" and {len(sequences) - MAX_SHOWN} more" if len(sequences) > MAX_SHOWN else ""
     shown = ", ".join(f"{pattern} ({count})" for pattern, count in sequences[:MAX_SHOWN])
-    example = min((pattern for pattern, _ in sequences), key=lambda pattern: "depth" not in pattern.lower())
-    raise DataError(f"{where}: holds {len(sequences)} sequences: {shown}{more}; name one, as '{where}/{example}'")
+    example = min(
+        (pattern for pattern, _ in sequences), key=lambda pattern: "depth" not in pattern.lower()
+    )
+    raise DataError(
+        f"{where}: holds {len(sequences)} sequences: {shown}{more}; name one, as '{where}/{example}'"
+    )
 
 
 def _groups(names: Iterable[str]) -> dict[tuple[str, ...], list[str]]:
@@ -302,11 +341,15 @@ def _sorted(names: Sequence[str], found: Reading, where: str) -> tuple[list[str]
     order = sorted(range(len(names)), key=lambda i: times[i])
     for a, b in itertools.pairwise(order):
         if times[a] == times[b]:
-            raise DataError(f"{where}: {names[a]} and {names[b]} are frames of the same moment; remove one of them")
+            raise DataError(
+                f"{where}: {names[a]} and {names[b]} are frames of the same moment; remove one of them"
+            )
     first = times[order[0]]
     if not ticks and (missing := times[order[-1]] - first + 1 - len(names)):
-        how += (f"; numbers missing between {first} and {times[order[-1]]}: {missing}, which stay gaps in time "
-                "(--time-unit if they are times)")
+        how += (
+            f"; numbers missing between {first} and {times[order[-1]]}: {missing}, which stay gaps in time "
+            "(--time-unit if they are times)"
+        )
     if ticks and len(names) > 1:
         step = median(times[b] - times[a] for a, b in itertools.pairwise(order))
         how += f": a frame every {1000 * step / ticks:.3g} ms"
@@ -319,7 +362,11 @@ def _reading(names: Sequence[str], unit: str | None) -> Reading | None:
 
     Names of the same moment are a sequence only if there is no other reading: the caller reports them.
     """
-    possible = [found for found in _readings([PurePath(name).stem for name in names], unit) if _is_one_sequence(found)]
+    possible = [
+        found
+        for found in _readings([PurePath(name).stem for name in names], unit)
+        if _is_one_sequence(found)
+    ]
     strict = (found for found in possible if len(set(found.times)) == len(names))
     return next(strict, next((found for found in possible if len(set(found.rests)) == 1), None))
 
@@ -328,7 +375,10 @@ def _is_one_sequence(found: Reading) -> bool:
     """True if all numbers besides the time are constant or ascend with it."""
     order = sorted(range(len(found.times)), key=lambda i: found.times[i])
     columns = zip(*(map(int, NUMBER.findall(found.rests[i])) for i in order))
-    return all(len(set(column)) == 1 or all(a < b for a, b in itertools.pairwise(column)) for column in columns)
+    return all(
+        len(set(column)) == 1 or all(a < b for a, b in itertools.pairwise(column))
+        for column in columns
+    )
 
 
 def _readings(stems: list[str], unit: str | None) -> list[Reading]:
@@ -337,15 +387,25 @@ def _readings(stems: list[str], unit: str | None) -> list[Reading]:
     Of several numbers that step alike, the last one is taken first; of counts, the one with the smallest range.
     """
     how = "frames in the order of the numbers in their names"
-    counts = [_read(stems, matches, [int(match[0]) for match in matches], 0, how)
-              for matches in _in_columns(stems, NUMBER)] or [Reading([0] * len(stems), 0, how, stems)]
+    counts = [
+        _read(stems, matches, [int(match[0]) for match in matches], 0, how)
+        for matches in _in_columns(stems, NUMBER)
+    ] or [Reading([0] * len(stems), 0, how, stems)]
     counts.sort(key=lambda one: (len(set(one.times)) == 1, _range(one)))
     if unit == FRAMES:
         return counts
     if unit is not None:
         how, factor = f"times from the file names, in {unit} as given", NANO // TICKS[unit]
-        given = [_read(stems, matches, [int(Decimal(match[0].replace(",", ".")) * factor) for match in matches], NANO,
-                       how) for matches in _in_columns(stems, DECIMAL)]
+        given = [
+            _read(
+                stems,
+                matches,
+                [int(Decimal(match[0].replace(",", ".")) * factor) for match in matches],
+                NANO,
+                how,
+            )
+            for matches in _in_columns(stems, DECIMAL)
+        ]
         return sorted(given, key=_range, reverse=True)
     dense = [one for one in counts if _range(one) < SPARSE * len(stems)]
     return [*_with_units(stems), *_since_1970(stems), *dense, *_dated(stems), *counts]
@@ -366,8 +426,13 @@ def _since_1970(stems: list[str]) -> Iterator[Reading]:
         unit = since_1970([int(match[1]) for match in matches])
         if unit is not None:
             digits = len(str(NANO // TICKS[unit])) - 1  # of the fraction, down to a nanosecond
-            times = [int(match[1] + (match[2] or match[3] or "")[:digits].ljust(digits, "0")) for match in matches]
-            yield _read(stems, matches, times, NANO, f"times from the file names, in {unit} since 1970")
+            times = [
+                int(match[1] + (match[2] or match[3] or "")[:digits].ljust(digits, "0"))
+                for match in matches
+            ]
+            yield _read(
+                stems, matches, times, NANO, f"times from the file names, in {unit} since 1970"
+            )
 
 
 def _dated(stems: list[str]) -> Iterator[Reading]:
@@ -388,9 +453,13 @@ def _in_columns(stems: list[str], pattern: re.Pattern[str]) -> Iterator[list[re.
         yield from (list(column) for column in reversed(list(zip(*found))))
 
 
-def _read(stems: list[str], matches: list[re.Match[str]], times: list[int], ticks: int, how: str) -> Reading:
+def _read(
+    stems: list[str], matches: list[re.Match[str]], times: list[int], ticks: int, how: str
+) -> Reading:
     """The reading of the times in these matches."""
-    rests = [f"{stem[: match.start()]}*{stem[match.end() :]}" for stem, match in zip(stems, matches)]
+    rests = [
+        f"{stem[: match.start()]}*{stem[match.end() :]}" for stem, match in zip(stems, matches)
+    ]
     return Reading(times, ticks, how, rests)
 
 
@@ -402,9 +471,13 @@ def _sequences(names: list[str], unit: str | None) -> list[list[str]]:
     """The names of each sequence among names of equal texts: of equal values of one of their numbers."""
     if _reading(names, unit) is not None:
         return [names]
-    columns = [column for column in zip(*(NUMBER.findall(name) for name in names)) if len(set(column)) > 1]
+    columns = [
+        column for column in zip(*(NUMBER.findall(name) for name in names)) if len(set(column)) > 1
+    ]
     column = min(columns, key=lambda column: len(set(column)))
-    return [[name for name, own in zip(names, column) if own == value] for value in sorted(set(column))]
+    return [
+        [name for name, own in zip(names, column) if own == value] for value in sorted(set(column))
+    ]
 
 
 def _pattern(names: list[str]) -> str:

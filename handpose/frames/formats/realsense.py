@@ -36,9 +36,11 @@ def open_live(serial: str | None, given: CameraInfo) -> Recording:
     try:
         profile = pipeline.start(config)
     except RuntimeError as error:
-        raise DataError(f"realsense: {f'camera {serial}' if serial else 'a camera'} cannot be started: "
-                        f"{reason_of(error)}; connected: {', '.join(_connected(rs)) or 'none'} (no other program may "
-                        "use it)") from error
+        raise DataError(
+            f"realsense: {f'camera {serial}' if serial else 'a camera'} cannot be started: "
+            f"{reason_of(error)}; connected: {', '.join(_connected(rs)) or 'none'} (no other program may "
+            "use it)"
+        ) from error
     with contextlib.ExitStack() as stack:
         stack.callback(pipeline.stop)
         device = profile.get_device()
@@ -54,15 +56,20 @@ def _library() -> Any:
     except ModuleNotFoundError as error:
         raise NetlibError("pyrealsense2 is missing: pip install pyrealsense2") from error
     except ImportError as error:  # its wheels leave out the system's libusb
-        raise NetlibError(f"pyrealsense2 cannot be loaded: {reason_of(error)}"
-                          f"{': apt install libusb-1.0-0' if 'libusb' in str(error) else ''}") from error
+        raise NetlibError(
+            f"pyrealsense2 cannot be loaded: {reason_of(error)}"
+            f"{': apt install libusb-1.0-0' if 'libusb' in str(error) else ''}"
+        ) from error
     return pyrealsense2
 
 
 def _connected(rs: Any) -> list[str]:
     """The serial numbers of all cameras."""
     with contextlib.suppress(RuntimeError):
-        return [str(device.get_info(rs.camera_info.serial_number)) for device in rs.context().query_devices()]
+        return [
+            str(device.get_info(rs.camera_info.serial_number))
+            for device in rs.context().query_devices()
+        ]
     return []
 
 
@@ -96,7 +103,9 @@ class _Device:
         if not frame:
             return None
         time, clock = frame.get_timestamp() / 1000, frame.get_frame_timestamp_domain()
-        return DeviceFrame(time, np.asanyarray(frame.get_data()), int(frame.get_frame_number()), clock)
+        return DeviceFrame(
+            time, np.asanyarray(frame.get_data()), int(frame.get_frame_number()), clock
+        )
 
     def close(self) -> None:
         with contextlib.suppress(RuntimeError):  # it has been stopped, or unplugged

@@ -61,8 +61,12 @@ class Bag(NamedTuple):
 
         Raises rosbags' errors.
         """
-        connections = [one for one in self.reader.connections if one.topic == topic and one.msgtype in kinds]
-        for connection, time, content in self.reader.messages(connections=connections) if connections else ():
+        connections = [
+            one for one in self.reader.connections if one.topic == topic and one.msgtype in kinds
+        ]
+        for connection, time, content in (
+            self.reader.messages(connections=connections) if connections else ()
+        ):
             yield time, self._message(content, connection.msgtype)
 
     def _message(self, content: bytes, kind: str) -> Any:
@@ -74,7 +78,8 @@ class Bag(NamedTuple):
         except Exception:
             if kind != IMAGE:
                 raise
-            return store.deserialize_ros1(content[:-4], kind)  # RealSense appends the depth units, which ROS lacks
+            # RealSense appends the depth units, which ROS lacks
+            return store.deserialize_ros1(content[:-4], kind)
 
     def first(self, topic: str, *kinds: str) -> Any:
         """The first message of a topic, of one of some types. Raises DataError."""
@@ -96,7 +101,9 @@ def _opened(path: Path) -> Iterator[Bag]:
     try:
         from rosbags import rosbag1, rosbag2
     except ImportError as error:
-        raise NetlibError(f"rosbags is missing: pip install rosbags ({reason_of(error)})") from error
+        raise NetlibError(
+            f"rosbags is missing: pip install rosbags ({reason_of(error)})"
+        ) from error
     is_ros1 = path.suffix.lower() == ".bag" and not path.is_dir()
     try:
         reader = (rosbag1 if is_ros1 else rosbag2).Reader(path)
@@ -104,8 +111,10 @@ def _opened(path: Path) -> Iterator[Bag]:
     except Exception as error:  # for a damaged bag the library may raise any exception
         if system := system_error_of(error):
             raise DataError(f"{path}: cannot read the bag: {reason_of(system)}") from error
-        raise DataError(f"{path}: cannot read the bag: damaged or cut: {reason_of(error)}"
-                        f"{REINDEX if is_ros1 and 'index' in str(error) else ''}") from error
+        raise DataError(
+            f"{path}: cannot read the bag: damaged or cut: {reason_of(error)}"
+            f"{REINDEX if is_ros1 and 'index' in str(error) else ''}"
+        ) from error
     with contextlib.closing(reader):
         yield Bag(reader, is_ros1, str(path))
 
@@ -128,7 +137,11 @@ class BagRecording(Recording):
             camera_json = next_to(self._path, given.camera is None and own.camera is None)
             self._decode = DepthDecoder(values.shape, values.dtype, where, given, own, camera_json)
             self.name, self.count = str(self._path), bag.topics(*IMAGES)[self._topic]
-        self.camera, self.unit_mm, self.rate = self._decode.camera, self._decode.unit_mm, self._decode.rate
+        self.camera, self.unit_mm, self.rate = (
+            self._decode.camera,
+            self._decode.unit_mm,
+            self._decode.rate,
+        )
         self.remarks = self._decode.remarks
 
     def __iter__(self) -> Iterator[DepthFrame]:
@@ -145,12 +158,18 @@ class BagRecording(Recording):
             raise
         except Exception as error:  # for a damaged bag the library may raise any exception
             if system := system_error_of(error):
-                raise DataError(f"{self.name}: cannot read the frames: {reason_of(system)}") from error
+                raise DataError(
+                    f"{self.name}: cannot read the frames: {reason_of(system)}"
+                ) from error
             if number < 0:
-                raise DataError(f"{self.name}: not one frame can be read: {reason_of(error)}") from error
+                raise DataError(
+                    f"{self.name}: not one frame can be read: {reason_of(error)}"
+                ) from error
             self.cut = f"damaged or cut after frame {number}: {reason_of(error)}"
         if late:
-            self.remarks += (f"frames left out because they are not later than the one before: {late}",)
+            self.remarks += (
+                f"frames left out because they are not later than the one before: {late}",
+            )
 
     def _stored(self) -> Iterator[tuple[float, NDArray[Any]]]:
         """Seconds by the images' clock, or if they have none by the bag's, and stored values."""
@@ -174,29 +193,41 @@ def _depth_topic(bag: Bag, asked: str) -> str:
         images = {image_topic(topic): topic for topic in packed if topic.endswith(ending)} | images
     if asked:
         if asked not in (all_images := [*bag.topics(*IMAGES)]):
-            raise DataError(f"{bag.where}: no images of {asked!r}{did_you_mean(asked, all_images)}; it has "
-                            f"{', '.join(all_images) or 'none'}")
+            raise DataError(
+                f"{bag.where}: no images of {asked!r}{did_you_mean(asked, all_images)}; it has "
+                f"{', '.join(all_images) or 'none'}"
+            )
         return asked
     encodings = {t: encoding_of(bag.first(t, *IMAGES)) for t in images.values()}
     depth = [topic for topic, encoding in encodings.items() if encoding in ENCODINGS]
-    named = [topic for topic in depth if "depth" in topic.lower()] or depth  # infrared has 16 bits, too
+    # infrared has 16 bits, too
+    named = [topic for topic in depth if "depth" in topic.lower()] or depth
     if not named:
-        found = ", ".join(f"{topic} of the encoding {encoding!r}" for topic, encoding in encodings.items())
-        raise DataError(f"{bag.where}: no images of depth, which have the encoding {', '.join(ENCODINGS)}; it "
-                        f"has {found or 'no images'}")
+        found = ", ".join(
+            f"{topic} of the encoding {encoding!r}" for topic, encoding in encodings.items()
+        )
+        raise DataError(
+            f"{bag.where}: no images of depth, which have the encoding {', '.join(ENCODINGS)}; it "
+            f"has {found or 'no images'}"
+        )
     if len(named) > 1:
-        raise DataError(f"{bag.where}: depth of {len(named)} topics: {', '.join(sorted(named))}; name one by "
-                        f"{bag.where}#TOPIC")
+        raise DataError(
+            f"{bag.where}: depth of {len(named)} topics: {', '.join(sorted(named))}; name one by "
+            f"{bag.where}#TOPIC"
+        )
     return named[0]
 
 
-def _own(bag: Bag, topic: str, encoding: str, shape: tuple[int, ...], has_camera: bool) -> CameraInfo:
+def _own(
+    bag: Bag, topic: str, encoding: str, shape: tuple[int, ...], has_camera: bool
+) -> CameraInfo:
     """The bag's parameters of the camera of a topic, and the unit; if the user gave a camera, invalid ones count as
     unknown.
     """
     base = image_topic(topic)
     parent = base.rpartition("/")[0]
-    places = (f"{parent}/camera_info", f"{parent.rpartition('/')[0]}/info/camera_info")  # ROS's and RealSense's
+    # ROS's and RealSense's
+    places = (f"{parent}/camera_info", f"{parent.rpartition('/')[0]}/info/camera_info")
     infos = bag.topics(INFO)
     said = CameraInfo()
     if found := next((place for place in places if place in infos), None):
@@ -217,10 +248,15 @@ def _unit_mm(bag: Bag, topic: str, encoding: str) -> float | None:
 
 # ---------------------------------------------------------------------------------------------- messages
 
-IMAGE, COMPRESSED, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo"
+IMAGE, COMPRESSED, INFO = (
+    "sensor_msgs/msg/Image",
+    "sensor_msgs/msg/CompressedImage",
+    "sensor_msgs/msg/CameraInfo",
+)
 IMAGES = (IMAGE, COMPRESSED)
 NUMBERS = ("std_msgs/msg/Float32", "std_msgs/msg/String")  # types of RealSense's options
-PACKED = ("/compressedDepth", "/compressed")  # endings of the topics of CompressedImage, those for depth first
+# endings of the topics of CompressedImage, those for depth first
+PACKED = ("/compressedDepth", "/compressed")
 ENCODINGS = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
 # Millimetres and metres: REP 118, "Depth Images". RealSense's files have mono16, and their unit elsewhere.
 UNITS_MM = {"16UC1": 1.0, "32FC1": 1000.0}
@@ -249,14 +285,18 @@ def values_of(message: Any, where: str) -> NDArray[Any]:
     """The stored values (height, width) of an Image or a CompressedImage. Raises DataError."""
     encoding = encoding_of(message)
     if encoding not in ENCODINGS:
-        raise DataError(f"{where}: an image of {encoding!r}; expected depth, {', '.join(ENCODINGS)}")
+        raise DataError(
+            f"{where}: an image of {encoding!r}; expected depth, {', '.join(ENCODINGS)}"
+        )
     if not hasattr(message, "encoding"):
         return _unpacked(message, encoding, where)
     dtype = np.dtype((">" if message.is_bigendian else "<") + ENCODINGS[encoding])
     height, step, row = message.height, message.step, message.width * dtype.itemsize
     if not (row and height) or step < row or len(message.data) < step * height:
-        raise DataError(f"{where}: {len(message.data)} bytes in rows of {step}, which are no {message.width} x "
-                        f"{height} pixels of {encoding}")
+        raise DataError(
+            f"{where}: {len(message.data)} bytes in rows of {step}, which are no {message.width} x "
+            f"{height} pixels of {encoding}"
+        )
     rows = np.asarray(message.data)[: step * height].reshape(height, step)[:, :row]
     return np.ascontiguousarray(rows).view(dtype)
 
@@ -266,11 +306,15 @@ def _unpacked(message: Any, encoding: str, where: str) -> NDArray[Any]:
     content = bytes(message.data)
     picture = content if content.startswith(PICTURES) else content[HEADER_BYTES:]
     if encoding == "32FC1" or not picture.startswith(PICTURES):
-        raise DataError(f"{where}: compressed depth of the format {message.format!r}; expected a PNG or TIFF of 16 "
-                        "bits (of others, `ros2 run image_transport republish` makes raw images)")
+        raise DataError(
+            f"{where}: compressed depth of the format {message.format!r}; expected a PNG or TIFF of 16 "
+            "bits (of others, `ros2 run image_transport republish` makes raw images)"
+        )
     values = pictures.decode(picture, cv2.IMREAD_UNCHANGED, where)
     if values.dtype != np.uint16 or values.ndim != 2:
-        raise DataError(f"{where}: a picture of {values.dtype} {values.shape}, expected 16-bit grey values")
+        raise DataError(
+            f"{where}: a picture of {values.dtype} {values.shape}, expected 16-bit grey values"
+        )
     return values
 
 
@@ -280,17 +324,23 @@ def given_by(info: Any, topic: str, shape: tuple[int, ...], where: str) -> Camer
     Images whose topic contains "rect" are undistorted: the matrix P holds for them, K and D for all others. Images of
     another ``shape``, height and width, than the CameraInfo's show a region of the sensor, or binned pixels.
     """
-    k, d, p = (list(map(float, getattr(info, name, getattr(info, name.lower(), ())))) for name in "KDP")
+    k, d, p = (
+        list(map(float, getattr(info, name, getattr(info, name.lower(), ())))) for name in "KDP"
+    )
     straight = "rect" in topic.rpartition("/")[2] and len(p) == 12 and p[0] > 0
     fx, fy, u0, v0 = (p[0], p[5], p[2], p[6]) if straight else (k[0], k[4], k[2], k[5])
     if not fx:
         return CameraInfo()
     if not (math.isfinite(fx + fy + u0 + v0) and min(fx, fy) > 0):
-        raise DataError(f"{where}: focal lengths {fx:g}, {fy:g}, middle {u0:g}, {v0:g}; expected finite ones")
+        raise DataError(
+            f"{where}: focal lengths {fx:g}, {fy:g}, middle {u0:g}, {v0:g}; expected finite ones"
+        )
     lens = Lens() if straight else lens_of(info.distortion_model, d, where)
     if any(full := (info.height, info.width)) and shape != full:
-        raise DataError(f"{where}: the camera has {full[1]} x {full[0]} pixels, the images have {shape[1]} x "
-                        f"{shape[0]}; expected the same; of a region or binned pixels give the parameters by --camera")
+        raise DataError(
+            f"{where}: the camera has {full[1]} x {full[0]} pixels, the images have {shape[1]} x "
+            f"{shape[0]}; expected the same; of a region or binned pixels give the parameters by --camera"
+        )
     return CameraInfo(Camera("ros", fx, fy, u0, v0, *shape[::-1]), lens, origin=where)
 
 

@@ -45,7 +45,10 @@ from netlib.errors import DataError
 from netlib.files.pictures import MAX_PIXELS
 
 WHAT = "the depth frames"
-AXES = {False: "(frames, height, width)", True: "(height, width); a file with several frames is opened by its name"}
+AXES = {
+    False: "(frames, height, width)",
+    True: "(height, width); a file with several frames is opened by its name",
+}
 READERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 PARAMETERS = "biufSU"  # their kinds: numbers and texts
 
@@ -70,12 +73,20 @@ class StackRecording(Recording):
             self._times = numbers / (rate if unit == FRAMES else TICKS[unit])
             taken.append(f"times from {times!r}, {how}")
         elif given.time_unit is not None:
-            raise DataError(f"{path}: has no times, so --time-unit has no meaning; expected an array time")
-        self._decode = decode = DepthDecoder(frames.shape[1:], frames.dtype, where, given, own, camera_json)
+            raise DataError(
+                f"{path}: has no times, so --time-unit has no meaning; expected an array time"
+            )
+        self._decode = decode = DepthDecoder(
+            frames.shape[1:], frames.dtype, where, given, own, camera_json
+        )
         self.camera, self.unit_mm = decode.camera, decode.unit_mm
-        self.rate, assumed = (decode.rate, ()) if times is not None or count == 1 else decode.paced()
+        self.rate, assumed = (
+            (decode.rate, ()) if times is not None or count == 1 else decode.paced()
+        )
         self.remarks = (*(["; ".join(taken)] if taken else []), *decode.remarks, *assumed)
-        self.warnings = not_used([name for name in frames.names if _last(name) not in fields and name != times])
+        self.warnings = not_used(
+            [name for name in frames.names if _last(name) not in fields and name != times]
+        )
 
     def __iter__(self) -> Iterator[DepthFrame]:
         times = self._times
@@ -99,9 +110,15 @@ class _Npy:
     names: Sequence[str] = ()
 
     def __init__(self, path: Path, is_single: bool) -> None:
-        with errors_of(str(path), WHAT, "cut, or not an array as NumPy writes it"), files.opened(path, WHAT):
+        with (
+            errors_of(str(path), WHAT, "cut, or not an array as NumPy writes it"),
+            files.opened(path, WHAT),
+        ):
             array = npy.open_memmap(path, mode="r")
-        self.shape, self.dtype = _checked_shape(array.shape, array.dtype, str(path), is_single), array.dtype
+        self.shape, self.dtype = (
+            _checked_shape(array.shape, array.dtype, str(path), is_single),
+            array.dtype,
+        )
         self._array = array.reshape(self.shape)
 
     def __iter__(self) -> Iterator[NDArray[Any]]:
@@ -138,10 +155,14 @@ class _Npz:
             self.shape = _checked_shape(shape, self.dtype, str(path), is_single)
             self._order: Literal["F", "C"] = "F" if by_columns else "C"
             if by_columns and len(shape) > 1 < self.shape[0]:
-                raise DataError(f"{path}: an array in Fortran's order; write it with numpy.ascontiguousarray")
+                raise DataError(
+                    f"{path}: an array in Fortran's order; write it with numpy.ascontiguousarray"
+                )
             self.names, self.others = list(headers), {}
             for name, header in headers.items():
-                is_known = camera_file.is_known(name) or TIMES.fullmatch(_last(name)) or name == TEXT
+                is_known = (
+                    camera_file.is_known(name) or TIMES.fullmatch(_last(name)) or name == TEXT
+                )
                 if is_known and header.dtype.kind in PARAMETERS:
                     with archive.open(f"{name}.npy") as stream:
                         self.others[name] = npy.read_array(stream, allow_pickle=False)
@@ -160,7 +181,11 @@ class _Npz:
     @contextlib.contextmanager
     def _opened(self) -> Iterator[zipfile.ZipFile]:
         damaged = errors_of(str(self._path), WHAT, "a damaged .npz file")
-        with BufferedReader(files.opened(self._path, WHAT)) as stream, damaged, zipfile.ZipFile(stream) as archive:
+        with (
+            BufferedReader(files.opened(self._path, WHAT)) as stream,
+            damaged,
+            zipfile.ZipFile(stream) as archive,
+        ):
             yield archive
 
 
@@ -176,7 +201,9 @@ def _header(stream: IO[bytes]) -> _Header:
 
 def _name_of_depth(headers: Mapping[str, _Header], where: str, is_single: bool) -> str:
     """The name of the array of frames. Raises NotDepthError without one, and for several."""
-    axes = [name for name, header in headers.items() if len(header.shape) == (2 if is_single else 3)]
+    axes = [
+        name for name, header in headers.items() if len(header.shape) == (2 if is_single else 3)
+    ]
     by_itself = [name for name in axes if "depth" in _last(name).lower()]
     by_group = [name for name in axes if "depth" in name.lower()]
     for named in (["depth"] if "depth" in headers else []), axes, by_itself, by_group:
@@ -191,7 +218,9 @@ def _last(name: str) -> str:
     return name.rpartition(".")[2]
 
 
-def _checked_shape(shape: tuple[int, ...], dtype: np.dtype[Any], where: str, is_single: bool) -> tuple[int, ...]:
+def _checked_shape(
+    shape: tuple[int, ...], dtype: np.dtype[Any], where: str, is_single: bool
+) -> tuple[int, ...]:
     """The shape (frames, height, width) of an array. Raises NotDepthError unless it may be frames, or a single one."""
     found, advice = shape, ""
     if is_single and len(shape) == 2:
@@ -204,18 +233,30 @@ def _checked_shape(shape: tuple[int, ...], dtype: np.dtype[Any], where: str, is_
         advice = ": np.moveaxis(array, 2, 0)"
     is_image = len(found) == 3 and min(found) > 0 and math.prod(found[1:]) <= MAX_PIXELS
     if advice or not is_image:
-        raise NotDepthError(f"{where}: an array of shape {shape}; expected {AXES[is_single]}{advice}")
+        raise NotDepthError(
+            f"{where}: an array of shape {shape}; expected {AXES[is_single]}{advice}"
+        )
     check_values(dtype, where)
     return found
 
 
 # ---------------------------------------------------------------------------------------------- other arrays
 
-ENDINGS = {word: unit for unit, words in {
-    "s": "s sec secs second seconds", "ms": "ms msec millis milliseconds", "us": "us usec micros microseconds",
-    "ns": "ns nsec nanos nanoseconds"}.items() for word in words.split()}
-TIMES = re.compile(rf"(?:depth_|frame_)?(?:t|ts|times?|time_?stamps?|stamps?)(?:_({'|'.join(ENDINGS)}))?", re.I)
-IN_SECONDS = "time"  # the one name whose times are seconds unless they are times since 1970 in another unit
+ENDINGS = {
+    word: unit
+    for unit, words in {
+        "s": "s sec secs second seconds",
+        "ms": "ms msec millis milliseconds",
+        "us": "us usec micros microseconds",
+        "ns": "ns nsec nanos nanoseconds",
+    }.items()
+    for word in words.split()
+}
+TIMES = re.compile(
+    rf"(?:depth_|frame_)?(?:t|ts|times?|time_?stamps?|stamps?)(?:_({'|'.join(ENDINGS)}))?", re.I
+)
+# the one name whose times are seconds unless they are times since 1970 in another unit
+IN_SECONDS = "time"
 OF_ANYTHING = ("name", "model", *camera_file.SIZE)  # ambiguous keys, used only with a camera
 TEXT = "camera"  # the name of the whole text of a camera.json
 MAX_VALUES = 1000  # in an array of parameters
@@ -277,8 +318,12 @@ def name_of_times(found: Mapping[str, NDArray[Any]], count: int) -> str | None:
 
     A single number may be the date of the recording, and a ``t`` of another length a translation.
     """
-    possible = [name for name, value in found.items() if TIMES.fullmatch(_last(name))
-                and (name == IN_SECONDS or value.size == count or (value.ndim and name != "t"))]
+    possible = [
+        name
+        for name, value in found.items()
+        if TIMES.fullmatch(_last(name))
+        and (name == IN_SECONDS or value.size == count or (value.ndim and name != "t"))
+    ]
     return min(possible, key=lambda name: (name != IN_SECONDS, _ending(name) is None), default=None)
 
 
@@ -291,21 +336,34 @@ def _ending(name: str) -> str | None:
 def checked_times(times: NDArray[Any], count: int, where: str) -> NDArray[np.float64]:
     """Times of the frames. Raises DataError for others than one ascending number for each."""
     if times.size != count or times.squeeze().ndim > 1 or times.dtype.kind not in "iuf":
-        raise DataError(f"{where} is {times.dtype} {times.shape}, expected ({count},): a time for each frame")
+        raise DataError(
+            f"{where} is {times.dtype} {times.shape}, expected ({count},): a time for each frame"
+        )
     numbers = times.astype(np.float64).ravel()
     bad = ~(np.diff(numbers, prepend=-np.inf) > 0) | ~np.isfinite(numbers)
     if bad.any():
         at = int(np.argmax(bad))
-        raise DataError(f"{where}[{at}] is {numbers[at]:g}; expected finite times, each after the one before")
+        raise DataError(
+            f"{where}[{at}] is {numbers[at]:g}; expected finite times, each after the one before"
+        )
     return numbers
 
 
 def unit_of_times(
-    name: str, times: NDArray[np.float64], where: str, given: str | None, own: CameraInfo, camera_json: CameraInfo
+    name: str,
+    times: NDArray[np.float64],
+    where: str,
+    given: str | None,
+    own: CameraInfo,
+    camera_json: CameraInfo,
 ) -> tuple[str, str]:
     """The unit of times, and how it is known. Raises DataError if it is unknown."""
-    for unit, how in ((given, "as given"), (_ending(name), "by its name"),
-                      (own.time_unit, "as the file says"), (camera_json.time_unit, "by camera.json")):
+    for unit, how in (
+        (given, "as given"),
+        (_ending(name), "by its name"),
+        (own.time_unit, "as the file says"),
+        (camera_json.time_unit, "by camera.json"),
+    ):
         if unit is not None:
             return unit, f"in {unit} {how}"
     if unit := since_1970(times.tolist()):
@@ -313,5 +371,7 @@ def unit_of_times(
     if name == IN_SECONDS:
         return "s", "taken for s; --time-unit if wrong"
     step = np.median(np.diff(times)) if len(times) > 1 else 0
-    raise DataError(f"{where}: {name} has times of an unknown unit, with a usual step of {step:g}; give --time-unit s, "
-                    f"ms, us, ns or frames, or call the array {name}_ms")
+    raise DataError(
+        f"{where}: {name} has times of an unknown unit, with a usual step of {step:g}; give --time-unit s, "
+        f"ms, us, ns or frames, or call the array {name}_ms"
+    )

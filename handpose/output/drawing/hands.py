@@ -117,17 +117,32 @@ def view_3d(
         for ends in ([(line, floor, -1), (line, floor, 1)], [(-1, floor, line), (1, floor, line)]):
             start, stop = place(np.array(ends, dtype=np.float64))
             strokes.line(canvas, start, stop, (222, 222, 222), 1)
-    for label, end in (("x", (-0.6, floor, -1)), ("y", (-1, floor + 0.4, -1)), ("z", (-1, floor, -0.6))):
+    for label, end in (
+        ("x", (-0.6, floor, -1)),
+        ("y", (-1, floor + 0.4, -1)),
+        ("z", (-1, floor, -0.6)),
+    ):
         start, stop = place(np.array([(-1, floor, -1), end], dtype=np.float64))
         strokes.line(canvas, start, stop, (110, 110, 110), 2)
         strokes.text(
-            canvas, label, stop + (stop - start) / np.linalg.norm(stop - start) * 9 + (-4, 4), (110, 110, 110), 0.45
+            canvas,
+            label,
+            stop + (stop - start) / np.linalg.norm(stop - start) * 9 + (-4, 4),
+            (110, 110, 110),
+            0.45,
         )
 
     points = _checked(joints, skeleton)
     shadow = points * (1, 0, 1) + (0, floor, 0)
     draw(canvas, place(shadow), points[:, 1], skeleton, thick=2, colour=(212, 212, 212))
-    draw(canvas, place(points), (points @ view.T)[:, 2], skeleton, thick=max(size // 200, 1), guesses=guesses)
+    draw(
+        canvas,
+        place(points),
+        (points @ view.T)[:, 2],
+        skeleton,
+        thick=max(size // 200, 1),
+        guesses=guesses,
+    )
     if truth is not None:
         points = _checked(truth, skeleton)
         draw(canvas, place(points), (points @ view.T)[:, 2], skeleton, thick=1, colour=(60, 60, 60))
@@ -155,7 +170,9 @@ def two_views(
     for n, crop in enumerate(crops):
         annotated = truth[n] if len(truth[n]) == len(joints[n]) else None
         center = None if centers is None else centers[n]
-        images.append(overlay(crop, joints[n], skeleton, annotated, center, cube_mm[n], camera, zoom=3))
+        images.append(
+            overlay(crop, joints[n], skeleton, annotated, center, cube_mm[n], camera, zoom=3)
+        )
         images.append(view_3d(joints[n], skeleton, annotated, size=384))
     page = strokes.sheet(images, COLUMNS, [title for pair in titles for title in pair])
     legend = np.full((24, page.shape[1], 3), 255, dtype=np.uint8)
@@ -193,7 +210,9 @@ def limbs(skeleton: Skeleton) -> list[list[int]]:
 
 def guessed(finger_error_mm: Array) -> list[str]:
     """The fingers whose expected errors (5,) in mm, from the thumb on, are above GUESS_MM."""
-    return [finger for finger, error in zip(FINGERS, finger_error_mm, strict=True) if error > GUESS_MM]
+    return [
+        finger for finger, error in zip(FINGERS, finger_error_mm, strict=True) if error > GUESS_MM
+    ]
 
 
 def bones(skeleton: Skeleton) -> list[tuple[int, int]]:

@@ -31,10 +31,14 @@ def dot(canvas: Image, at: Array, radius: int, colour: Colour) -> None:
 def text(canvas: Image, words: str, at: Array, colour: Colour, scale: float) -> None:
     """Text with its lower left corner at a point (2,); ``scale`` is OpenCV's: 1 is about 22 pixels high."""
     x, y = np.rint(at).astype(int)
-    cv2.putText(canvas, words, (int(x), int(y)), cv2.FONT_HERSHEY_SIMPLEX, scale, colour, 1, cv2.LINE_AA)
+    cv2.putText(
+        canvas, words, (int(x), int(y)), cv2.FONT_HERSHEY_SIMPLEX, scale, colour, 1, cv2.LINE_AA
+    )
 
 
-def text_within(canvas: Image, words: str, at: Array, colour: Colour, scale: float, width: int) -> None:
+def text_within(
+    canvas: Image, words: str, at: Array, colour: Colour, scale: float, width: int
+) -> None:
     """Draw text, smaller if necessary, at most ``width`` pixels wide."""
     text(canvas, words, at, colour, scale * min(1.0, width / max(text_width(words, scale), 1)))
 
@@ -47,24 +51,37 @@ def text_width(words: str, scale: float) -> int:
 def _fixed(point: Array) -> tuple[int, int]:
     """A point for cv2's drawing with ``shift``, clipped to the range of its integers."""
     x, y = point.tolist()  # plain floats are faster
-    return round(min(max(x, -_FAR), _FAR) * 2**_SUBPIXEL), round(min(max(y, -_FAR), _FAR) * 2**_SUBPIXEL)
+    return round(min(max(x, -_FAR), _FAR) * 2**_SUBPIXEL), round(
+        min(max(y, -_FAR), _FAR) * 2**_SUBPIXEL
+    )
 
 
-def sheet(images: Sequence[NDArray[np.uint8]], columns: int, titles: Sequence[str] = (), gap: int = 8) -> Image:
+def sheet(
+    images: Sequence[NDArray[np.uint8]], columns: int, titles: Sequence[str] = (), gap: int = 8
+) -> Image:
     """Pictures in rows of ``columns``, each centred in a cell of the largest size, with titles above."""
     if not images or columns < 1:
-        raise DataError(f"{len(images)} pictures in {columns} columns, expected at least one of each")
+        raise DataError(
+            f"{len(images)} pictures in {columns} columns, expected at least one of each"
+        )
     height, width = (max(image.shape[axis] for image in images) for axis in (0, 1))
     head = 22 if titles else 0
     rows = -(-len(images) // columns)
     columns = min(columns, len(images))
-    canvas = np.full((rows * (height + head + gap) + gap, columns * (width + gap) + gap, 3), 255, dtype=np.uint8)
+    canvas = np.full(
+        (rows * (height + head + gap) + gap, columns * (width + gap) + gap, 3), 255, dtype=np.uint8
+    )
     for n, image in enumerate(images):
         row, column = divmod(n, columns)
         top, left = gap + row * (height + head + gap), gap + column * (width + gap)
         if titles:
-            text_within(canvas, titles[n], np.array([left, top + head - 7]), (40, 40, 40), 0.5, width)
-        top, left = top + head + (height - image.shape[0]) // 2, left + (width - image.shape[1]) // 2
+            text_within(
+                canvas, titles[n], np.array([left, top + head - 7]), (40, 40, 40), 0.5, width
+            )
+        top, left = (
+            top + head + (height - image.shape[0]) // 2,
+            left + (width - image.shape[1]) // 2,
+        )
         colour = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image
         canvas[top : top + image.shape[0], left : left + image.shape[1]] = colour
     return canvas
@@ -105,10 +122,14 @@ class ContactSheet:
 
     def _chosen(self) -> list[tuple[float, Image]]:
         count = min(len(self._kept), PLACES)
-        return [self._kept[round(n * (len(self._kept) - 1) / max(count - 1, 1))] for n in range(count)]
+        return [
+            self._kept[round(n * (len(self._kept) - 1) / max(count - 1, 1))] for n in range(count)
+        ]
 
     def _reduced(self, image: Image) -> Image:
         if image.shape[1] <= WIDTH:
             return image
         height = max(round(image.shape[0] * WIDTH / image.shape[1]), 1)
-        return np.asarray(cv2.resize(image, (WIDTH, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        return np.asarray(
+            cv2.resize(image, (WIDTH, height), interpolation=cv2.INTER_AREA), dtype=np.uint8
+        )

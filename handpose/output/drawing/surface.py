@@ -23,7 +23,12 @@ _NOTHING = 1e5  # mm: depth of rays without a surface
 
 
 def over_crop(
-    crop: NDArray[np.floating], capsules: Capsules, center_uvd: ArrayLike, cube_mm: float, camera: Camera, zoom: int = 4
+    crop: NDArray[np.floating],
+    capsules: Capsules,
+    center_uvd: ArrayLike,
+    cube_mm: float,
+    camera: Camera,
+    zoom: int = 4,
 ) -> Image:
     """The shaded surface on the crop (S, S) in [-1, 1]; reddish where there is no depth behind it.
 
@@ -31,12 +36,17 @@ def over_crop(
     """
     uvd = np.asarray(center_uvd, dtype=np.float64).reshape(1, 3)
     center = camera.unproject(uvd)
-    near = in_front(capsules.moved(center), uvd[:, 2] - cube_mm / 2)  # parts nearer to the camera are not in the crop
-    drawn = normalise_depth(render_crop(near, uvd, cube_mm, camera, len(crop)), uvd[:, 2], cube_mm)[0]
+    # parts nearer to the camera are not in the crop
+    near = in_front(capsules.moved(center), uvd[:, 2] - cube_mm / 2)
+    drawn = normalise_depth(render_crop(near, uvd, cube_mm, camera, len(crop)), uvd[:, 2], cube_mm)[
+        0
+    ]
     canvas = hands.picture(crop, zoom)
     large = cv2.resize(drawn, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST)
     shown = large < BACKGROUND
-    light = cv2.resize(_shade(drawn, 2 / len(drawn)), None, fx=zoom, fy=zoom, interpolation=cv2.INTER_LINEAR)
+    light = cv2.resize(
+        _shade(drawn, 2 / len(drawn)), None, fx=zoom, fy=zoom, interpolation=cv2.INTER_LINEAR
+    )
     seen = (crop < BACKGROUND).astype(np.uint8)
     behind = cv2.resize(seen, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST) > 0
     colour = np.where(behind[..., None], np.array(SKIN), np.array(MISSING)) * light[..., None]
@@ -59,7 +69,9 @@ def paint(canvas: Image, capsules: Capsules, camera: Camera, opacity: float = 0.
     x = (columns.start + _samples(width, step) - camera.u0) / camera.fx
     y = (rows.start + _samples(height, step) - camera.v0) / camera.fy
     depth = render(near, x[None], y[None], np.array([_NOTHING]))[0]
-    shaded = _shade(depth, depth * np.float32(step / camera.fx))[..., None] * np.array(SKIN, np.float32)
+    shaded = _shade(depth, depth * np.float32(step / camera.fx))[..., None] * np.array(
+        SKIN, np.float32
+    )
     skin = cv2.resize(shaded.astype(np.uint8), (width, height))
     shown = cv2.resize((depth < _NOTHING).astype(np.float32), (width, height))
     cover = cv2.blur(shown, (3, 3)) * np.float32(opacity)  # blurred: smooth outlines
@@ -74,14 +86,19 @@ def _samples(pixels: int, step: float) -> Array:
 
 def _rectangle(capsules: Capsules, camera: Camera, canvas: Image) -> tuple[slice, slice]:
     """Rows and columns of an image that contain the capsules, with a margin."""
-    ends, radii = np.concatenate([capsules.a[0], capsules.b[0]]), np.append(capsules.radius_a[0], capsules.radius_b[0])
+    ends, radii = (
+        np.concatenate([capsules.a[0], capsules.b[0]]),
+        np.append(capsules.radius_a[0], capsules.radius_b[0]),
+    )
     seen = ends[:, 2] < _NOTHING
     if not seen.any():
         return slice(0), slice(0)
     uvd = camera.project(ends[seen])
     reach = radii[seen] / (ends[seen, 2] - radii[seen]) * max(camera.fx, camera.fy) * _OBLIQUE + 2
-    edges = [np.clip([(at - reach).min(), (at + reach).max()], 0, size).astype(int)
-             for at, size in ((uvd[:, 1], canvas.shape[0]), (uvd[:, 0], canvas.shape[1]))]
+    edges = [
+        np.clip([(at - reach).min(), (at + reach).max()], 0, size).astype(int)
+        for at, size in ((uvd[:, 1], canvas.shape[0]), (uvd[:, 0], canvas.shape[1]))
+    ]
     rows, columns = (slice(int(first), int(last)) for first, last in edges)
     return rows, columns
 

@@ -15,7 +15,16 @@ from handpose.frames.cameras import Camera
 from handpose.frames.crops import check_size
 from handpose.output.drawing import hands, strokes, surface
 from handpose.output.drawing.strokes import Colour, Image
-from handpose.output.drawing.view import Contrast, Tags, View, Window, box_of, colour_of, spoken, spoken_loss
+from handpose.output.drawing.view import (
+    Contrast,
+    Tags,
+    View,
+    Window,
+    box_of,
+    colour_of,
+    spoken,
+    spoken_loss,
+)
 from handpose.tracking.track import PresentHand, TrackedFrame, TrackedHand, TrackHeader
 from netlib.blob import Array
 from netlib.errors import printable
@@ -47,9 +56,13 @@ class Painter:
         head = np.full((HEAD, seen.shape[1], 3), 255, dtype=np.uint8)
         raw = "" if self.header.smoothed else ", not smoothed"
         middle = seen.shape[1] * 2 // 3
-        for words, left, right in ((f"{self.header.source}{raw}", 10, middle - 10),
-                                   (f"{frame.time:.2f} s, frame {frame.number}", middle + 10, seen.shape[1] - 10)):
-            strokes.text_within(head, printable(words), np.array([left, HEAD - 10]), _INK, 0.55, right - left)
+        for words, left, right in (
+            (f"{self.header.source}{raw}", 10, middle - 10),
+            (f"{frame.time:.2f} s, frame {frame.number}", middle + 10, seen.shape[1] - 10),
+        ):
+            strokes.text_within(
+                head, printable(words), np.array([left, HEAD - 10]), _INK, 0.55, right - left
+            )
         return np.concatenate([head, seen])
 
     def seen(self, depth: NDArray[np.floating], frame: TrackedFrame) -> Image:
@@ -61,7 +74,9 @@ class Painter:
         joints = np.concatenate([np.empty((0, 3)), *(hand.xyz for hand in frame.hands)])
         self._contrast.see(frame.time, depth, joints[:, 2])
         part = _Part(self._window.see(frame.time, frame.hands), self.header.camera, self._size)
-        canvas = np.asarray(cv2.cvtColor(part.of(self._contrast.grey(depth)), cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+        canvas = np.asarray(
+            cv2.cvtColor(part.of(self._contrast.grey(depth)), cv2.COLOR_GRAY2BGR), dtype=np.uint8
+        )
         for hand in sorted(frame.hands, key=lambda one: -float(one.xyz[:, 2].mean())):
             low, high = part.corners(hand)
             cv2.rectangle(canvas, _pixel(low), _pixel(high), colour_of(hand.id), 1, cv2.LINE_AA)
@@ -88,20 +103,32 @@ class _Part:
         self._zoom, self._corner = np.array(size) / view[2:], np.array(view[:2])
         (across, down), (left, top) = self._zoom, 0.5 - self._corner
         self._is_reduced = view.width == camera.width and across < 1
-        self.camera = Camera(camera.name, camera.fx * across, camera.fy * down, (camera.u0 + left) * across - 0.5,
-                             (camera.v0 + top) * down - 0.5, *size)
+        self.camera = Camera(
+            camera.name,
+            camera.fx * across,
+            camera.fy * down,
+            (camera.u0 + left) * across - 0.5,
+            (camera.v0 + top) * down - 0.5,
+            *size,
+        )
         self._move = np.array([[across, 0, left * across - 0.5], [0, down, top * down - 0.5]])
 
     def of(self, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """The part of a grey image of the frame."""
         if self._is_reduced:
-            return np.asarray(cv2.resize(grey, self._size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-        moved = cv2.warpAffine(grey, self._move, self._size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            return np.asarray(
+                cv2.resize(grey, self._size, interpolation=cv2.INTER_AREA), dtype=np.uint8
+            )
+        moved = cv2.warpAffine(
+            grey, self._move, self._size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
         return np.asarray(moved, dtype=np.uint8)
 
     def corners(self, hand: TrackedHand) -> Array:
         """Upper left and lower right corner (2, 2) of a hand's crop."""
-        return np.asarray((np.reshape(box_of(hand, self._frame), (2, 2)) - self._corner) * self._zoom - 0.5)
+        return np.asarray(
+            (np.reshape(box_of(hand, self._frame), (2, 2)) - self._corner) * self._zoom - 0.5
+        )
 
 
 def _present(canvas: Image, hand: PresentHand, part: _Part) -> None:
@@ -109,11 +136,20 @@ def _present(canvas: Image, hand: PresentHand, part: _Part) -> None:
     colour = colour_of(hand.id)
     if hand.mask is not None:
         seen = part.of(np.where(hand.mask, np.uint8(255), np.uint8(0))) > 127
-        outlines, _ = cv2.findContours(seen.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+        outlines, _ = cv2.findContours(
+            seen.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE
+        )
         cv2.drawContours(canvas, outlines, -1, colour, 2, cv2.LINE_AA)
         return
     u, v, d = part.camera.project(hand.place)
-    cv2.circle(canvas, _pixel(np.array([u, v])), round(PRESENT_MM * part.camera.fx / d), colour, 2, cv2.LINE_AA)
+    cv2.circle(
+        canvas,
+        _pixel(np.array([u, v])),
+        round(PRESENT_MM * part.camera.fx / d),
+        colour,
+        2,
+        cv2.LINE_AA,
+    )
 
 
 def _tags(canvas: Image, frame: TrackedFrame, part: _Part) -> None:
@@ -123,7 +159,13 @@ def _tags(canvas: Image, frame: TrackedFrame, part: _Part) -> None:
         tags.add(spoken_loss(lost, frame.time), 0, len(canvas), colour_of(lost.id))
     for present in frame.present:
         u, v, d = part.camera.project(present.place)
-        tags.add(spoken(present), u, v - PRESENT_MM * part.camera.fy / d, colour_of(present.id), sure=False)
+        tags.add(
+            spoken(present),
+            u,
+            v - PRESENT_MM * part.camera.fy / d,
+            colour_of(present.id),
+            sure=False,
+        )
     for hand in frame.hands:
         left, top = part.corners(hand)[0]
         tags.add(spoken(hand), left, top, colour_of(hand.id), sure=hand.known_side is not None)

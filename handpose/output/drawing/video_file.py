@@ -49,8 +49,10 @@ class VideoFile:
         self._av: Any = av
         self._encoder = next((name for name in ENCODERS if name in self._av.codecs_available), "")
         if not self._encoder:
-            raise NetlibError(f"{path}: PyAV has no encoder of H.264 here; expected {' or '.join(ENCODERS)}, as in the "
-                              "wheels of PyPI: pip install av")
+            raise NetlibError(
+                f"{path}: PyAV has no encoder of H.264 here; expected {' or '.join(ENCODERS)}, as in the "
+                "wheels of PyPI: pip install av"
+            )
         self._stack = contextlib.ExitStack()
         self._file: Any = None
         self._stream: Any = None
@@ -68,9 +70,13 @@ class VideoFile:
         if self._stream is None:
             self._begin(image, time)
         elif not 1 <= (time - self._last) * TICKS <= MAX_SECONDS * TICKS:
-            raise DataError(f"{self.path}: a picture at {time:g} s after one at {self._last:g} s; expected a later "
-                            f"one, by 1/{TICKS} s at least and {MAX_SECONDS:g} s at most")
-        even = cv2.copyMakeBorder(image, 0, image.shape[0] % 2, 0, image.shape[1] % 2, cv2.BORDER_REPLICATE)
+            raise DataError(
+                f"{self.path}: a picture at {time:g} s after one at {self._last:g} s; expected a later "
+                f"one, by 1/{TICKS} s at least and {MAX_SECONDS:g} s at most"
+            )
+        even = cv2.copyMakeBorder(
+            image, 0, image.shape[0] % 2, 0, image.shape[1] % 2, cv2.BORDER_REPLICATE
+        )
         with self._refusals():
             frame = self._av.VideoFrame.from_ndarray(even, format="bgr24")
             frame = frame.reformat(format="yuv420p", dst_colorspace="ITU709")
@@ -80,7 +86,8 @@ class VideoFile:
 
     def __exit__(self, *error: object) -> None:
         with self._stack, atomic.error_names(self.path):
-            if self._failed:  # reported before; a video without some of its images must not replace an old one
+            # reported before; a video without some of its images must not replace an old one
+            if self._failed:
                 with contextlib.suppress(self._av.FFmpegError):
                     self._file.close()
             elif self._stream is not None:
@@ -94,9 +101,13 @@ class VideoFile:
         with contextlib.ExitStack() as stack, atomic.error_names(self.path), self._refusals():
             atomic.require_regular_file(self.path)
             self._fresh = stack.enter_context(atomic.temporary(self.path))
-            self._file = self._av.open(str(self._fresh), "w", format="mp4", options={"movflags": "+faststart"})
+            self._file = self._av.open(
+                str(self._fresh), "w", format="mp4", options={"movflags": "+faststart"}
+            )
             rate = Fraction(self.rate).limit_denominator(1000)
-            stream = self._file.add_stream(self._encoder, rate=rate, options=ENCODERS[self._encoder])
+            stream = self._file.add_stream(
+                self._encoder, rate=rate, options=ENCODERS[self._encoder]
+            )
             self._stack = stack.pop_all()
         self._first = time
         stream.height, stream.width = (pixels + pixels % 2 for pixels in image.shape[:2])

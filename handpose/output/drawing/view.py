@@ -56,7 +56,8 @@ class Window:
 
     def __init__(self, camera: Camera) -> None:
         self._camera = camera
-        self._follower = _Follower(SECONDS)  # of middle u, v and the logarithm of the width in frame widths
+        # of middle u, v and the logarithm of the width in frame widths
+        self._follower = _Follower(SECONDS)
 
     def see(self, time: float, hands: Sequence[TrackedHand]) -> View:
         """The part to show at a time in s."""
@@ -108,7 +109,10 @@ class Contrast:
     def see(self, time: float, depth: NDArray[np.floating], hands: Array) -> None:
         """Follow the depths (n,) in mm of all joints at a time in s; without any, the nearer half of the scene."""
         if len(hands):
-            middle, spread = (hands.max() + hands.min()) / 2, SPREAD_MM + (hands.max() - hands.min()) / 4
+            middle, spread = (
+                (hands.max() + hands.min()) / 2,
+                SPREAD_MM + (hands.max() - hands.min()) / 4,
+            )
         else:
             middle, spread = _nearer_half(depth)
         self.middle, self.spread = self._follower.follow(time, np.array([middle, spread])).tolist()
@@ -116,7 +120,9 @@ class Contrast:
     def grey(self, depth: NDArray[np.floating]) -> NDArray[np.uint8]:
         """The image (height, width) of a depth image in mm."""
         away = (np.arange(_MAX_DEPTH + 1) - self.middle) / self.spread
-        shades = np.rint(_DARK + (_LIGHT - _DARK) * (0.5 - 0.5 * away / np.hypot(1, away))).astype(np.uint8)
+        shades = np.rint(_DARK + (_LIGHT - _DARK) * (0.5 - 0.5 * away / np.hypot(1, away))).astype(
+            np.uint8
+        )
         shades[0] = 0
         return np.asarray(shades[np.minimum(depth, _MAX_DEPTH).astype(np.uint16)])
 
@@ -180,7 +186,9 @@ class Tags:
         self._canvas = canvas
         self._taken: list[tuple[int, int, int]] = []  # left, right, top
 
-    def add(self, words: str, left: float, bottom: float, colour: Colour, *, sure: bool = True) -> None:
+    def add(
+        self, words: str, left: float, bottom: float, colour: Colour, *, sure: bool = True
+    ) -> None:
         """Add a tag with its lower left corner as close to the point as possible, above rather than below.
 
         Unless it is ``sure``, the text is coloured on white.
@@ -191,14 +199,25 @@ class Tags:
         wide = strokes.text_width(words, scale) + 2 * _BESIDE
         x = int(np.clip(left, 0, max(width - wide, 0)))
         wanted = int(np.clip(bottom - HEIGHT, 0, height - HEIGHT))
-        places = sorted(range(wanted % HEIGHT, height - HEIGHT + 1, HEIGHT), key=lambda y: (abs(y - wanted), y))
+        places = sorted(
+            range(wanted % HEIGHT, height - HEIGHT + 1, HEIGHT), key=lambda y: (abs(y - wanted), y)
+        )
         y = next((y for y in places if not self._hits(x, x + wide, y)), wanted)
         self._taken.append((x, x + wide, y))
         white = (255, 255, 255)
         cv2.rectangle(self._canvas, (x, y), (x + wide - 1, y + HEIGHT - 1), colour, -1)
         if not sure:
             cv2.rectangle(self._canvas, (x + 2, y + 2), (x + wide - 3, y + HEIGHT - 3), white, -1)
-        strokes.text(self._canvas, words, np.array([x + _BESIDE, y + HEIGHT - 6]), white if sure else colour, scale)
+        strokes.text(
+            self._canvas,
+            words,
+            np.array([x + _BESIDE, y + HEIGHT - 6]),
+            white if sure else colour,
+            scale,
+        )
 
     def _hits(self, left: int, right: int, top: int) -> bool:
-        return any(left < end and right > start and abs(top - other) < HEIGHT for start, end, other in self._taken)
+        return any(
+            left < end and right > start and abs(top - other) < HEIGHT
+            for start, end, other in self._taken
+        )

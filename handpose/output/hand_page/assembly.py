@@ -51,16 +51,24 @@ _IMPORT = re.compile(r'^import \{([^}]*)\} from "\./(\w+)\.js";$', re.MULTILINE)
 _EXPORT = re.compile(r"^export ((?:async )?(?:class|function|const) (\w+))", re.MULTILINE)
 
 
-def page(title: str, bodies: Sequence[Mapping[str, Any]], hands: Sequence[Mapping[str, Any]] = ()) -> str:
+def page(
+    title: str, bodies: Sequence[Mapping[str, Any]], hands: Sequence[Mapping[str, Any]] = ()
+) -> str:
     """The page of bodies as from ``body``, and predicted hands as from ``hand``, ready to be written.
 
     Raises ValueError for numbers that JSON lacks.
     """
-    data = {"bodies": bodies, "cameras": [vars(camera) for camera in CAMERAS.values()], "hands": hands}
+    data = {
+        "bodies": bodies,
+        "cameras": [vars(camera) for camera in CAMERAS.values()],
+        "hands": hands,
+    }
     return assembled(title, data, source("page.html"), source("page.css"), script_of("main"))
 
 
-def assembled(title: str, data: Mapping[str, Any], body: str, style: str, script: str, connects: bool = False) -> str:
+def assembled(
+    title: str, data: Mapping[str, Any], body: str, style: str, script: str, connects: bool = False
+) -> str:
     """A page with this HTML in its body, which may contain $title; one that ``connects`` may contact its server."""
     policy = _policy(script, style, connects)
     return Template(source("frame.html").replace("$main\n", body)).substitute(
@@ -96,8 +104,15 @@ def _add(name: str, parts: dict[str, str], folders: tuple[Path, ...]) -> None:
 
 def _policy(script: str, style: str, connects: bool) -> str:
     """The Content-Security-Policy: this script and this style only; with ``connects``, requests to its server."""
-    hashes = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in (script, style)]
-    rules = ["default-src 'none'", f"script-src 'sha256-{hashes[0]}'", f"style-src 'sha256-{hashes[1]}'"]
+    hashes = [
+        base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+        for text in (script, style)
+    ]
+    rules = [
+        "default-src 'none'",
+        f"script-src 'sha256-{hashes[0]}'",
+        f"style-src 'sha256-{hashes[1]}'",
+    ]
     rules += ["connect-src 'self'"] if connects else []
     return "; ".join([*rules, "base-uri 'none'", "form-action 'none'"])
 
@@ -110,9 +125,11 @@ def source(name: str, *folders: Path) -> str:
 
 # ---------------------------------------------------------------------------------------------- data
 
-DISTANCE_MM = 700.0  # of a hand without a frame, on the camera's axis; for other bodies in proportion to their size
+# of a hand without a frame, on the camera's axis; for other bodies in proportion to their size
+DISTANCE_MM = 700.0
 FULL = 32767  # the largest 16-bit number
-MAX_LIMIT = 1000.0  # larger limits are written as none; the packaged hands have limits of 10000 for free DoFs
+# larger limits are written as none; the packaged hands have limits of 10000 for free DoFs
+MAX_LIMIT = 1000.0
 
 Poses = Mapping[str, Mapping[str, float]]
 
@@ -123,7 +140,12 @@ def body(
     """A body that a page offers, in the middle of NYU's image. Raises PrototxtError for an invalid surface."""
     middle = np.array([NYU.u0, NYU.v0, DISTANCE_MM * max(1.0, 2 * unit_mm / CUBE_MM)])
     place = _place(NYU, middle, 2 * unit_mm)
-    return {"name": name, "skeleton": skeleton_values(skeleton), "place": place, "poses": dict(poses or {})}
+    return {
+        "name": name,
+        "skeleton": skeleton_values(skeleton),
+        "place": place,
+        "poses": dict(poses or {}),
+    }
 
 
 def skeleton_values(skeleton: Skeleton) -> dict[str, Any]:
@@ -148,11 +170,14 @@ def skeleton_values(skeleton: Skeleton) -> dict[str, Any]:
     surface = Surface(skeleton)
     capsules = [
         {"from": start, "to": end, "radii": radii}
-        for start, end, radii in zip(surface.start.tolist(), surface.end.tolist(), surface.radii.tolist())
+        for start, end, radii in zip(
+            surface.start.tolist(), surface.end.tolist(), surface.radii.tolist()
+        )
     ]
     offsets = [
         {"joint": joint, "axes": axes, "vector": vector}
-        for axes, (at, vectors) in surface.offsets.items() for joint, vector in zip(at.tolist(), vectors.tolist())
+        for axes, (at, vectors) in surface.offsets.items()
+        for joint, vector in zip(at.tolist(), vectors.tolist())
     ]
     return {"own": own, "whole": _columns(surface.whole), "capsules": capsules, "offsets": offsets}
 
@@ -162,18 +187,38 @@ def _columns(skeleton: Skeleton) -> dict[str, Any]:
         return [value if abs(value) <= MAX_LIMIT else None for value in values.tolist()]
 
     return {
-        "name": skeleton.name, "joints": skeleton.joint_names, "parents": skeleton.parents.tolist(),
-        "bones": skeleton.bones.tolist(), "bone_axes": skeleton.bone_axes.tolist(),
-        "motions": [[{"turns": m.kind == "rotate", "axis": m.axis, "sign": m.sign, "dof": m.dof} for m in own]
-                    for own in skeleton.motions],
-        "dofs": skeleton.dof_names, "initial": skeleton.initial.tolist(), "lower": limits(skeleton.lower),
-        "upper": limits(skeleton.upper), "fixed": skeleton.fixed.tolist(),
+        "name": skeleton.name,
+        "joints": skeleton.joint_names,
+        "parents": skeleton.parents.tolist(),
+        "bones": skeleton.bones.tolist(),
+        "bone_axes": skeleton.bone_axes.tolist(),
+        "motions": [
+            [
+                {"turns": m.kind == "rotate", "axis": m.axis, "sign": m.sign, "dof": m.dof}
+                for m in own
+            ]
+            for own in skeleton.motions
+        ],
+        "dofs": skeleton.dof_names,
+        "initial": skeleton.initial.tolist(),
+        "lower": limits(skeleton.lower),
+        "upper": limits(skeleton.upper),
+        "fixed": skeleton.fixed.tolist(),
     }
 
 
 def hand(
-    name: str, words: str, inputs: ArrayLike, *, camera: Camera, center_uvd: Array,
-    cube_mm: float, crop: NDArray[np.floating], size: float = 1.0, thickness: float = 1.0, side: Side = "right",
+    name: str,
+    words: str,
+    inputs: ArrayLike,
+    *,
+    camera: Camera,
+    center_uvd: Array,
+    cube_mm: float,
+    crop: NDArray[np.floating],
+    size: float = 1.0,
+    thickness: float = 1.0,
+    side: Side = "right",
 ) -> dict[str, Any]:
     """A hand predicted in a crop (S, S) in [-1, 1].
 
@@ -181,11 +226,22 @@ def hand(
     """
     packed = base64.b64encode(np.rint(crop * FULL).astype("<i2").tobytes()).decode("ascii")
     return {
-        "name": name, "words": words, "place": _place(camera, center_uvd, cube_mm), "side": side, "size": size,
-        "thickness": thickness, "inputs": np.asarray(inputs, dtype=np.float64).tolist(), "crop": packed,
+        "name": name,
+        "words": words,
+        "place": _place(camera, center_uvd, cube_mm),
+        "side": side,
+        "size": size,
+        "thickness": thickness,
+        "inputs": np.asarray(inputs, dtype=np.float64).tolist(),
+        "crop": packed,
     }
 
 
 def _place(camera: Camera, center_uvd: ArrayLike, cube_mm: float) -> dict[str, Any]:
     middle = np.asarray(center_uvd, dtype=np.float64).tolist()
-    return {"unit_mm": cube_mm / 2, "camera": vars(camera), "center_uvd": middle, "cube_mm": cube_mm}
+    return {
+        "unit_mm": cube_mm / 2,
+        "camera": vars(camera),
+        "center_uvd": middle,
+        "cube_mm": cube_mm,
+    }

@@ -28,7 +28,8 @@ from handpose.output.drawing.view import Contrast, View, Window, box_of
 from handpose.output.tracks.json_values import FrameValues, header_values, to_text
 from handpose.tracking.track import TrackedFrame, TrackedHand, TrackHeader
 
-LINES, VIEWS = "/frames", "/view"  # paths of the server: frames as JSON lines, and those of the page
+# paths of the server: frames as JSON lines, and those of the page
+LINES, VIEWS = "/frames", "/view"
 MAX_SAMPLES = 320  # maximum side of the depth image sent to the page
 _MAX_DEPTH = np.iinfo(np.uint16).max
 
@@ -68,7 +69,9 @@ class Messages:
     joints, gestures  as ``open_writer`` has them
     """
 
-    def __init__(self, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False) -> None:
+    def __init__(
+        self, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False
+    ) -> None:
         self.header = to_text(header_values(header, joints))
         self._values = FrameValues(header, joints, gestures, live=True)
         self._camera = header.camera
@@ -82,7 +85,9 @@ class Messages:
         """The record as a line of JSON, without its end."""
         return to_text(record)
 
-    def view(self, record: dict[str, Any], depth: NDArray[np.floating], frame: TrackedFrame) -> bytes:
+    def view(
+        self, record: dict[str, Any], depth: NDArray[np.floating], frame: TrackedFrame
+    ) -> bytes:
         """The message for the page."""
         points = np.concatenate([np.empty((0, 3)), *(hand.xyz for hand in frame.hands)])
         self._contrast.see(frame.time, depth, points[:, 2])
@@ -100,12 +105,20 @@ class Messages:
         }
         text = to_text(values).encode()
         samples = np.clip(grid.of(depth), 0, _MAX_DEPTH).astype("<u2")
-        parts = [struct.pack("<I", _padded(len(text))), text.ljust(_padded(len(text))),
-                 samples.tobytes(), bytes(2 * (samples.size % 2))]
+        parts = [
+            struct.pack("<I", _padded(len(text))),
+            text.ljust(_padded(len(text))),
+            samples.tobytes(),
+            bytes(2 * (samples.size % 2)),
+        ]
         for surface in surfaces:
             if surface is not None:
                 radii = surface.radius_a[0, :, None], surface.radius_b[0, :, None]
-                parts.append(np.concatenate([surface.a[0], surface.b[0], *radii], axis=1).astype("<f4").tobytes())
+                parts.append(
+                    np.concatenate([surface.a[0], surface.b[0], *radii], axis=1)
+                    .astype("<f4")
+                    .tobytes()
+                )
         return b"".join(parts)
 
 

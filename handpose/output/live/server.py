@@ -54,10 +54,15 @@ _TOKEN = re.compile(r"[A-Za-z0-9_-]{16,200}")
 _LOOPBACK = ("127.0.0.1", "::1", "localhost")
 _ANYWHERE = ("", "0.0.0.0", "::")
 _HOST = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+)(?::\d{1,5})?")
-_FIELDS = {"Cache-Control": "no-store", "Referrer-Policy": "no-referrer", "X-Content-Type-Options": "nosniff"}
+_FIELDS = {
+    "Cache-Control": "no-store",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+}
 _SILENT = logging.getLogger("handpose.output.live")
 _SILENT.disabled = True  # a client's error is sent to the client
-_Newest = asyncio.Queue[str | bytes | None]  # the newest message for one client; None ends its messages
+# the newest message for one client; None ends its messages
+_Newest = asyncio.Queue[str | bytes | None]
 
 
 class LiveServer:
@@ -71,7 +76,9 @@ class LiveServer:
     Raises NetlibError without websockets and for a short token, and in ``__enter__`` if it cannot listen there.
     """
 
-    def __init__(self, host: str, port: int, header: str, page: str, token: str | None = None) -> None:
+    def __init__(
+        self, host: str, port: int, header: str, page: str, token: str | None = None
+    ) -> None:
         try:
             import websockets.asyncio.server  # here, because it is an extra
             import websockets.exceptions
@@ -141,8 +148,16 @@ class LiveServer:
         self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
         self._loop.set_exception_handler(_ignore_connection_errors)
         server = await self._websockets.asyncio.server.serve(
-            self._client, self.host, self.port, process_request=self._answer, compression=None, server_header=None,
-            max_size=_MAX_RECEIVED, open_timeout=HANDSHAKE_S, close_timeout=GRACE_S, logger=_SILENT,
+            self._client,
+            self.host,
+            self.port,
+            process_request=self._answer,
+            compression=None,
+            server_header=None,
+            max_size=_MAX_RECEIVED,
+            open_timeout=HANDSHAKE_S,
+            close_timeout=GRACE_S,
+            logger=_SILENT,
         )
         self.port = server.sockets[0].getsockname()[1]
         self._ready.set_result(None)
@@ -168,7 +183,9 @@ class LiveServer:
         path, waiting = urlsplit(connection.request.path).path, _Newest()
         if self._end.is_set():
             waiting.put_nowait(None)
-        connection.transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
+        connection.transport.get_extra_info("socket").setsockopt(
+            socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER
+        )
         task = asyncio.current_task()
         assert task is not None
         self._handlers[task] = connection
@@ -196,17 +213,27 @@ class LiveServer:
             url, sites = urlsplit(request.path), [urlsplit(origin).netloc for origin in origins]
         except ValueError:
             return refused(HTTPStatus.BAD_REQUEST, "Expected a valid address.\n")
-        if getattr(request, "method", "GET") != "GET":  # websockets before version 17 refuses others itself
+        # websockets before version 17 refuses others itself
+        if getattr(request, "method", "GET") != "GET":
             return refused(HTTPStatus.METHOD_NOT_ALLOWED, "Expected GET.\n")
         if len(hosts) != 1 or _HOST.fullmatch(hosts[0]) is None:
-            return refused(HTTPStatus.BAD_REQUEST, "Expected one Host field with a name or an IP address.\n")
+            return refused(
+                HTTPStatus.BAD_REQUEST, "Expected one Host field with a name or an IP address.\n"
+            )
         if not is_named(hosts[0], self.host):
-            return refused(HTTPStatus.FORBIDDEN, "Wrong host. Open the address that the tracker has printed.\n")
+            return refused(
+                HTTPStatus.FORBIDDEN, "Wrong host. Open the address that the tracker has printed.\n"
+            )
         token = parse_qs(url.query).get("token", [""])[0]
         if not hmac.compare_digest(token.encode(), self.token.encode()):
             if url.path == "/" and not token:
-                return _response(connection, HTTPStatus.FORBIDDEN, page_without_token(), "text/html")
-            return refused(HTTPStatus.FORBIDDEN, "Wrong token. Open the address that the tracker has printed.\n")
+                return _response(
+                    connection, HTTPStatus.FORBIDDEN, page_without_token(), "text/html"
+                )
+            return refused(
+                HTTPStatus.FORBIDDEN,
+                "Wrong token. Open the address that the tracker has printed.\n",
+            )
         if url.path == "/":
             return _response(connection, HTTPStatus.OK, self._page, "text/html")
         if url.path not in self._clients:
@@ -251,7 +278,9 @@ def _response(connection: Any, status: HTTPStatus, text: str, kind: str = "text/
 def checked_token(token: str, where: str = "token") -> str:
     """The token. Raises NetlibError, without the token itself, for one that could be guessed or is no part of a URL."""
     if _TOKEN.fullmatch(token) is None:
-        raise NetlibError(f"{where}: found {len(token)} characters; expected 16 to 200 of A-Z, a-z, 0-9, - and _")
+        raise NetlibError(
+            f"{where}: found {len(token)} characters; expected 16 to 200 of A-Z, a-z, 0-9, - and _"
+        )
     return token
 
 
@@ -261,7 +290,8 @@ def _joined(host: str, port: int) -> str:
 
 def _why_not(error: Exception) -> str:
     """The reason why a server cannot listen."""
-    if isinstance(error, socket.gaierror | UnicodeError):  # no host has a name that cannot be encoded
+    # no host has a name that cannot be encoded
+    if isinstance(error, socket.gaierror | UnicodeError):
         return "unknown host"
     if isinstance(error, OSError) and error.errno == errno.EADDRINUSE:
         return "the port is in use; choose another one, or 0 for any that is free"

@@ -42,21 +42,42 @@ class FrameRows:
     gestures  add two columns: the hand's gesture, empty for none, and its confidence
     """
 
-    def __init__(self, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False) -> None:
+    def __init__(
+        self, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False
+    ) -> None:
         self._camera, self._columns = header.camera, HandColumns(header.skeleton, joints)
         self._gestures = GestureReader(header.skeleton) if gestures else None
-        own = [*self._columns.about, *self._columns.pose, *["gesture", "gesture_confidence"] * gestures]
+        own = [
+            *self._columns.about,
+            *self._columns.pose,
+            *["gesture", "gesture_confidence"] * gestures,
+        ]
         self._empty = [""] * len(own)
         self.head = rows_of([["number", "time_s", "id", "hand", "lost", *own]])
 
     def encoded(self, frame: TrackedFrame) -> bytes:
         """The lines of a frame."""
         about = [frame.number, f"{frame.time:.6f}"]
-        rows = [[*about, hand.id, side_name(hand.known_side), "", *self._values(hand, frame.time)]
-                for hand in frame.hands]
-        rows += [[*about, lost.id, side_name(lost.hand), lost.reason, *self._empty] for lost in frame.lost]
-        rows += [[*about, one.id, side_name(one.hand), one.reason, known("%.3f", one.presence),
-                  known("%.4f", one.confidence), *self._empty[2:]] for one in frame.present]
+        rows = [
+            [*about, hand.id, side_name(hand.known_side), "", *self._values(hand, frame.time)]
+            for hand in frame.hands
+        ]
+        rows += [
+            [*about, lost.id, side_name(lost.hand), lost.reason, *self._empty]
+            for lost in frame.lost
+        ]
+        rows += [
+            [
+                *about,
+                one.id,
+                side_name(one.hand),
+                one.reason,
+                known("%.3f", one.presence),
+                known("%.4f", one.confidence),
+                *self._empty[2:],
+            ]
+            for one in frame.present
+        ]
         return rows_of(rows)
 
     def _values(self, hand: TrackedHand, time: float) -> list[str]:
@@ -78,7 +99,12 @@ class HandColumns:
         self._skeleton, self._joints = skeleton, joints
         self._angles = free_dofs(skeleton)[0] if angles else []
         self._fingers = FINGERS if has_fingers(skeleton) else ()
-        self.about = ["presence", "confidence", "error_mm", *(f"{finger}_error_mm" for finger in self._fingers)]
+        self.about = [
+            "presence",
+            "confidence",
+            "error_mm",
+            *(f"{finger}_error_mm" for finger in self._fingers),
+        ]
         self.pose = [f"{joint}_{axis}_mm" for joint in skeleton.joint_names for axis in "xyz"]
         self.pose += [f"{skeleton.dof_names[d]}_rad" for d in self._angles]
         if joints:
@@ -86,15 +112,23 @@ class HandColumns:
 
     def about_values(self, hand: TrackedHand) -> list[str]:
         """The fields of ``about``; empty if unknown."""
-        values = [known("%.3f", hand.presence), known("%.4f", hand.confidence), known("%.2f", hand.error_mm)]
-        return values + [known("%.1f", error) for error, _ in zip(hand.finger_error_mm.tolist(), self._fingers)]
+        values = [
+            known("%.3f", hand.presence),
+            known("%.4f", hand.confidence),
+            known("%.2f", hand.error_mm),
+        ]
+        return values + [
+            known("%.1f", error) for error, _ in zip(hand.finger_error_mm.tolist(), self._fingers)
+        ]
 
     def pose_values(self, hand: TrackedHand, camera: Camera | None) -> list[str]:
         """The fields of ``pose``; empty if unknown. Without a camera, positions are from the middle of the crop."""
         if self._joints:
             return joint_values.numbers(self._joints, self._skeleton, hand, camera)
         angles = self._skeleton.theta(hand.inputs)[self._angles]
-        return [known("%.2f", x) for x in hand.xyz.ravel().tolist()] + [known("%.5f", a) for a in angles.tolist()]
+        return [known("%.2f", x) for x in hand.xyz.ravel().tolist()] + [
+            known("%.5f", a) for a in angles.tolist()
+        ]
 
 
 def known(form: str, number: float) -> str:

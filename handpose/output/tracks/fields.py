@@ -93,7 +93,9 @@ class Fields:
                 raise self._wrong(name, f"{' x '.join(map(str, shape))} numbers")
             flat = [item for row in flat for item in row]
         if not all(_is_number(item) for item in flat):
-            raise self._wrong(name, f"{' x '.join(map(str, shape))} numbers" if shape else "a number")
+            raise self._wrong(
+                name, f"{' x '.join(map(str, shape))} numbers" if shape else "a number"
+            )
         return np.array(flat, dtype=np.float64).reshape(shape)
 
     def _value(self, name: str) -> Any:
@@ -108,7 +110,9 @@ class Fields:
         return value
 
     def _wrong(self, name: str, expected: str) -> DataError:
-        return DataError(f"{self.where}: {name!r} is {reprlib.repr(self._value(name))}, expected {expected}")
+        return DataError(
+            f"{self.where}: {name!r} is {reprlib.repr(self._value(name))}, expected {expected}"
+        )
 
 
 def _is_number(value: Any) -> bool:

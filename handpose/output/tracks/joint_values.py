@@ -34,16 +34,29 @@ ANGLES_KEY = "anatomical_deg"
 def format_values(name: FormatName) -> dict[str, Any]:
     """A format, for the header of a track."""
     chosen = FORMATS[name]
-    return {"name": name, "joints": list(chosen.joints), "bones": [list(bone) for bone in chosen.bones],
-            "length": chosen.unit, "axes": chosen.in_words, "angles": list(ANGLES)}
+    return {
+        "name": name,
+        "joints": list(chosen.joints),
+        "bones": [list(bone) for bone in chosen.bones],
+        "length": chosen.unit,
+        "axes": chosen.in_words,
+        "angles": list(ANGLES),
+    }
 
 
-def hand_values(name: FormatName, skeleton: Skeleton, hand: TrackedHand, camera: Camera | None) -> dict[str, Any]:
+def hand_values(
+    name: FormatName, skeleton: Skeleton, hand: TrackedHand, camera: Camera | None
+) -> dict[str, Any]:
     """The JSON values of a hand in a format. Raises DataError for another body than a hand."""
     angles, digits = anatomical_angles(skeleton, hand.hand, hand.xyz), DECIMALS[FORMATS[name].unit]
     parts = _parts(name, skeleton, hand, camera)
-    joints = {key: None if values is None else _rounded(values, digits) for key, values in parts.items()}
-    return {name: joints, ANGLES_KEY: {angle: _rounded(value, 2) for angle, value in angles.items()}}
+    joints = {
+        key: None if values is None else _rounded(values, digits) for key, values in parts.items()
+    }
+    return {
+        name: joints,
+        ANGLES_KEY: {angle: _rounded(value, 2) for angle, value in angles.items()},
+    }
 
 
 def columns(name: FormatName) -> list[str]:
@@ -58,9 +71,14 @@ def columns(name: FormatName) -> list[str]:
     return found + [f"{angle}_deg" for angle in ANGLES]
 
 
-def numbers(name: FormatName, skeleton: Skeleton, hand: TrackedHand, camera: Camera | None) -> list[str]:
+def numbers(
+    name: FormatName, skeleton: Skeleton, hand: TrackedHand, camera: Camera | None
+) -> list[str]:
     """The values of a row, one for each column. Raises DataError for another body than a hand."""
-    texts, angles = [], [f"{angle:.2f}" for angle in anatomical_angles(skeleton, hand.hand, hand.xyz).values()]
+    texts, angles = (
+        [],
+        [f"{angle:.2f}" for angle in anatomical_angles(skeleton, hand.hand, hand.xyz).values()],
+    )
     digits = DECIMALS[FORMATS[name].unit]
     for values in _parts(name, skeleton, hand, camera).values():
         if values is not None:
@@ -70,14 +88,20 @@ def numbers(name: FormatName, skeleton: Skeleton, hand: TrackedHand, camera: Cam
     return texts + angles
 
 
-def _parts(name: FormatName, skeleton: Skeleton, hand: TrackedHand, camera: Camera | None) -> dict[str, Array | None]:
+def _parts(
+    name: FormatName, skeleton: Skeleton, hand: TrackedHand, camera: Camera | None
+) -> dict[str, Array | None]:
     """The arrays of a hand in a format by their keys in JSON; without a camera, those of its crop."""
     cube_mm = hand.cube_mm if camera is None else None
     found = formatted(name, skeleton, hand.hand, hand.xyz, camera, cube_mm)
     if name != "mediapipe":
         return {f"positions_{FORMATS[name].unit}": found.positions}
     center = np.asarray(found.positions.mean(axis=0))
-    return {"landmarks": found.landmarks, "world_landmarks": found.positions - center, "center_m": center}
+    return {
+        "landmarks": found.landmarks,
+        "world_landmarks": found.positions - center,
+        "center_m": center,
+    }
 
 
 def _rounded(values: Any, digits: int) -> Any:

@@ -56,14 +56,26 @@ def _nulled(values: Any) -> Any:
 # ---------------------------------------------------------------------------------------------- the header
 
 
-def header_values(header: TrackHeader, joints: FormatName | None = None, *, in_frames: bool = True) -> dict[str, Any]:
+def header_values(
+    header: TrackHeader, joints: FormatName | None = None, *, in_frames: bool = True
+) -> dict[str, Any]:
     """The header as an object; ``joints`` is an additional format of hands. ``in_frames`` as for ``FrameValues``."""
-    camera = {name: value if name == "name" else rounded(value, 6) for name, value in vars(header.camera).items()}
+    camera = {
+        name: value if name == "name" else rounded(value, 6)
+        for name, value in vars(header.camera).items()
+    }
     return {
-        "format": FORMAT, "version": VERSION, "source": header.source, "smoothed": header.smoothed, "units": UNITS,
+        "format": FORMAT,
+        "version": VERSION,
+        "source": header.source,
+        "smoothed": header.smoothed,
+        "units": UNITS,
         "axes": AXES,
-        "camera": camera | {"width": header.camera.width, "height": header.camera.height} if in_frames else None,
-        "unit_mm": float(header.unit_mm), "skeleton": _skeleton_values(header.skeleton),
+        "camera": camera | {"width": header.camera.width, "height": header.camera.height}
+        if in_frames
+        else None,
+        "unit_mm": float(header.unit_mm),
+        "skeleton": _skeleton_values(header.skeleton),
         **({"joint_format": joint_values.format_values(joints)} if joints else {}),
     }
 
@@ -71,10 +83,18 @@ def header_values(header: TrackHeader, joints: FormatName | None = None, *, in_f
 def _skeleton_values(skeleton: Skeleton) -> dict[str, Any]:
     joints, (turning, sliding) = skeleton.joint_names, free_dofs(skeleton)
     parents = [joints[parent] if parent >= 0 else None for parent in skeleton.parents]
-    angles = [{"name": skeleton.dof_names[d], "lower": _limit(skeleton.lower[d], skeleton.initial[d]),
-               "upper": _limit(skeleton.upper[d], skeleton.initial[d])} for d in turning]
+    angles = [
+        {
+            "name": skeleton.dof_names[d],
+            "lower": _limit(skeleton.lower[d], skeleton.initial[d]),
+            "upper": _limit(skeleton.upper[d], skeleton.initial[d]),
+        }
+        for d in turning
+    ]
     return {
-        "name": skeleton.name, "joints": joints, "parents": parents,
+        "name": skeleton.name,
+        "joints": joints,
+        "parents": parents,
         "bones": [[parent, joint] for parent, joint in zip(parents, joints) if parent is not None],
         "angles": angles,
         "translations": [skeleton.dof_names[d] for d in sliding],
@@ -85,18 +105,37 @@ def _skeleton_values(skeleton: Skeleton) -> dict[str, Any]:
 def header_of(fields: Fields) -> TrackHeader:
     """The header from its object. Raises DataError, PrototxtError."""
     if "format" not in fields or fields.text("format") != FORMAT:
-        raise DataError(f"{fields.where}: not a track; expected a file that track --json has written")
+        raise DataError(
+            f"{fields.where}: not a track; expected a file that track --json has written"
+        )
     if fields.whole("version") not in READ:
-        raise DataError(f"{fields.where}: format version {fields.whole('version')}; this program reads {VERSION}")
+        raise DataError(
+            f"{fields.where}: format version {fields.whole('version')}; this program reads {VERSION}"
+        )
     if not fields.has("camera"):
-        raise DataError(f"{fields.where}: predicted from crops without a camera, so positions are relative to crops")
+        raise DataError(
+            f"{fields.where}: predicted from crops without a camera, so positions are relative to crops"
+        )
     of, body = fields.part("camera"), fields.part("skeleton")
-    camera = Camera(of.text("name"), of.positive("fx"), of.positive("fy"), of.number("u0"), of.number("v0"),
-                    of.whole("width"), of.whole("height"),
-                    of.number("min_range_mm", 0) if "min_range_mm" in of else MIN_RANGE_MM)
+    camera = Camera(
+        of.text("name"),
+        of.positive("fx"),
+        of.positive("fy"),
+        of.number("u0"),
+        of.number("v0"),
+        of.whole("width"),
+        of.whole("height"),
+        of.number("min_range_mm", 0) if "min_range_mm" in of else MIN_RANGE_MM,
+    )
     text = prototxt.parse(body.text("prototxt"), f"{body.where} 'prototxt'")
     skeleton = Skeleton(schema.read(text, SkeletonParameter, "a skeleton"))
-    return TrackHeader(fields.text("source"), camera, skeleton, fields.positive("unit_mm"), fields.truth("smoothed"))
+    return TrackHeader(
+        fields.text("source"),
+        camera,
+        skeleton,
+        fields.positive("unit_mm"),
+        fields.truth("smoothed"),
+    )
 
 
 # ---------------------------------------------------------------------------------------------- frames
@@ -110,7 +149,11 @@ class FrameValues:
     """
 
     def __init__(
-        self, header: TrackHeader, joints: FormatName | None = None, gestures: bool = False, live: bool = False,
+        self,
+        header: TrackHeader,
+        joints: FormatName | None = None,
+        gestures: bool = False,
+        live: bool = False,
         in_frames: bool = True,
     ) -> None:
         self._skeleton, self._unit_mm = header.skeleton, header.unit_mm
@@ -120,21 +163,39 @@ class FrameValues:
         self._gestures = GestureReader(header.skeleton) if gestures else None
         self._turning, self._sliding = free_dofs(header.skeleton)
         names = header.skeleton.dof_names
-        self._angles, self._slides = [names[d] for d in self._turning], [names[d] for d in self._sliding]
+        self._angles, self._slides = (
+            [names[d] for d in self._turning],
+            [names[d] for d in self._sliding],
+        )
         self._bones: dict[int, list[float] | None] = {}
 
     def values(self, frame: TrackedFrame) -> dict[str, Any]:
         """One frame as an object."""
-        lost = [{"id": int(l.id), "hand": l.hand, "since_s": rounded(l.since, 6), "reason": l.reason}
-                for l in frame.lost]
+        lost = [
+            {"id": int(l.id), "hand": l.hand, "since_s": rounded(l.since, 6), "reason": l.reason}
+            for l in frame.lost
+        ]
         hands = [self._hand_values(hand, frame.time) for hand in frame.hands]
         hands += [
-            {"id": int(one.id), "hand": one.hand, "presence": rounded(one.presence, 3),
-             "confidence": rounded(one.confidence, 4), "palm_mm": rounded(one.place, 1), "positions_mm": None,
-             **({"raw_positions_mm": None} if self._has_raw else {}), "reason": one.reason} for one in frame.present
+            {
+                "id": int(one.id),
+                "hand": one.hand,
+                "presence": rounded(one.presence, 3),
+                "confidence": rounded(one.confidence, 4),
+                "palm_mm": rounded(one.place, 1),
+                "positions_mm": None,
+                **({"raw_positions_mm": None} if self._has_raw else {}),
+                "reason": one.reason,
+            }
+            for one in frame.present
         ]
         hands.sort(key=lambda hand: int(hand["id"]))
-        return {"number": int(frame.number), "time_s": rounded(frame.time, 6), "hands": hands, "lost": lost}
+        return {
+            "number": int(frame.number),
+            "time_s": rounded(frame.time, 6),
+            "hands": hands,
+            "lost": lost,
+        }
 
     def _hand_values(self, hand: TrackedHand, time: float) -> dict[str, Any]:
         theta = self._skeleton.theta(hand.inputs)
@@ -143,14 +204,27 @@ class FrameValues:
         same = not self._live and hand.id in self._bones and self._bones[hand.id] == bones
         self._bones[hand.id] = bones
         return {
-            "id": int(hand.id), "hand": hand.known_side,
-            **({} if hand.known_side else {"assumed_hand": hand.hand,
-                                           "assumed_confidence": rounded(hand.side_confidence, 3)}),
-            "presence": rounded(hand.presence, 3), "confidence": rounded(hand.confidence, 4),
-            "error_mm": rounded(hand.error_mm, 2), "palm_mm": rounded(positions.mean(axis=0), 1),
+            "id": int(hand.id),
+            "hand": hand.known_side,
+            **(
+                {}
+                if hand.known_side
+                else {
+                    "assumed_hand": hand.hand,
+                    "assumed_confidence": rounded(hand.side_confidence, 3),
+                }
+            ),
+            "presence": rounded(hand.presence, 3),
+            "confidence": rounded(hand.confidence, 4),
+            "error_mm": rounded(hand.error_mm, 2),
+            "palm_mm": rounded(positions.mean(axis=0), 1),
             "finger_error_mm": dict(zip(FINGERS, rounded(hand.finger_error_mm, 1))),
             "positions_mm": rounded(positions, 2),
-            **({} if self._live or hand.raw_xyz is None else {"raw_positions_mm": rounded(hand.raw_xyz, 2)}),
+            **(
+                {}
+                if self._live or hand.raw_xyz is None
+                else {"raw_positions_mm": rounded(hand.raw_xyz, 2)}
+            ),
             "angles_rad": _named(self._angles, theta[self._turning], 5),
             "origin_mm": rounded(hand.origin_mm, 3),
             "translations_mm": _named(self._slides, theta[self._sliding] * self._unit_mm, 3),
@@ -167,7 +241,11 @@ class FrameValues:
         if self._gestures is not None:
             seen = self._gestures.read(hand.id, hand.hand, hand.xyz, time)
             sure = rounded(seen.confidence, 3)
-            found["gesture"] = {"name": seen.name or None, "number": seen.number, "confidence": sure}
+            found["gesture"] = {
+                "name": seen.name or None,
+                "number": seen.number,
+                "confidence": sure,
+            }
         return found
 
     def frame(self, fields: Fields) -> TrackedFrame:
@@ -176,8 +254,13 @@ class FrameValues:
         hands = tuple(self._hand(hand) for hand in every if hand.has("positions_mm"))
         present = tuple(_present(hand) for hand in every if not hand.has("positions_mm"))
         lost = tuple(
-            LostHand(of.whole("id"), of.one_of("hand", SIDES) if of.has("hand") else None, of.number("since_s"),
-                     of.text("reason")) for of in fields.parts("lost")
+            LostHand(
+                of.whole("id"),
+                of.one_of("hand", SIDES) if of.has("hand") else None,
+                of.number("since_s"),
+                of.text("reason"),
+            )
+            for of in fields.parts("lost")
         )
         return TrackedFrame(fields.whole("number"), fields.known("time_s"), hands, lost, present)
 
@@ -188,9 +271,16 @@ class FrameValues:
         theta[self._turning] = _by_name(of, "angles_rad", self._angles)
         theta[self._sliding] = _by_name(of, "translations_mm", self._slides) / self._unit_mm
         return TrackedHand(
-            of.whole("id"), of.one_of("assumed_hand" if assumed else "hand", SIDES), of.known("confidence"),
-            of.known("error_mm"), theta - self._skeleton.initial, self._bones_of(of), of.numbers("origin_mm", 3),
-            of.numbers("positions_mm", joints, 3), crop.numbers("center_uvd", 3), crop.positive("cube_mm"),
+            of.whole("id"),
+            of.one_of("assumed_hand" if assumed else "hand", SIDES),
+            of.known("confidence"),
+            of.known("error_mm"),
+            theta - self._skeleton.initial,
+            self._bones_of(of),
+            of.numbers("origin_mm", 3),
+            of.numbers("positions_mm", joints, 3),
+            crop.numbers("center_uvd", 3),
+            crop.positive("cube_mm"),
             side_confidence=of.number("assumed_confidence", 0, 1 - 1e-6) if assumed else 1.0,
             finger_error_mm=_finger_errors(of),
             raw_xyz=of.numbers("raw_positions_mm", joints, 3) if "raw_positions_mm" in of else None,
@@ -201,7 +291,9 @@ class FrameValues:
         hand, joints = of.whole("id"), len(self._skeleton.joint_names)
         if "bones_mm" in of:
             known = of.has("bones_mm")
-            self._bones[hand] = of.numbers("bones_mm", joints).tolist() if known else [math.nan] * joints
+            self._bones[hand] = (
+                of.numbers("bones_mm", joints).tolist() if known else [math.nan] * joints
+            )
         if hand not in self._bones:
             raise DataError(f"{of.where}: hand {hand} has no 'bones_mm', neither here nor before")
         return np.array(self._bones[hand]) / self._unit_mm
@@ -231,7 +323,14 @@ def _finger_errors(of: Fields) -> Array:
 def _present(of: Fields) -> PresentHand:
     x, y, z = of.numbers("palm_mm", 3).tolist()
     side = of.one_of("hand", SIDES) if of.has("hand") else None
-    return PresentHand(of.whole("id"), side, of.known("presence"), of.known("confidence"), (x, y, z), of.text("reason"))
+    return PresentHand(
+        of.whole("id"),
+        side,
+        of.known("presence"),
+        of.known("confidence"),
+        (x, y, z),
+        of.text("reason"),
+    )
 
 
 # ---------------------------------------------------------------------------------------------- angles

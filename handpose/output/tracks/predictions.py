@@ -45,13 +45,17 @@ def tracked(found: Hand, skeleton: Skeleton) -> TrackedHand:
     )
 
 
-def frame_values(number: int, found: Hand, skeleton: Skeleton, joints: FormatName | None = None) -> dict[str, Any]:
+def frame_values(
+    number: int, found: Hand, skeleton: Skeleton, joints: FormatName | None = None
+) -> dict[str, Any]:
     """The frame of one prediction, with ``joints`` also in another format. Raises DataError."""
     values = FrameValues(_header("", found, skeleton), joints, in_frames=found.in_frame)
     if not found.has_joints:
         x, y, z = (found.center_mm if found.in_frame else np.zeros(3)).tolist()
         side = found.hand if is_hand(skeleton) else None
-        present = PresentHand(0, side, found.presence, found.confidence, (x, y, z), uncertain(found.confidence))
+        present = PresentHand(
+            0, side, found.presence, found.confidence, (x, y, z), uncertain(found.confidence)
+        )
         return values.values(TrackedFrame(number, math.nan, (), present=(present,)))
     frame = values.values(TrackedFrame(number, math.nan, (tracked(found, skeleton),)))
     if not is_hand(skeleton):
@@ -60,14 +64,19 @@ def frame_values(number: int, found: Hand, skeleton: Skeleton, joints: FormatNam
 
 
 def document(
-    source: str, found: Sequence[Hand], frames: Sequence[dict[str, Any]], skeleton: Skeleton,
+    source: str,
+    found: Sequence[Hand],
+    frames: Sequence[dict[str, Any]],
+    skeleton: Skeleton,
     joints: FormatName | None = None,
 ) -> str:
     """The JSON text of predictions, at least one, and of their frames (``frame_values``)."""
     first, cameras = found[0], {hand.camera for hand in found}
     header = _header(source, first, skeleton)
     if len(cameras) > 1:  # images of several sizes
-        header = dataclasses.replace(header, camera=dataclasses.replace(header.camera, width=0, height=0))
+        header = dataclasses.replace(
+            header, camera=dataclasses.replace(header.camera, width=0, height=0)
+        )
     head = json.dumps(header_values(header, joints, in_frames=first.in_frame), allow_nan=False)
     lines = ",\n".join(json.dumps(frame, allow_nan=False) for frame in frames)
     return f'{head[:-1]}, "frames": [\n{lines}\n], "complete": true}}'

@@ -39,8 +39,14 @@ class TrackWriter:
     """
 
     def __init__(
-        self, path: Path | None, encode: Callable[[TrackedFrame], bytes], head: bytes = b"", between: bytes = b"",
-        tail: bytes = b"", end: bytes | None = None, shown: bool = False,
+        self,
+        path: Path | None,
+        encode: Callable[[TrackedFrame], bytes],
+        head: bytes = b"",
+        between: bytes = b"",
+        tail: bytes = b"",
+        end: bytes | None = None,
+        shown: bool = False,
     ) -> None:
         self.path, self._encode, self._head, self._between = path, encode, head, between
         self._tail, self._end, self._shown = tail, tail if end is None else end, shown
@@ -119,8 +125,10 @@ def open_writer(
     place = None if str(path) == "-" else Path(path)
     ending = place.suffix.lower() if place else ".jsonl"
     if ending not in (".json", ".jsonl", ".csv"):
-        raise DataError(f"{path}: cannot write a track of this kind; expected a name in .json, .jsonl or .csv, or - "
-                        "for standard output")
+        raise DataError(
+            f"{path}: cannot write a track of this kind; expected a name in .json, .jsonl or .csv, or - "
+            "for standard output"
+        )
     if ending == ".csv":
         rows = FrameRows(header, joints, gestures)
         return TrackWriter(place, rows.encoded, rows.head)
@@ -130,6 +138,14 @@ def open_writer(
         return to_text(frames.values(frame)).encode()
 
     if ending == ".jsonl":
-        return TrackWriter(place, lambda frame: encode(frame) + b"\n", f"{head}\n".encode(), shown=True)
-    return TrackWriter(place, encode, f'{head[:-1]},"frames":[\n'.encode(), between=b",\n",
-                       tail=b'\n],"complete":false}\n', end=b'\n],"complete":true}\n')
+        return TrackWriter(
+            place, lambda frame: encode(frame) + b"\n", f"{head}\n".encode(), shown=True
+        )
+    return TrackWriter(
+        place,
+        encode,
+        f'{head[:-1]},"frames":[\n'.encode(),
+        between=b",\n",
+        tail=b'\n],"complete":false}\n',
+        end=b'\n],"complete":true}\n',
+    )

@@ -34,30 +34,73 @@ except ImportError as error:
 
 # Names of Caffe's enums: message -> field -> enum
 _ENUMS = {
-    "PoolingParameter": {"pool": "PoolMethod", "round_mode": "RoundMode"}, "SPPParameter": {"pool": "PoolMethod"},
-    "LRNParameter": {"norm_region": "NormRegion"}, "EltwiseParameter": {"operation": "EltwiseOp"},
-    "ReductionParameter": {"operation": "ReductionOp"}, "DataParameter": {"backend": "DB"},
-    "FillerParameter": {"variance_norm": "VarianceNorm"}, "HingeLossParameter": {"norm": "Norm"},
-    "LossParameter": {"normalization": "NormalizationMode"}, "ParamSpec": {"share_mode": "DimCheckMode"},
-    "SolverParameter": {"snapshot_format": "SnapshotFormat", "solver_mode": "SolverMode", "solver_type": "SolverType"},
+    "PoolingParameter": {"pool": "PoolMethod", "round_mode": "RoundMode"},
+    "SPPParameter": {"pool": "PoolMethod"},
+    "LRNParameter": {"norm_region": "NormRegion"},
+    "EltwiseParameter": {"operation": "EltwiseOp"},
+    "ReductionParameter": {"operation": "ReductionOp"},
+    "DataParameter": {"backend": "DB"},
+    "FillerParameter": {"variance_norm": "VarianceNorm"},
+    "HingeLossParameter": {"norm": "Norm"},
+    "LossParameter": {"normalization": "NormalizationMode"},
+    "ParamSpec": {"share_mode": "DimCheckMode"},
+    "SolverParameter": {
+        "snapshot_format": "SnapshotFormat",
+        "solver_mode": "SolverMode",
+        "solver_type": "SolverType",
+    },
     "V1LayerParameter": {"type": "LayerType", "blob_share_mode": "DimCheckMode"},
-    "BlobProto": {"raw_data_type": "Type"}, "AnnotatedDatum": {"type": "AnnotationType"},
-    "ResizeParameter": {"resize_mode": "Resize_mode", "pad_mode": "Pad_mode", "interp_mode": "Interp_mode"},
+    "BlobProto": {"raw_data_type": "Type"},
+    "AnnotatedDatum": {"type": "AnnotationType"},
+    "ResizeParameter": {
+        "resize_mode": "Resize_mode",
+        "pad_mode": "Pad_mode",
+        "interp_mode": "Interp_mode",
+    },
 }
-_OWNERS = {("DetectionOutputParameter", "code_type"): "PriorBoxParameter"}  # enums that are inside another message
+# enums that are inside another message
+_OWNERS = {("DetectionOutputParameter", "code_type"): "PriorBoxParameter"}
 # Defaults in caffe.proto that the dataclass does not have, because there None stands for an option that is not given
 _DEFAULTS = {
-    ("ConcatParameter", "concat_dim"): 1, ("SliceParameter", "slice_dim"): 1, ("SolverParameter", "solver_mode"): "GPU",
+    ("ConcatParameter", "concat_dim"): 1,
+    ("SliceParameter", "slice_dim"): 1,
+    ("SolverParameter", "solver_mode"): "GPU",
 }
-_NAMES = {Filler: "FillerParameter", upgrade.AnyNetParameter: "NetParameter", messages.NetParameter: "NetParameter"}
+_NAMES = {
+    Filler: "FillerParameter",
+    upgrade.AnyNetParameter: "NetParameter",
+    messages.NetParameter: "NetParameter",
+}
 _PACKAGE = "caffe"
-_TYPES = {float: "FLOAT", schema.Double: "DOUBLE", schema.Floats: "FLOAT", schema.Doubles: "DOUBLE", int: "INT32",
-          schema.Natural: "INT32", schema.UInt: "UINT32", schema.Int64: "INT64", bool: "BOOL", str: "STRING",
-          bytes: "BYTES"}
+_TYPES = {
+    float: "FLOAT",
+    schema.Double: "DOUBLE",
+    schema.Floats: "FLOAT",
+    schema.Doubles: "DOUBLE",
+    int: "INT32",
+    schema.Natural: "INT32",
+    schema.UInt: "UINT32",
+    schema.Int64: "INT64",
+    bool: "BOOL",
+    str: "STRING",
+    bytes: "BYTES",
+}
 _MESSAGES = [
-    messages.BlobShape, messages.BlobProto, messages.BlobProtoVector, messages.Datum, Filler, upgrade.AnyNetParameter,
-    messages.SolverParameter, messages.SolverState, messages.NetState, messages.NetStateRule, messages.ParamSpec,
-    messages.LayerParameter, upgrade.V1LayerParameter, ssd.LabelMap, ssd.AnnotatedDatum,
+    messages.BlobShape,
+    messages.BlobProto,
+    messages.BlobProtoVector,
+    messages.Datum,
+    Filler,
+    upgrade.AnyNetParameter,
+    messages.SolverParameter,
+    messages.SolverState,
+    messages.NetState,
+    messages.NetStateRule,
+    messages.ParamSpec,
+    messages.LayerParameter,
+    upgrade.V1LayerParameter,
+    ssd.LabelMap,
+    ssd.AnnotatedDatum,
 ]
 
 
@@ -70,7 +113,9 @@ def file_descriptor() -> Any:
     for cls in classes:  # grows by the messages inside messages
         if _name_of(cls) not in known:
             known[_name_of(cls)] = cls
-            classes += [field.kind for field in wire.fields_of(cls) if schema.is_message(field.kind)]
+            classes += [
+                field.kind for field in wire.fields_of(cls) if schema.is_message(field.kind)
+            ]
     described = {name: file.message_type.add(name=name) for name in known}
     for name, cls in known.items():
         _describe(described, name, cls)
@@ -96,20 +141,27 @@ def _describe(described: dict[str, Any], name: str, cls: type) -> None:
             field.type, field.type_name = field.TYPE_MESSAGE, f".{_PACKAGE}.{_name_of(known.kind)}"
         elif values:
             owner = described[_OWNERS.get((name, known.name), name)]
-            field.type, field.type_name = field.TYPE_ENUM, _enum_type(owner, known.name, known.kind, values)
+            field.type, field.type_name = (
+                field.TYPE_ENUM,
+                _enum_type(owner, known.name, known.kind, values),
+            )
         else:
             field.type = getattr(field, f"TYPE_{_TYPES[known.kind]}")
         default = _DEFAULTS.get((message.name, known.name), defaults.get(known.name))
         is_scalar = not known.repeated and not schema.is_message(known.kind)
         if is_scalar and default not in (None, dataclasses.MISSING, "", b""):
-            field.default_value = str(default).lower() if isinstance(default, bool) else str(default)
+            field.default_value = (
+                str(default).lower() if isinstance(default, bool) else str(default)
+            )
 
 
 def _enum_type(message: Any, field: str, kind: Any, values: dict[str, int]) -> str:
     """Full name of the enum of a field, which is added to the message at its first use."""
     if kind == schema.Phase:
         return f".{_PACKAGE}.Phase"
-    name = _ENUMS.get(message.name, {}).get(field, "Engine" if field == "engine" else field.title().replace("_", ""))
+    name = _ENUMS.get(message.name, {}).get(
+        field, "Engine" if field == "engine" else field.title().replace("_", "")
+    )
     if name not in (enum.name for enum in message.enum_type):
         _add_enum(message, name, values)
     return f".{_PACKAGE}.{message.name}.{name}"
@@ -137,7 +189,10 @@ def _classes() -> dict[str, Any]:
         cls = names[name] = message_factory.GetMessageClass(message)
         cls.__module__ = __name__  # for pickle
         names[f"_{name.upper()}"] = message
-        names |= {f"_{name.upper()}_{inner.upper()}": enum for inner, enum in message.enum_types_by_name.items()}
+        names |= {
+            f"_{name.upper()}_{inner.upper()}": enum
+            for inner, enum in message.enum_types_by_name.items()
+        }
     return names
 
 

@@ -7,7 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from export.onnx.check import TOLERANCE, Difference, _in_float64, _rounding_errors, compared, difference, differences
+from export.onnx.check import (
+    TOLERANCE,
+    Difference,
+    _in_float64,
+    _rounding_errors,
+    compared,
+    difference,
+    differences,
+)
 from export.onnx.net import load, onnx_image
 from netlib.net import Net
 
@@ -44,27 +52,47 @@ def power(name: str, options: str, bottom: str, top: str) -> str:
 
 
 SOFTMAX = layer("p", "Softmax", bottom="s", top="p")
-MAPS = layer("r", "Reshape", "reshape_param { shape { dim: 0 dim: 3 dim: 2 dim: 2 } }", bottom="s", top="r")
+MAPS = layer(
+    "r", "Reshape", "reshape_param { shape { dim: 0 dim: 3 dim: 2 dim: 2 } }", bottom="s", top="r"
+)
 CASES = {
-    "Softmax, differences of 1e3": Case(power("s", "scale: 300", "y", "s") + SOFTMAX,
-                                        ["fc/weight", "s/scale", "p/Softmax axis"]),
-    "Softmax, sums of 1e3": Case(power("s", "shift: 1000", "y", "s") + SOFTMAX,
-                                 ["fc/weight", "s/shift", "p/Softmax axis"]),
-    "Log": Case(power("s", "scale: 0.001 shift: 1", "y", "s") + layer("l", "Log", bottom="s"),
-                ["fc/weight", "s/shift"]),
-    "Power": Case(power("s", "power: 2", "y", "s") + power("t", "power: -1.5 shift: 0.001", "s", "t"),
-                  ["fc/weight", "s/power", "t/power", "t/shift"]),
+    "Softmax, differences of 1e3": Case(
+        power("s", "scale: 300", "y", "s") + SOFTMAX, ["fc/weight", "s/scale", "p/Softmax axis"]
+    ),
+    "Softmax, sums of 1e3": Case(
+        power("s", "shift: 1000", "y", "s") + SOFTMAX, ["fc/weight", "s/shift", "p/Softmax axis"]
+    ),
+    "Log": Case(
+        power("s", "scale: 0.001 shift: 1", "y", "s") + layer("l", "Log", bottom="s"),
+        ["fc/weight", "s/shift"],
+    ),
+    "Power": Case(
+        power("s", "power: 2", "y", "s") + power("t", "power: -1.5 shift: 0.001", "s", "t"),
+        ["fc/weight", "s/power", "t/power", "t/shift"],
+    ),
     "Exp": Case(layer("e", "Exp", "exp_param { scale: 10 }"), ["fc/weight", "fc/bias", "e/scale"]),
-    "MVN": Case(power("s", "shift: 1000", "y", "s") + MAPS + layer("m", "MVN", bottom="r"), ["s/shift"]),
-    "BatchNorm": Case(layer("b", "BatchNorm"),
-                      ["fc/weight", "b/gain", "b/mean", "b/variance", "b/BatchNormalization epsilon"], variance=1e-5),
-    "Normalize": Case(power("s", "scale: 0.00001", "y", "s") + MAPS + layer("n", "Normalize", bottom="r"),
-                      ["fc/weight", "s/scale", "n/shift", "n/scale"]),
-    "Eltwise": Case(power("s", "scale: 1.0001", "x0", "s") + fc("fc2", "s", "y2")
-                    + layer("e", "Eltwise", "eltwise_param { coeff: 1 coeff: -1 }", "y y2"),
-                    ["fc/weight", "fc2/bias", "s/scale", "e/scale"]),
-    "Power, shifts": Case(power("s", "shift: 10000", "y", "s") + power("t", "shift: -10000", "s", "t"),
-                          ["s/shift", "t/shift"]),
+    "MVN": Case(
+        power("s", "shift: 1000", "y", "s") + MAPS + layer("m", "MVN", bottom="r"), ["s/shift"]
+    ),
+    "BatchNorm": Case(
+        layer("b", "BatchNorm"),
+        ["fc/weight", "b/gain", "b/mean", "b/variance", "b/BatchNormalization epsilon"],
+        variance=1e-5,
+    ),
+    "Normalize": Case(
+        power("s", "scale: 0.00001", "y", "s") + MAPS + layer("n", "Normalize", bottom="r"),
+        ["fc/weight", "s/scale", "n/shift", "n/scale"],
+    ),
+    "Eltwise": Case(
+        power("s", "scale: 1.0001", "x0", "s")
+        + fc("fc2", "s", "y2")
+        + layer("e", "Eltwise", "eltwise_param { coeff: 1 coeff: -1 }", "y y2"),
+        ["fc/weight", "fc2/bias", "s/scale", "e/scale"],
+    ),
+    "Power, shifts": Case(
+        power("s", "shift: 10000", "y", "s") + power("t", "shift: -10000", "s", "t"),
+        ["s/shift", "t/shift"],
+    ),
     "ArgMax": Case(layer("a", "ArgMax", "argmax_param { axis: 1 }"), ["fc/weight", "fc/bias"]),
 }
 
@@ -108,8 +136,11 @@ def test_a_correct_file_passes(net):
     assert largest(*differences(onnx_image(net), net, (1, 3))) <= 1
 
 
-@pytest.mark.parametrize(("net", "mistake"), [(name, mistake) for name, case in CASES.items()
-                                              for mistake in case.mistakes], indirect=["net"])
+@pytest.mark.parametrize(
+    ("net", "mistake"),
+    [(name, mistake) for name, case in CASES.items() for mistake in case.mistakes],
+    indirect=["net"],
+)
 def test_mistakes_are_found(net, mistake, onnx):
     assert largest(*differences(wrong(onnx_image(net), mistake, onnx), net, (1, 3))) > 1
 
@@ -125,7 +156,10 @@ def test_mistakes_that_an_output_hides(net, onnx):
 def test_the_effect_of_rounding(net):
     """Where large values cancel, the net's own float32 has a large error, which the comparison measures."""
     outputs, layers = differences(onnx_image(net), net, (1, 3))
-    assert all(1e-4 < difference.rounding < 1e-1 and difference.found > TOLERANCE for difference in outputs.values())
+    assert all(
+        1e-4 < difference.rounding < 1e-1 and difference.found > TOLERANCE
+        for difference in outputs.values()
+    )
     assert layers["y"].rounding < 1e-6
 
 

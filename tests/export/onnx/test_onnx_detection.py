@@ -36,14 +36,17 @@ def detector(files, options: str, shared: bool = True, more: str = "") -> netlib
 
 @pytest.mark.parametrize("code", ["CORNER", "CORNER_SIZE", "CENTER_SIZE"])
 @pytest.mark.parametrize("shared", [True, False])
-@pytest.mark.parametrize("more", [
-    "",
-    "nms_param { nms_threshold: 0.45 top_k: 5 } keep_top_k: 6",
-    "keep_top_k: 7 variance_encoded_in_target: true",
-    "nms_param { nms_threshold: 0 } background_label_id: 1 clip: true",
-    "nms_param { nms_threshold: 2 top_k: 100 } background_label_id: -1 keep_top_k: 100",
-    "confidence_threshold: 0.5 nms_param { top_k: 3 } keep_top_k: 1",
-])
+@pytest.mark.parametrize(
+    "more",
+    [
+        "",
+        "nms_param { nms_threshold: 0.45 top_k: 5 } keep_top_k: 6",
+        "keep_top_k: 7 variance_encoded_in_target: true",
+        "nms_param { nms_threshold: 0 } background_label_id: 1 clip: true",
+        "nms_param { nms_threshold: 2 top_k: 100 } background_label_id: -1 keep_top_k: 100",
+        "confidence_threshold: 0.5 nms_param { top_k: 3 } keep_top_k: 1",
+    ],
+)
 def test_detections(code, shared, more, files):
     """The same rows in the same order, for batches of 1 and 3."""
     options = f"code_type: {code} share_location: {str(shared).lower()} {more}"
@@ -63,8 +66,10 @@ def nearly_equal(files, threshold: float) -> netlib.Net:
 
 def test_confidences_that_differ_by_rounding(files, monkeypatch):
     """Confidences that are equal up to rounding may be sorted in another order; another selection is a difference."""
-    monkeypatch.setattr("export.onnx.check._random", lambda net, name, batch, rng: np.zeros(
-        (batch, *net.blobs[name].shape[1:]), np.float32))
+    monkeypatch.setattr(
+        "export.onnx.check._random",
+        lambda net, name, batch, rng: np.zeros((batch, *net.blobs[name].shape[1:]), np.float32),
+    )
     net, order = nearly_equal(files, 0.9), np.arange(C * P) * 2e-7
     net.params["b"][0].data[...] = 0.5 + order
     image, rows = onnx_image(net), net.forward()["d"].copy()
@@ -80,8 +85,10 @@ def test_confidences_that_differ_by_rounding(files, monkeypatch):
 def test_nothing_found(files):
     """Without detections in the batch, every item has a row of -1; an item without any in another batch has none."""
     image = onnx_image(detector(files, "confidence_threshold: 0.5"))
-    inputs = {f"x{i}": np.zeros((3, *shape[1:]), np.float32)
-              for i, shape in enumerate([*SHAPES[True], (1, 2, 2, 3), (1, 3, 8, 12)])}
+    inputs = {
+        f"x{i}": np.zeros((3, *shape[1:]), np.float32)
+        for i, shape in enumerate([*SHAPES[True], (1, 2, 2, 3), (1, 3, 8, 12)])
+    }
     assert run_onnx(image, **inputs)["d"].tolist() == [[[[item] + [-1] * 6 for item in range(3)]]]
     inputs["x1"][1, 1] = 1
     assert run_onnx(image, **inputs)["d"][0, 0, :, :3].tolist() == [[1, 1, 1]]
@@ -92,7 +99,9 @@ def test_equal_confidences(files):
     net = detector(files, "nms_param { nms_threshold: 1 top_k: 9 } keep_top_k: 12")
     image = onnx_image(net)
     rng = np.random.default_rng(0)
-    inputs = {name: rng.uniform(-1, 1, net.blobs[name].shape).astype(np.float32) for name in net.inputs}
+    inputs = {
+        name: rng.uniform(-1, 1, net.blobs[name].shape).astype(np.float32) for name in net.inputs
+    }
     inputs["x1"] = rng.integers(0, 3, inputs["x1"].shape).astype(np.float32)
     assert np.allclose(run_onnx(image, **inputs)["d"], net.forward(**inputs)["d"], atol=1e-5)
 
@@ -110,10 +119,13 @@ def test_a_whole_detector(tmp_path):
     image = onnx_image(net)
     for data in (recorded["data"], recorded["data"][1:], 0 * recorded["data"]):
         found, expected = run_onnx(image, data=data), net.forward(data=data)
-        assert {name: y.shape for name, y in found.items()} == {name: y.shape for name, y in expected.items()}
+        assert {name: y.shape for name, y in found.items()} == {
+            name: y.shape for name, y in expected.items()
+        }
         for name, y in expected.items():
             assert np.allclose(found[name], y, atol=1e-3), name
-        if int(cv2.__version__.split(".")[0]) >= 5:  # OpenCV 4 lacks operators; 5 drops boxes of the code CORNER
+        # OpenCV 4 lacks operators; 5 drops boxes of the code CORNER
+        if int(cv2.__version__.split(".")[0]) >= 5:
             (tmp_path / "net.onnx").write_bytes(image)
             opencv = cv2.dnn.readNetFromONNX(str(tmp_path / "net.onnx"))
             opencv.setInput(data)
@@ -121,13 +133,23 @@ def test_a_whole_detector(tmp_path):
                 assert name == "corners" or np.allclose(rows, found[name], atol=1e-3), name
 
 
-@pytest.mark.parametrize(("options", "more", "message"), [
-    ("nms_param { nms_threshold: 0.8 eta: 0.9 }", "", "layer 'd': eta below 1 cannot be exported to ONNX"),
-    ("keep_top_k: 0", "", "layer 'd': has no detections"),
-    ("nms_param { top_k: 0 }", "", "layer 'd': has no detections"),
-    ("", 'layer { name: "r" type: "Power" bottom: "d" top: "r" }',
-     "layer 'r': reads 'd', whose number of rows depends on values, which cannot be exported"),
-])
+@pytest.mark.parametrize(
+    ("options", "more", "message"),
+    [
+        (
+            "nms_param { nms_threshold: 0.8 eta: 0.9 }",
+            "",
+            "layer 'd': eta below 1 cannot be exported to ONNX",
+        ),
+        ("keep_top_k: 0", "", "layer 'd': has no detections"),
+        ("nms_param { top_k: 0 }", "", "layer 'd': has no detections"),
+        (
+            "",
+            'layer { name: "r" type: "Power" bottom: "d" top: "r" }',
+            "layer 'r': reads 'd', whose number of rows depends on values, which cannot be exported",
+        ),
+    ],
+)
 def test_refusals(options, more, message, files):
     with pytest.raises(LayerError, match=message) as raised:
         onnx_image(detector(files, options, more=more))

@@ -38,8 +38,13 @@ def test_another_body(files, rng, sizes):
     shapes = [(1, 4), (1, sizes)] if sizes else [(1, 4)]
     bottoms = " ".join(f'bottom: "x{i}"' for i in range(len(shapes)))
     body = 'hand_model_param { skeleton: "body.prototxt" }'
-    net = load_net(*files(f'layer {{ name: "h" type: "HandModel" {bottoms} top: "y" {body} }}', *shapes))
-    x = {f"x{i}": rng.normal(size=(3, *shape[1:])).astype(np.float32) for i, shape in enumerate(shapes)}
+    net = load_net(
+        *files(f'layer {{ name: "h" type: "HandModel" {bottoms} top: "y" {body} }}', *shapes)
+    )
+    x = {
+        f"x{i}": rng.normal(size=(3, *shape[1:])).astype(np.float32)
+        for i, shape in enumerate(shapes)
+    }
     found = run_onnx(onnx_image(net, cube_mm=900), **x)["y"]
     np.testing.assert_allclose(found, net.forward(**x)["y"], atol=2e-6)
     check_older(net, 900)

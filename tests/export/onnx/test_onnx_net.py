@@ -14,21 +14,27 @@ from tests.support.onnx_nets import IMAGE, SYNTHETIC, net_text, run_onnx
 
 def test_layers_in_place(files, onnx):
     """A blob changed in place keeps its name for the last value; a blob that never changes may have two names."""
-    net = load(*files(
-        'layer { name: "ip" type: "InnerProduct" bottom: "x0" top: "y" inner_product_param { num_output: 3 } }'
-        'layer { name: "relu" type: "ReLU" bottom: "y" top: "y" }'
-        'layer { name: "drop" type: "Dropout" bottom: "y" top: "y" }'
-        'layer { name: "power" type: "Power" bottom: "y" top: "y" power_param { shift: 1 } }'
-        'layer { name: "same" type: "Dropout" bottom: "y" top: "z" }'
-        'layer { name: "exp" type: "Exp" bottom: "y" top: "e" }',
-        (1, 4),
-    ))
+    net = load(
+        *files(
+            'layer { name: "ip" type: "InnerProduct" bottom: "x0" top: "y" inner_product_param { num_output: 3 } }'
+            'layer { name: "relu" type: "ReLU" bottom: "y" top: "y" }'
+            'layer { name: "drop" type: "Dropout" bottom: "y" top: "y" }'
+            'layer { name: "power" type: "Power" bottom: "y" top: "y" power_param { shift: 1 } }'
+            'layer { name: "same" type: "Dropout" bottom: "y" top: "z" }'
+            'layer { name: "exp" type: "Exp" bottom: "y" top: "e" }',
+            (1, 4),
+        )
+    )
     image = onnx_image(net, ["y"])
     outputs, layers = differences(image, net, (1, 3))
     assert max(difference.found for difference in [*outputs.values(), *layers.values()]) <= 1e-6
     graph = onnx.load_from_string(image).graph
     assert [(node.op_type, *node.output) for node in graph.node] == [
-        ("Gemm", "ip/Gemm"), ("Relu", "relu/Relu"), ("Add", "z"), ("Exp", "e"), ("Identity", "y"),
+        ("Gemm", "ip/Gemm"),
+        ("Relu", "relu/Relu"),
+        ("Add", "z"),
+        ("Exp", "e"),
+        ("Identity", "y"),
     ]
 
 
@@ -38,43 +44,57 @@ def test_a_net_from_python(files):
     used = netlib.Net(net, netlib.TEST)
     onnx_image(used)
     assert used.blobs["y"].shape == (5, 3)
-    Path("loss.prototxt").write_text(net_text('layer { name: "bad" type: "PhysLimit" bottom: "x0" top: "y" }', (1, 47)))
-    with pytest.raises(NetlibError, match="layer 'bad': type 'PhysLimit' cannot be exported to ONNX"):
+    Path("loss.prototxt").write_text(
+        net_text('layer { name: "bad" type: "PhysLimit" bottom: "x0" top: "y" }', (1, 47))
+    )
+    with pytest.raises(
+        NetlibError, match="layer 'bad': type 'PhysLimit' cannot be exported to ONNX"
+    ):
         onnx_image(netlib.Net("loss.prototxt", netlib.TEST))
 
 
 def test_weights_over_two_gigabytes(monkeypatch):
     monkeypatch.setattr("export.onnx.graph.MAX_BYTES", 1000)
     net = load(SYNTHETIC / "deploy.prototxt", SYNTHETIC / "synthetic_hand.caffemodel.h5")
-    with pytest.raises(NetlibError, match=r"^net 'SyntheticHand' has 0\.0 GB of weights; expected at most"):
+    with pytest.raises(
+        NetlibError, match=r"^net 'SyntheticHand' has 0\.0 GB of weights; expected at most"
+    ):
         onnx_image(net)
 
 
 def test_equal_maxima(files):
     """Of equal maxima, ArgMax takes the last and the mask of MAX the first."""
-    net = load(*files(
-        'layer { name: "a" type: "ArgMax" bottom: "x0" top: "a" argmax_param { top_k: 3 } }'
-        'layer { name: "p" type: "Pooling" bottom: "x0" top: "y" top: "mask" pooling_param { kernel_size: 2 } }',
-        (1, 2, 3, 2),
-    ))
+    net = load(
+        *files(
+            'layer { name: "a" type: "ArgMax" bottom: "x0" top: "a" argmax_param { top_k: 3 } }'
+            'layer { name: "p" type: "Pooling" bottom: "x0" top: "y" top: "mask" pooling_param { kernel_size: 2 } }',
+            (1, 2, 3, 2),
+        )
+    )
     x = np.zeros((2, 2, 3, 2), np.float32)
     x[:, 1, 1] = 1
     found = run_onnx(onnx_image(net), x0=x)
     assert found["a"].tolist() == [[[[9], [8], [11]]]] * 2
     assert found["mask"].tolist() == [[[[0], [2]], [[2], [2]]]] * 2
-    assert {name: y.tolist() for name, y in net.forward(x0=x).items()} == {n: y.tolist() for n, y in found.items()}
+    assert {name: y.tolist() for name, y in net.forward(x0=x).items()} == {
+        n: y.tolist() for n, y in found.items()
+    }
 
 
 def test_silence_and_splits_are_no_operators(files, onnx):
     """Silence and Split add no operators, and a blob with two consumers is not copied."""
-    net = load(*files(
-        'layer { name: "a" type: "TanH" bottom: "x0" top: "a" } layer { name: "b" type: "AbsVal" bottom: "a" top: "b" }'
-        'layer { name: "c" type: "BNLL" bottom: "a" top: "c" } layer { name: "s" type: "Silence" bottom: "c" }',
-        (1, 4),
-    ))
+    net = load(
+        *files(
+            'layer { name: "a" type: "TanH" bottom: "x0" top: "a" } layer { name: "b" type: "AbsVal" bottom: "a" top: "b" }'
+            'layer { name: "c" type: "BNLL" bottom: "a" top: "c" } layer { name: "s" type: "Silence" bottom: "c" }',
+            (1, 4),
+        )
+    )
     graph = onnx.load_from_string(onnx_image(net)).graph
     assert [(node.op_type, *node.input) for node in graph.node] == [
-        ("Tanh", "x0"), ("Abs", "a"), ("Softplus", "a"),
+        ("Tanh", "x0"),
+        ("Abs", "a"),
+        ("Softplus", "a"),
     ]
     assert [output.name for output in graph.output] == ["b"]
 

@@ -48,35 +48,57 @@ def test_numbers() -> None:
 RATE = 30.0
 
 
-def read(monkeypatch: pytest.MonkeyPatch, *seen: dict[str, float], ids: list[int] | None = None,
-         times: list[float] | None = None) -> list[str]:
+def read(
+    monkeypatch: pytest.MonkeyPatch,
+    *seen: dict[str, float],
+    ids: list[int] | None = None,
+    times: list[float] | None = None,
+) -> list[str]:
     """The gestures read from one hand's frames with these scores, at 30 frames per second."""
     frames = iter(seen)
     monkeypatch.setattr(gestures, "scores", lambda *_: dict.fromkeys(GESTURES, 0.0) | next(frames))
     reader = GestureReader(load())
     times = times or [i / RATE for i in range(len(seen))]
-    return [reader.read(id, "right", np.zeros((31, 3)), time).name for id, time in zip(ids or [0] * len(seen), times)]
+    return [
+        reader.read(id, "right", np.zeros((31, 3)), time).name
+        for id, time in zip(ids or [0] * len(seen), times)
+    ]
 
 
 OPEN, FIST, TWO = {"open": 1.0}, {"fist": 1.0}, {"two": 1.0}
 DOUBTFUL = {"two": (BEGIN + END) / 2}
 
 
-@pytest.mark.parametrize(("seen", "found"), [
-    ([*[OPEN] * 5, FIST, OPEN, {}, OPEN], ["open"] * 9),
-    ([*[OPEN] * 5, *[FIST] * 8], [*["open"] * 7, *["fist"] * 6]),
-    ([DOUBTFUL] * 20, [""] * 20),
-    ([TWO, *[DOUBTFUL] * 20], ["two"] * 21),
-    ([TWO, *[{"two": END - 0.1}] * 20], [*["two"] * 5, *[""] * 16]),
-], ids=["one frame changes nothing", "one that lasts is read", "doubtful from the start", "doubtful later", "gone"])
-def test_over_time(monkeypatch: pytest.MonkeyPatch, seen: list[dict[str, float]], found: list[str]) -> None:
+@pytest.mark.parametrize(
+    ("seen", "found"),
+    [
+        ([*[OPEN] * 5, FIST, OPEN, {}, OPEN], ["open"] * 9),
+        ([*[OPEN] * 5, *[FIST] * 8], [*["open"] * 7, *["fist"] * 6]),
+        ([DOUBTFUL] * 20, [""] * 20),
+        ([TWO, *[DOUBTFUL] * 20], ["two"] * 21),
+        ([TWO, *[{"two": END - 0.1}] * 20], [*["two"] * 5, *[""] * 16]),
+    ],
+    ids=[
+        "one frame changes nothing",
+        "one that lasts is read",
+        "doubtful from the start",
+        "doubtful later",
+        "gone",
+    ],
+)
+def test_over_time(
+    monkeypatch: pytest.MonkeyPatch, seen: list[dict[str, float]], found: list[str]
+) -> None:
     """A gesture begins above a threshold and lasts until it is below another one, both smoothed."""
     assert read(monkeypatch, *seen) == found
 
 
 def test_hands_are_apart(monkeypatch: pytest.MonkeyPatch) -> None:
     seen = [{"open": 1.0}, {"fist": 1.0}] * 4
-    assert read(monkeypatch, *seen, ids=[0, 1] * 4, times=[i // 2 / RATE for i in range(8)]) == ["open", "fist"] * 4
+    assert (
+        read(monkeypatch, *seen, ids=[0, 1] * 4, times=[i // 2 / RATE for i in range(8)])
+        == ["open", "fist"] * 4
+    )
 
 
 def test_a_hand_that_was_away_begins_anew(monkeypatch: pytest.MonkeyPatch) -> None:

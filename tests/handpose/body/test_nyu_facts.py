@@ -33,4 +33,6 @@ def test_cubes() -> None:
     np.testing.assert_allclose(nyu.half_cubes(nyu.TEST_FRAMES)[[0, 8251]], [150, 130.5])
     assert nyu.one_size_for_all(nyu.TEST_FRAMES) == ""
     np.testing.assert_allclose(nyu.half_cubes(3), 150)
-    assert nyu.one_size_for_all(3).startswith("warning: 3 of 8252 test frames; the first subject's size of hand")
+    assert nyu.one_size_for_all(3).startswith(
+        "warning: 3 of 8252 test frames; the first subject's size of hand"
+    )

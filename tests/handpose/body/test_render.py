@@ -119,7 +119,9 @@ def wedge(corners: NDArray[np.float64], radii: tuple[float, ...]) -> Capsules:
     """The hull of three spheres: its edges, and the facet between them."""
     ends, r = np.asarray(corners, float)[None], np.array([radii], float)
     edges = [0, 1, 2], [1, 2, 0]
-    return Capsules(ends[:, edges[0]], ends[:, edges[1]], r[:, edges[0]], r[:, edges[1]], np.array([[0, 2, 4]]))
+    return Capsules(
+        ends[:, edges[0]], ends[:, edges[1]], r[:, edges[0]], r[:, edges[1]], np.array([[0, 2, 4]])
+    )
 
 
 CORNERS = np.array([(-60.0, -30, 800), (50, -40, 830), (10, 60, 780)])
@@ -127,13 +129,17 @@ CORNERS = np.array([(-60.0, -30, 800), (50, -40, 830), (10, 60, 780)])
 
 @pytest.mark.parametrize("turn", [(0, 0, 0), (0, 1.5, 0), (2.5, 0.5, 1), (1.57, 0, 0)], ids=str)
 @pytest.mark.parametrize("radii", [(15, 15, 15), (25, 10, 16), (5, 20, 40)], ids=str)
-def test_a_wedge_is_the_hull_of_its_spheres(turn: tuple[float, ...], radii: tuple[float, ...]) -> None:
+def test_a_wedge_is_the_hull_of_its_spheres(
+    turn: tuple[float, ...], radii: tuple[float, ...]
+) -> None:
     """A wedge is the union of all spheres interpolated between its three, seen from any direction."""
     corners = Rotation.from_rotvec(turn).apply(CORNERS - CORNERS.mean(axis=0)) + (0, 0, 800)
     one = wedge(corners, radii)
     made = render_crop(one, CENTER, 300.0)[0]
     parts = np.array([(i, j, 60 - i - j) for i in range(61) for j in range(61 - i)]) / 60
-    many = Capsules(*(2 * ((parts @ corners)[None],)), *(2 * ((parts @ np.array(radii, float))[None],)))
+    many = Capsules(
+        *(2 * ((parts @ corners)[None],)), *(2 * ((parts @ np.array(radii, float))[None],))
+    )
     expected = np.fmin(render_crop(many, CENTER, 300.0)[0], spheres(one, CENTER))
     assert (np.abs(made - expected) > 0.3).mean() < 0.002  # the spheres are 2 mm apart
     assert (made < 950).sum() > 1000
@@ -154,5 +160,6 @@ def test_three_spheres_in_a_row_have_no_facet() -> None:
     for corners, radii in ((CORNERS[[0, 0, 1]], (9, 9, 9)), (CORNERS, (9, 9, 400.0))):
         one = wedge(corners, radii)
         assert np.array_equal(
-            render_crop(one, CENTER, 300.0), render_crop(one._replace(facets=NO_FACETS), CENTER, 300.0)
+            render_crop(one, CENTER, 300.0),
+            render_crop(one._replace(facets=NO_FACETS), CENTER, 300.0),
         )

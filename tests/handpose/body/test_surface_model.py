@@ -34,8 +34,15 @@ flesh {
 def test_the_table_of_an_arm() -> None:
     """Names become indices; the surface's own joint and DoF follow the skeleton's."""
     surface = Surface(skeleton_of(ARM))
-    assert surface.whole.joint_names == ["root", "end", "tip"] and surface.skeleton.joint_names == ["root", "end"]
-    assert (surface.start.tolist(), surface.end.tolist(), surface.limbs.tolist()) == ([0, 1], [1, 2], [False, True])
+    assert surface.whole.joint_names == ["root", "end", "tip"] and surface.skeleton.joint_names == [
+        "root",
+        "end",
+    ]
+    assert (surface.start.tolist(), surface.end.tolist(), surface.limbs.tolist()) == (
+        [0, 1],
+        [1, 2],
+        [False, True],
+    )
     np.testing.assert_array_equal(surface.radii, [[0.2, 0.2], [0.2, 0.1]])
     np.testing.assert_array_equal(surface.deviation, [np.inf, np.inf, np.inf, 0.5])
 
@@ -51,15 +58,22 @@ def test_the_table_of_wedges() -> None:
     assert surface.parts == ["web", "web", "web", "", "", "upper", ""]
     spheres = np.stack([surface.start, surface.end], axis=1).reshape(-1), surface.radii.reshape(-1)
     assert [spheres[0][corner].tolist() for corner in surface.facets] == [[0, 1, 2], [2, 1, 3]]
-    assert [spheres[1][corner].tolist() for corner in surface.facets] == [[0.3, 0.2, 0.1], [0.1, 0.2, 0.4]]
+    assert [spheres[1][corner].tolist() for corner in surface.facets] == [
+        [0.3, 0.2, 0.1],
+        [0.1, 0.2, 0.4],
+    ]
 
 
 def test_offsets_turn_with_their_axes() -> None:
     """With the shoulder at a quarter turn and the elbow back, the offsets equal those worked out by hand."""
     surface = Surface(skeleton_of(ARM))
     pose = surface.kinematics.forward(np.array([[0, np.pi / 2, -np.pi / 2, 0.0]]))
-    np.testing.assert_allclose(surface.ends(pose)[0], [[0, 0, 0], [2 - 0.5, 0, 0], [3, 0, -0.25]], atol=1e-12)
-    np.testing.assert_allclose(surface.ends(pose, size=2.0, offset=0.5)[0, 1], [1.5, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(
+        surface.ends(pose)[0], [[0, 0, 0], [2 - 0.5, 0, 0], [3, 0, -0.25]], atol=1e-12
+    )
+    np.testing.assert_allclose(
+        surface.ends(pose, size=2.0, offset=0.5)[0, 1], [1.5, 0, 0], atol=1e-12
+    )
     np.testing.assert_allclose(surface.ends(pose, offset=0.0), pose.joints, atol=1e-12)
 
 
@@ -68,16 +82,23 @@ def test_what_keeps_apart() -> None:
     names = SURFACE_BLOCK.whole.joint_names
     ends = [(names[a], names[b]) for a, b in zip(SURFACE_BLOCK.start, SURFACE_BLOCK.end)]
     pairs = {frozenset((ends[i], ends[j])) for i, j in zip(*SURFACE_BLOCK.apart)}
-    tip, thumb, ring = ("index_dip", "index_tip"), ("thumb_dip", "thumb_tip"), ("ring_dip", "ring_tip")
+    tip, thumb, ring = (
+        ("index_dip", "index_tip"),
+        ("thumb_dip", "thumb_tip"),
+        ("ring_dip", "ring_tip"),
+    )
     for one, other in (
-        (tip, ("middle_base", "middle_pip_a")), (thumb, ("wrist_left", "little_mcp")),
+        (tip, ("middle_base", "middle_pip_a")),
+        (thumb, ("wrist_left", "little_mcp")),
         (("thumb_pip", "thumb_dip"), ("index_base", "index_pip_a")),
         (("ring_pip_b", "ring_dip"), ("wrist_middle", "index_mcp")),
     ):
         assert frozenset((one, other)) in pairs
     for one, other in (
-        (tip, ("index_base", "index_pip_a")), (("index_mcp", "index_base"), ("middle_mcp", "middle_base")),
-        (("ring_base", "ring_pip_a"), ("wrist_left", "ring_mcp")), (ring, ("thumb_mcp", "thumb_pip")),
+        (tip, ("index_base", "index_pip_a")),
+        (("index_mcp", "index_base"), ("middle_mcp", "middle_base")),
+        (("ring_base", "ring_pip_a"), ("wrist_left", "ring_mcp")),
+        (ring, ("thumb_mcp", "thumb_pip")),
         (ring, ("forearm", "elbow")),
     ):
         assert frozenset((one, other)) not in pairs
@@ -93,9 +114,13 @@ def test_penetration_of_two_arms() -> None:
     )
     surface = Surface(crossed)
     ends = surface.ends(surface.kinematics.forward(np.array([[0.0], [-4.4]])))
-    np.testing.assert_allclose(surface.penetration(ends, np.stack([surface.radii] * 2)), [-4.2, 0.2])
+    np.testing.assert_allclose(
+        surface.penetration(ends, np.stack([surface.radii] * 2)), [-4.2, 0.2]
+    )
     a, b, radii = ends[:, surface.start], ends[:, surface.end], np.stack([surface.radii] * 2)
-    np.testing.assert_allclose(surface.mean_penetration(Capsules(a, b, radii[..., 0], radii[..., 1])), [0, 0.2])
+    np.testing.assert_allclose(
+        surface.mean_penetration(Capsules(a, b, radii[..., 0], radii[..., 1])), [0, 0.2]
+    )
     alone = Surface(skeleton_of(ARM))
     assert alone.penetration(np.zeros((1, 3, 3)), alone.radii[None]) == -np.inf
 
@@ -107,39 +132,92 @@ def test_surface_is_written_and_scaled_with_its_body() -> None:
     inputs[:, 0] = 0
     np.testing.assert_allclose(twice.radii, 2 * surface.radii)
     np.testing.assert_allclose(
-        twice.ends(twice.kinematics.forward(inputs)), 2 * surface.ends(surface.kinematics.forward(inputs))
+        twice.ends(twice.kinematics.forward(inputs)),
+        2 * surface.ends(surface.kinematics.forward(inputs)),
     )
 
 
-LENGTHS = "in half-cubes, at most 10 (half the edge of the cube around the body: of 300 mm, 1 is 150 mm)"
+LENGTHS = (
+    "in half-cubes, at most 10 (half the edge of the cube around the body: of 300 mm, 1 is 150 mm)"
+)
 FLESH = ARM[ARM.index("flesh") :]
 
 
-@bad_inputs(PrototxtError, {
-    f"{old} -> {new}": ((old, new), f"body.prototxt:{line}") for old, new, line in (
-        ('from: "root"', 'from: "rot"', "10:13: error: unknown joint 'rot' (did you mean 'root'?)"),
-        ('offset { joint: "tip"', 'offset { joint: "tp"', "9:12: error: unknown joint 'tp' (did you mean 'tip'?)"),
-        ('axes: "root"', 'axes: "rooot"', "8:25: error: unknown joint 'rooot' (did you mean 'root'?)"),
-        ("flesh {", 'flesh { wedge { joint: "root" joint: "end" radius: 1 }',
-         "5:15: error: joints root, end; expected three different ones"),
-        ("flesh {", 'flesh { wedge { joint: "root" joint: "end" joint: "end" radius: 1 }',
-         "5:15: error: joints root, end, end; expected three different ones"),
-        ("flesh {", 'flesh { wedge { joint: "root" joint: "end" joint: "tip" radius: 1 radius: 2 }',
-         f"5:15: error: radius 1, 2; expected one or three > 0, {LENGTHS}"),
-        ("flesh {", 'flesh { wedge { joint: "root" joint: "end" joint: "tap" radius: 1 }',
-         "5:17: error: unknown joint 'tap' (did you mean 'tip'?)"),
-        *(("radius: 0.2 part", f"radius: {radius} part",
-           f"10:11: error: radius {float(radius):g}; expected one or two > 0, {LENGTHS}")
-          for radius in ("-1", "1e200", "12")),
-        ("y: 0.5", "y: 20", f"8:10: error: offset 0, 20, 0; expected lengths {LENGTHS}"),
-        ("y: 0.5", "y: nan", f"8:10: error: offset 0, nan, 0; expected lengths {LENGTHS}"),
-        ('joint: "tip" axes: "tip"', 'joint: "end" axes: "root"',
-         "9:10: error: joint 'end' has two offsets along 'root'"),
-        ("radius: 0.2 part", "part", "10:11: error: missing required field 'radius' in capsule"),
-        ('parent: "end"', 'parent: "ned"', "7:23: error: unknown parent 'ned' (did you mean 'end'?)"),
-        (FLESH, "flesh { }", "5:7: error: no capsule and no wedge in the flesh"),
-    )
-} | {"no flesh": ((FLESH, ""), NetlibError, "skeleton 'arm' has no flesh { ... }; expected capsules around its bones")},
+@bad_inputs(
+    PrototxtError,
+    {
+        f"{old} -> {new}": ((old, new), f"body.prototxt:{line}")
+        for old, new, line in (
+            (
+                'from: "root"',
+                'from: "rot"',
+                "10:13: error: unknown joint 'rot' (did you mean 'root'?)",
+            ),
+            (
+                'offset { joint: "tip"',
+                'offset { joint: "tp"',
+                "9:12: error: unknown joint 'tp' (did you mean 'tip'?)",
+            ),
+            (
+                'axes: "root"',
+                'axes: "rooot"',
+                "8:25: error: unknown joint 'rooot' (did you mean 'root'?)",
+            ),
+            (
+                "flesh {",
+                'flesh { wedge { joint: "root" joint: "end" radius: 1 }',
+                "5:15: error: joints root, end; expected three different ones",
+            ),
+            (
+                "flesh {",
+                'flesh { wedge { joint: "root" joint: "end" joint: "end" radius: 1 }',
+                "5:15: error: joints root, end, end; expected three different ones",
+            ),
+            (
+                "flesh {",
+                'flesh { wedge { joint: "root" joint: "end" joint: "tip" radius: 1 radius: 2 }',
+                f"5:15: error: radius 1, 2; expected one or three > 0, {LENGTHS}",
+            ),
+            (
+                "flesh {",
+                'flesh { wedge { joint: "root" joint: "end" joint: "tap" radius: 1 }',
+                "5:17: error: unknown joint 'tap' (did you mean 'tip'?)",
+            ),
+            *(
+                (
+                    "radius: 0.2 part",
+                    f"radius: {radius} part",
+                    f"10:11: error: radius {float(radius):g}; expected one or two > 0, {LENGTHS}",
+                )
+                for radius in ("-1", "1e200", "12")
+            ),
+            ("y: 0.5", "y: 20", f"8:10: error: offset 0, 20, 0; expected lengths {LENGTHS}"),
+            ("y: 0.5", "y: nan", f"8:10: error: offset 0, nan, 0; expected lengths {LENGTHS}"),
+            (
+                'joint: "tip" axes: "tip"',
+                'joint: "end" axes: "root"',
+                "9:10: error: joint 'end' has two offsets along 'root'",
+            ),
+            (
+                "radius: 0.2 part",
+                "part",
+                "10:11: error: missing required field 'radius' in capsule",
+            ),
+            (
+                'parent: "end"',
+                'parent: "ned"',
+                "7:23: error: unknown parent 'ned' (did you mean 'end'?)",
+            ),
+            (FLESH, "flesh { }", "5:7: error: no capsule and no wedge in the flesh"),
+        )
+    }
+    | {
+        "no flesh": (
+            (FLESH, ""),
+            NetlibError,
+            "skeleton 'arm' has no flesh { ... }; expected capsules around its bones",
+        )
+    },
 )
 def test_mistakes(given: tuple[str, str], rejected: Any) -> None:
     assert ARM.count(given[0]) == 1

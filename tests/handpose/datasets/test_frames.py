@@ -18,16 +18,35 @@ from tests.support.hdf5_files import write_hdf5
 def made(n: int, dof: np.ndarray | None = None) -> Frames:
     """``n`` frames with two joints, some of them outside the cube."""
     rng = np.random.default_rng(0)
-    joints, uvd = rng.normal(size=(n, 2, 3)), np.array([320.0, 240.0, 700.0]) + rng.normal(size=(n, 3))
+    joints, uvd = (
+        rng.normal(size=(n, 2, 3)),
+        np.array([320.0, 240.0, 700.0]) + rng.normal(size=(n, 3)),
+    )
     return Frames.of(np.zeros((n, 128, 128)), joints, uvd, NYU, 150.0, np.arange(n), dof)
 
 
-@pytest.mark.parametrize(("n", "dof"), [(3, None), (3, np.ones((3, 5))), (0, None), (0, np.ones((0, 5)))])
+@pytest.mark.parametrize(
+    ("n", "dof"), [(3, None), (3, np.ones((3, 5))), (0, None), (0, np.ones((0, 5)))]
+)
 def test_columns(n: int, dof: np.ndarray | None) -> None:
     """Arrays have the shapes and types of the files, also for 0 frames."""
     arrays = made(n, dof).arrays()
-    shapes = {"depth": (1, 128, 128), "joint": (6,), "dof": (5,), "center": (3,), "center_uvd": (3,)}
-    names = ["depth", "joint", *(["dof"] if dof is not None else []), "center", "center_uvd", "index", "half_cube"]
+    shapes = {
+        "depth": (1, 128, 128),
+        "joint": (6,),
+        "dof": (5,),
+        "center": (3,),
+        "center_uvd": (3,),
+    }
+    names = [
+        "depth",
+        "joint",
+        *(["dof"] if dof is not None else []),
+        "center",
+        "center_uvd",
+        "index",
+        "half_cube",
+    ]
     assert list(arrays) == names
     for name, array in arrays.items():
         assert array.shape == (n, *shapes.get(name, ())), name
@@ -49,7 +68,8 @@ def test_all_columns_are_documented() -> None:
 
 
 @pytest.mark.parametrize(
-    ("total", "count", "numbers"), [(10, 4, [0, 3, 6, 9]), (3, 8, [0, 1, 2]), (5, 1, [0]), (0, 3, [])]
+    ("total", "count", "numbers"),
+    [(10, 4, [0, 3, 6, 9]), (3, 8, [0, 1, 2]), (5, 1, [0]), (0, 3, [])],
 )
 def test_spread(total: int, count: int, numbers: list[int]) -> None:
     """The first and the last number are included, and no number occurs twice."""

@@ -21,7 +21,10 @@ needs_real = pytest.mark.skipif(not DATA.is_dir(), reason="needs ICVL's annotati
 # For each joint, the one or two joints of the model's 31 in whose middle it is. A "tip" of ICVL lies in the last
 # phalanx: along NYU's fingers, scaled to ICVL's, it is the DIP point, and not the tip.
 MODEL_JOINTS: dict[str, tuple[str, ...]] = {
-    "palm": ("palm",), "thumb_root": ("thumb_pip",), "thumb_mid": ("thumb_dip",), "thumb_tip": ("thumb_tip",),
+    "palm": ("palm",),
+    "thumb_root": ("thumb_pip",),
+    "thumb_mid": ("thumb_dip",),
+    "thumb_tip": ("thumb_tip",),
 }
 for _finger in icvl.FINGERS[1:]:
     MODEL_JOINTS[f"{_finger}_root"] = (f"{_finger}_base",)
@@ -43,7 +46,10 @@ def mm(name: str) -> np.ndarray:
 def among_model_joints(joints: np.ndarray) -> np.ndarray:
     """The 16 joints (N, 16, 3) taken from NYU's 31 (N, 31, 3)."""
     name = skeleton.load().joint_names.index
-    return np.stack([joints[:, [name(j) for j in MODEL_JOINTS[own]]].mean(axis=1) for own in icvl.JOINTS], axis=1)
+    return np.stack(
+        [joints[:, [name(j) for j in MODEL_JOINTS[own]]].mean(axis=1) for own in icvl.JOINTS],
+        axis=1,
+    )
 
 
 def test_joints(hand: Skeleton) -> None:
@@ -65,7 +71,9 @@ def test_it_is_the_nyu_hand_in_a_mirror(hand: Skeleton) -> None:
     for own, length in zip(hand.joint_names, hand.bones):
         if own != "palm":
             like = MODEL_JOINTS.get(own, (own,))
-            bones[nyu.joint_names.index(like[0])] = np.sign(nyu.bones[nyu.joint_names.index(like[0])]) * abs(length)
+            bones[nyu.joint_names.index(like[0])] = np.sign(
+                nyu.bones[nyu.joint_names.index(like[0])]
+            ) * abs(length)
             for other in like[1:]:  # the second of NYU's two points falls on the first
                 bones[nyu.joint_names.index(other)] = 0
     same = inputs.copy()
@@ -101,12 +109,21 @@ def test_bones(hand: Skeleton) -> None:
     published = mm("predictions/IJCAI16_ICVL_DeepModel.txt")
     nyu = among_model_joints(kinematics_of(skeleton.load()).joints(np.zeros((1, 47)))) * 150
     ends = [j for j, name in enumerate(icvl.JOINTS) if name.endswith(("_mid", "_tip"))]
-    lengths, of_nyu = ({j: np.linalg.norm(joints[:, j] - joints[:, j - 1], axis=1) for j in ends}
-                       for joints in (published, nyu))
+    lengths, of_nyu = (
+        {j: np.linalg.norm(joints[:, j] - joints[:, j - 1], axis=1) for j in ends}
+        for joints in (published, nyu)
+    )
     for j, length in lengths.items():
         assert abs(hand.bones[j]) * icvl.CUBE_MM / 2 == pytest.approx(length.mean(), rel=0.03)
         assert length.std() / length.mean() < 0.03
-    for name, documented, nyus in (("thumb_mid", 32.3, 46.1), ("thumb_tip", 17.0, 23.7), ("index_mid", 29.3, 33.1)):
+    for name, documented, nyus in (
+        ("thumb_mid", 32.3, 46.1),
+        ("thumb_tip", 17.0, 23.7),
+        ("index_mid", 29.3, 33.1),
+    ):
         j = icvl.JOINTS.index(name)
-        assert lengths[j].mean() == pytest.approx(documented, abs=0.05) and 0.2 < lengths[j].std() < 0.4
+        assert (
+            lengths[j].mean() == pytest.approx(documented, abs=0.05)
+            and 0.2 < lengths[j].std() < 0.4
+        )
         assert of_nyu[j][0] == pytest.approx(nyus, abs=0.06)

@@ -21,19 +21,31 @@ def test_labels_of_two_sequences(tmp_path: Path) -> None:
     line = " ".join(f"{value:.3f}" for value in joints)
     for n, path in ((1, "a/image_0000.png"), (2, "/b\\image_0007.png")):
         (tmp_path / f"test_seq_{n}.txt").write_text(f"{path} {line} \n\n")
-    files, uvd = icvl_files.read_annotation([tmp_path / "test_seq_1.txt", tmp_path / "test_seq_2.txt"])
+    files, uvd = icvl_files.read_annotation(
+        [tmp_path / "test_seq_1.txt", tmp_path / "test_seq_2.txt"]
+    )
     assert files == [tmp_path / "Depth/a/image_0000.png", tmp_path / "Depth/b/image_0007.png"]
     np.testing.assert_array_equal(uvd, np.stack([joints.reshape(16, 3)] * 2))
 
 
-@bad_inputs(DataError, {
-    "three values": ("a.png 1 2 3\n",
-                     "...labels.txt:1: found 3 values after the path, expected 48 numbers, u v d of 16 joints"),
-    "text": ("a.png " + "60 " * 48 + "\nb.png " + "x " * 48,
-             "...labels.txt:2: found something that is not a number..."),
-    "empty": ("", "...: no labels in it..."),
-    "x y z": ("a.png " + "-300.5 " * 48, "...the palm is mostly at -300.5 -300.5 -300.5, expected u v d..."),
-})
+@bad_inputs(
+    DataError,
+    {
+        "three values": (
+            "a.png 1 2 3\n",
+            "...labels.txt:1: found 3 values after the path, expected 48 numbers, u v d of 16 joints",
+        ),
+        "text": (
+            "a.png " + "60 " * 48 + "\nb.png " + "x " * 48,
+            "...labels.txt:2: found something that is not a number...",
+        ),
+        "empty": ("", "...: no labels in it..."),
+        "x y z": (
+            "a.png " + "-300.5 " * 48,
+            "...the palm is mostly at -300.5 -300.5 -300.5, expected u v d...",
+        ),
+    },
+)
 def test_broken_labels(tmp_path: Path, given: str, rejected: Any) -> None:
     (tmp_path / "labels.txt").write_text(given)
     with rejected:
@@ -67,7 +79,9 @@ def test_a_small_copy(copy: Path) -> None:
     assert flaws(copy, "train") == [(f"{copy}/Training/labels.txt: {whole}", False)]
     whole = "4 labelled frames, the whole test set has 702 + 894"
     assert flaws(copy) == [(f"{copy}/Testing: {whole}", False)]
-    assert icvl_files.check_split(copy, "test")[0] == [f"{copy}/Testing: 4 labelled frames, 4 of their depth frames"]
+    assert icvl_files.check_split(copy, "test")[0] == [
+        f"{copy}/Testing: 4 labelled frames, 4 of their depth frames"
+    ]
 
 
 def test_what_is_missing(copy: Path) -> None:
@@ -86,8 +100,13 @@ def test_what_is_missing(copy: Path) -> None:
     (first.parent / "rgb.png").touch()
     assert flaws(copy)[1][0].endswith("; found rgb.png")
     (copy / "Testing" / "test_seq_1.txt").unlink()
-    assert flaws(copy) == [(f"{copy}/Testing/test_seq_1.txt: no such file; it holds the joints, and comes with the "
-                            "folder Depth", True)]
+    assert flaws(copy) == [
+        (
+            f"{copy}/Testing/test_seq_1.txt: no such file; it holds the joints, and comes with the "
+            "folder Depth",
+            True,
+        )
+    ]
     shutil.rmtree(copy / "Testing")
     line = "no folder 'Testing', which holds test_seq_1.txt and Depth; found Training"
     assert flaws(copy) == [(f"{copy}: {line}", True)]

@@ -32,7 +32,9 @@ def test_joints(tmp_path, shape, dtype):
 @pytest.mark.parametrize("shape", [(4,), (4, 1)])
 def test_half_cubes(tmp_path, shape):
     """There is one half-cube per frame, from the labels and from an open file alike."""
-    path = write_hdf5(tmp_path / "a.h5", joint=ROWS, half_cube=np.arange(100, 104, dtype="i2").reshape(shape))
+    path = write_hdf5(
+        tmp_path / "a.h5", joint=ROWS, half_cube=np.arange(100, 104, dtype="i2").reshape(shape)
+    )
     for found in (labels.read(path, 2).half_cube, labels.read_half_cubes(File(path, ("joint",)))):
         assert found.dtype == np.float64 and found.tolist() == [100, 101, 102, 103]
 
@@ -48,7 +50,14 @@ def test_what_a_file_need_not_have(tmp_path):
 
 
 def test_joints_that_are_not_seen(tmp_path):
-    joints = np.array([[0.5, -0.5, 0, 0.9, -0.9, 0], [0, 0, 1, 0, -1, 0], [0, 0, 0, np.nan, 0, 0], [0, 2, 0, 0, 0, 0]])
+    joints = np.array(
+        [
+            [0.5, -0.5, 0, 0.9, -0.9, 0],
+            [0, 0, 1, 0, -1, 0],
+            [0, 0, 0, np.nan, 0, 0],
+            [0, 2, 0, 0, 0, 0],
+        ]
+    )
     found = labels.read(write_hdf5(tmp_path / "a.h5", joint=joints), 2)
     assert np.array_equal(found.joints.reshape(4, 6), joints, equal_nan=True)
     assert found.seen.tolist() == [[True, True], [False, False], [True, False], [False, True]]
@@ -60,32 +69,66 @@ def test_joints_that_are_not_seen(tmp_path):
 JOINTS = "(N, 6) for 2 joints"
 
 
-@bad_inputs(DataError, {
-    line: (arrays, f"...a.h5: {line}") for arrays, line in (
-        ({"other": np.zeros(2)}, "no data set 'joint'; it has other"),
-        ({"joint": np.array([b"a", b"b"])}, "data set '/joint' holds |S1, expected numbers"),
-        *(({"joint": np.zeros(shape)}, f"data set 'joint' has shape {shape}, expected {JOINTS}")
-          for shape in ((6,), (4, 7), (4, 12), (4, 3, 2))),
-        ({"joint": at(ROWS, -np.inf, [2, 3])}, "data set 'joint' is infinite in frame 2 (2 such frames), expected ..."),
-        ({"half_cube": np.array([b"150"] * 4)}, "data set '/half_cube' holds |S3, expected numbers"),
-        *(({"half_cube": np.ones(shape)}, f"data set 'half_cube' has shape {shape}, expected (4,): mm, one ...")
-          for shape in ((3,), (4, 3))),
-        *(({"half_cube": at(np.full(4, 150.0), value)},
-           f"data set 'half_cube' is {value:g} in frame 1 (1 such frames), expected mm, 25 to ...")
-          for value in (0, np.nan, np.inf)),
-        *(({"half_cube": np.full(4, value)}, f"data set 'half_cube' is {value} in frame 0 (4 such frames), ...")
-          for value in (0.15, -1)))
-})
+@bad_inputs(
+    DataError,
+    {
+        line: (arrays, f"...a.h5: {line}")
+        for arrays, line in (
+            ({"other": np.zeros(2)}, "no data set 'joint'; it has other"),
+            ({"joint": np.array([b"a", b"b"])}, "data set '/joint' holds |S1, expected numbers"),
+            *(
+                (
+                    {"joint": np.zeros(shape)},
+                    f"data set 'joint' has shape {shape}, expected {JOINTS}",
+                )
+                for shape in ((6,), (4, 7), (4, 12), (4, 3, 2))
+            ),
+            (
+                {"joint": at(ROWS, -np.inf, [2, 3])},
+                "data set 'joint' is infinite in frame 2 (2 such frames), expected ...",
+            ),
+            (
+                {"half_cube": np.array([b"150"] * 4)},
+                "data set '/half_cube' holds |S3, expected numbers",
+            ),
+            *(
+                (
+                    {"half_cube": np.ones(shape)},
+                    f"data set 'half_cube' has shape {shape}, expected (4,): mm, one ...",
+                )
+                for shape in ((3,), (4, 3))
+            ),
+            *(
+                (
+                    {"half_cube": at(np.full(4, 150.0), value)},
+                    f"data set 'half_cube' is {value:g} in frame 1 (1 such frames), expected mm, 25 to ...",
+                )
+                for value in (0, np.nan, np.inf)
+            ),
+            *(
+                (
+                    {"half_cube": np.full(4, value)},
+                    f"data set 'half_cube' is {value} in frame 0 (4 such frames), ...",
+                )
+                for value in (0.15, -1)
+            ),
+        )
+    },
+)
 def test_labels_with_something_wrong_in_them(tmp_path, given, rejected):
     """The error names the file, the data set, what was found and what was expected, on one line."""
-    path = write_hdf5(tmp_path / "a.h5", **({"joint": ROWS} if "half_cube" in given else {}), **given)
+    path = write_hdf5(
+        tmp_path / "a.h5", **({"joint": ROWS} if "half_cube" in given else {}), **given
+    )
     with rejected:
         labels.read(path, 2)
 
 
 def centers_in(path, uvd, xyz):
     """The crop centres of a file that has these."""
-    return labels.read_crop_centers([File(write_hdf5(path, joint=ROWS, center_uvd=uvd, center=xyz), ("joint",))])
+    return labels.read_crop_centers(
+        [File(write_hdf5(path, joint=ROWS, center_uvd=uvd, center=xyz), ("joint",))]
+    )
 
 
 @pytest.mark.parametrize("name", CAMERAS)
@@ -96,11 +139,15 @@ def test_the_camera_of_one_frame(tmp_path, name):
     assert camera == CAMERAS[name] and np.allclose(found, uvd)
 
 
-@pytest.mark.parametrize(("camera", "by"), [(NYU, 0.0), (Camera("mine", 500.0, 510.0, 333.0, 222.0, 666, 444), 50.0)])
+@pytest.mark.parametrize(
+    ("camera", "by"), [(NYU, 0.0), (Camera("mine", 500.0, 510.0, 333.0, 222.0, 666, 444), 50.0)]
+)
 def test_centers_that_tell_no_camera(tmp_path, camera, by):
     """On the optical axis all cameras agree; an unknown camera, and several, are refused."""
     uvd = np.tile([camera.u0 + by, camera.v0 + by, 700.0], (4, 1))
-    with pytest.raises(DataError, match=r"a\.h5: its crop centres in px and in mm fit none of the cameras nyu, "):
+    with pytest.raises(
+        DataError, match=r"a\.h5: its crop centres in px and in mm fit none of the cameras nyu, "
+    ):
         centers_in(tmp_path / "a.h5", uvd, camera.unproject(uvd))
 
 
@@ -108,5 +155,7 @@ def test_centers_that_tell_no_camera(tmp_path, camera, by):
 def test_centers_that_are_nowhere(tmp_path, value):
     """Centres that are not finite, or not in front of the camera, raise an error of one line."""
     uvd = np.array([[200.0, 100, 700], [400, 90, 600], [300, 300, 500], [500, 200, 800]])
-    with pytest.raises(DataError, match=r"a\.h5: crop centres that are not finite, or not before the camera"):
+    with pytest.raises(
+        DataError, match=r"a\.h5: crop centres that are not finite, or not before the camera"
+    ):
         centers_in(tmp_path / "a.h5", uvd, at(NYU.unproject(uvd), value, (2, 2)))

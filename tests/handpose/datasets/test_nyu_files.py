@@ -31,7 +31,10 @@ def test_depth_is_unpacked(tmp_path: Path) -> None:
 def test_a_grey_image(tmp_path: Path) -> None:
     """A grey image raises an error, because the depth is in two channels of a colour image."""
     cv2.imwrite(str(tmp_path / "grey.png"), np.zeros((2, 2), dtype=np.uint16))
-    with pytest.raises(DataError, match=r"grey\.png: wrong size or type of image \(found uint16 of shape \(2, 2\), "):
+    with pytest.raises(
+        DataError,
+        match=r"grey\.png: wrong size or type of image \(found uint16 of shape \(2, 2\), ",
+    ):
         nyu_files.read_nyu_depth(tmp_path / "grey.png")
 
 
@@ -51,8 +54,10 @@ def write(folder: Path, count: int) -> Path:
 def test_another_number_of_frames(tmp_path: Path, count: int, fatal: bool) -> None:
     path = write(tmp_path / "test", count)
     missing = f"{count - 1} of {count} depth frames are missing, the first is {path.with_name('depth_1_0000002.png')}"
-    assert flaws(tmp_path) == [(f"{path}: {count} labelled frames, the whole test set has 8252", fatal),
-                               (f"{path.parent}: {missing}", False)]
+    assert flaws(tmp_path) == [
+        (f"{path}: {count} labelled frames, the whole test set has 8252", fatal),
+        (f"{path.parent}: {missing}", False),
+    ]
 
 
 def test_something_else_than_the_data_set(tmp_path: Path) -> None:
@@ -68,18 +73,37 @@ def write_matlab(path: Path, version: str = "5", **variables: np.ndarray) -> Non
     scipy.io.savemat(path, variables, format=version)
 
 
-@pytest.mark.parametrize(("damage", "reported"), [
-    (lambda path: path.unlink(), "no such file; it holds the joints"),
-    (lambda path: path.write_bytes(path.read_bytes()[:-1000]), "not a readable MATLAB file, perhaps truncated"),
-    (lambda path: path.write_text("u v d " * 100), "not a readable MATLAB file"),
-    (lambda path: write_matlab(path, "4", joint_uvd=UVD[:20][0], joint_xyz=XYZ[0]),
-     "version 4, or none; expected version 5"),
-    (lambda path: write_matlab(path, pred_joint_uvconf=XYZ[None]), "no variable 'joint_uvd'; it has pred_joint_uvconf"),
-    (lambda path: write_matlab(path, joint_uvd=UVD[:20][None, :, :14], joint_xyz=XYZ[None, :, :14]),
-     "(1, 20, 14, 3), expected numbers (cameras, frames, 36, 3)"),
-    (lambda path: write_matlab(path, joint_uvd=UVD[:20][None], joint_xyz=XYZ[None] * (1, -1, 1)),
-     "joint_xyz is not where joint_uvd is, off by x 0, "),
-])
+@pytest.mark.parametrize(
+    ("damage", "reported"),
+    [
+        (lambda path: path.unlink(), "no such file; it holds the joints"),
+        (
+            lambda path: path.write_bytes(path.read_bytes()[:-1000]),
+            "not a readable MATLAB file, perhaps truncated",
+        ),
+        (lambda path: path.write_text("u v d " * 100), "not a readable MATLAB file"),
+        (
+            lambda path: write_matlab(path, "4", joint_uvd=UVD[:20][0], joint_xyz=XYZ[0]),
+            "version 4, or none; expected version 5",
+        ),
+        (
+            lambda path: write_matlab(path, pred_joint_uvconf=XYZ[None]),
+            "no variable 'joint_uvd'; it has pred_joint_uvconf",
+        ),
+        (
+            lambda path: write_matlab(
+                path, joint_uvd=UVD[:20][None, :, :14], joint_xyz=XYZ[None, :, :14]
+            ),
+            "(1, 20, 14, 3), expected numbers (cameras, frames, 36, 3)",
+        ),
+        (
+            lambda path: write_matlab(
+                path, joint_uvd=UVD[:20][None], joint_xyz=XYZ[None] * (1, -1, 1)
+            ),
+            "joint_xyz is not where joint_uvd is, off by x 0, ",
+        ),
+    ],
+)
 def test_damaged_labels(tmp_path: Path, damage: Callable[[Path], object], reported: str) -> None:
     path = write(tmp_path / "test", 20)
     damage(path)

@@ -11,7 +11,12 @@ import pytest
 
 from handpose.body.nyu import TEST_FRAMES
 from handpose.datasets import nyu_files, parts
-from handpose.datasets.published_frames import PreparedSplit, PublishedFrames, read_centers, statistics
+from handpose.datasets.published_frames import (
+    PreparedSplit,
+    PublishedFrames,
+    read_centers,
+    statistics,
+)
 from handpose.frames import images
 from handpose.frames.cameras import NYU
 from handpose.frames.images import MISSING, BadFrameError
@@ -55,7 +60,11 @@ def test_crops() -> None:
     ):
         found, bad = frames(**changes).crops(0, 2)
         assert [(i, error.kind) for i, error in bad] == [(0, kind), (1, kind)]
-        assert len(found) == 0 and found.depth.shape == (0, 1, 128, 128) and found.joint.shape == (0, 12)
+        assert (
+            len(found) == 0
+            and found.depth.shape == (0, 1, 128, 128)
+            and found.joint.shape == (0, 12)
+        )
 
 
 def test_recipe(tmp_path: Path) -> None:
@@ -70,21 +79,31 @@ def test_recipe(tmp_path: Path) -> None:
         frames(centre="elsewhere"),
         frames(files=[some, Path("1.png")]),
     ]
-    found = [frames().recipe(0, 2), first, frames().recipe(0, 1), *(other.recipe(0, 2) for other in others)]
+    found = [
+        frames().recipe(0, 2),
+        first,
+        frames().recipe(0, 1),
+        *(other.recipe(0, 2) for other in others),
+    ]
     assert len({json.dumps(recipe) for recipe in found}) == 7
 
 
 def test_a_file_of_centres(tmp_path: Path) -> None:
     (tmp_path / "centers.txt").write_text("0 1 2\n3, 4, 5\n")
-    np.testing.assert_array_equal(read_centers(tmp_path / "centers.txt", 2), np.arange(6.0).reshape(2, 3))
+    np.testing.assert_array_equal(
+        read_centers(tmp_path / "centers.txt", 2), np.arange(6.0).reshape(2, 3)
+    )
 
 
-@bad_inputs(DataError, {
-    "1 2\n3 4\n": "...centers.txt: found centres of shape (2, 2), expected (2, 3)...",
-    "1 2 3\n3 4\n": "...centers.txt: cannot read the centres: ...at row 2...; expected u v d for ...",
-    "u v d\n": "...centers.txt: cannot read the centres: could not convert string 'u' ...",
-    "1 2 3\n": "...expected (2, 3)...",
-})
+@bad_inputs(
+    DataError,
+    {
+        "1 2\n3 4\n": "...centers.txt: found centres of shape (2, 2), expected (2, 3)...",
+        "1 2 3\n3 4\n": "...centers.txt: cannot read the centres: ...at row 2...; expected u v d for ...",
+        "u v d\n": "...centers.txt: cannot read the centres: could not convert string 'u' ...",
+        "1 2 3\n": "...expected (2, 3)...",
+    },
+)
 def test_wrong_centres(tmp_path: Path, given: str, rejected: Any) -> None:
     (tmp_path / "centers.txt").write_text(given)
     with rejected:
@@ -114,8 +133,13 @@ def split_of(folder: Path, bad: range, count: int = 7) -> PublishedFrames:
             raise BadFrameError(path, MISSING)
         return np.full((NYU.height, NYU.width), 780.0)
 
-    return frames(files=[folder / f"{i}.png" for i in range(count)], center_uvd=np.tile([320.0, 240, 800], (count, 1)),
-                  joints=np.zeros((count, 4, 3)) + (0, 0, 800), cube_mm=np.full(count, 300.0), read=read)
+    return frames(
+        files=[folder / f"{i}.png" for i in range(count)],
+        center_uvd=np.tile([320.0, 240, 800], (count, 1)),
+        joints=np.zeros((count, 4, 3)) + (0, 0, 800),
+        cube_mm=np.full(count, 300.0),
+        read=read,
+    )
 
 
 @pytest.fixture
@@ -135,7 +159,9 @@ def test_bad_frames_are_named_and_left_out(tmp_path: Path) -> None:
         split.write_list()
         assert (split.index, split.made) == ([0, 1, 6], missing)
         assert split.list.read_text() == f"{tmp_path}/test_000.h5\n{tmp_path}/test_002.h5\n"
-        assert [line[:8] for line in split.bad.read_text().splitlines()] == [f"frame {i}:" for i in range(2, 6)]
+        assert [line[:8] for line in split.bad.read_text().splitlines()] == [
+            f"frame {i}:" for i in range(2, 6)
+        ]
         reports.append(split.report())
     assert reports[0] == reports[1]
     assert reports[0].startswith(

@@ -50,7 +50,9 @@ def fits(predictor: Predictor, scene: Scene, count: int, **options: Any) -> Dept
     return fit_crops(predictor.net, predictor.fitter, hands, FAST, **options)
 
 
-def test_blocks_change_nothing(predictor: Predictor, scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_blocks_change_nothing(
+    predictor: Predictor, scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Ten crops at once or four at a time give the same fits to rounding, which may lead a few fits to other minima."""
     whole = fits(predictor, scene, 10)
     monkeypatch.setattr("handpose.estimate.estimator.MAX_CROPS", 4)
@@ -94,7 +96,9 @@ def test_of_a_net_with_sizes(net: Net, model: CapsuleModel) -> None:
     (x,) = fit_starts(net, model, crops(2), (0,))
     assert x.shape == (2, model.variables) and best_fit(net) == "accurate"
     np.testing.assert_allclose(np.exp(x[:, SIZE]), 0.9, atol=0.003)
-    np.testing.assert_allclose(model.joints(x)[0] / 150, net.blobs["pred"].data[0].reshape(31, 3), atol=0.02)
+    np.testing.assert_allclose(
+        model.joints(x)[0] / 150, net.blobs["pred"].data[0].reshape(31, 3), atol=0.02
+    )
 
 
 def test_moved_to_the_joints(net: Net, model: CapsuleModel) -> None:

@@ -24,8 +24,13 @@ def fitted(model: CapsuleModel, side: Side, cost: float = 2.5) -> Hand:
     x = np.random.default_rng(0).uniform(0, 0.4, (1, model.variables))
     x[0, SIZE], x[0, THICKNESS] = np.log([0.95, 1.1])
     fit = DepthFit(
-        joints=model.joints(x), network=model.joints(x) + 4, cost=np.array([cost]), uncertainty=np.array([3.5]), x=x,
-        signs=np.array([[1.0, 2, 3, 4, 5]]), start=np.zeros(1, int),
+        joints=model.joints(x),
+        network=model.joints(x) + 4,
+        cost=np.array([cost]),
+        uncertainty=np.array([3.5]),
+        x=x,
+        signs=np.array([[1.0, 2, 3, 4, 5]]),
+        start=np.zeros(1, int),
     )
     return Hand(side, CROP, CENTER, 300.0, NYU, fit.network[0] * mirror_of(side), fit, model)
 
@@ -43,7 +48,14 @@ def test_a_hand_in_three_units() -> None:
 def test_without_a_fit() -> None:
     """The network alone says nothing of errors and sizes: all values of a fit are NaN."""
     found = Hand("right", CROP, CENTER, 300.0, NYU, np.zeros((31, 3)))
-    values = [found.confidence, found.error_mm, found.uncertainty, found.cost, found.size, found.selection_cost]
+    values = [
+        found.confidence,
+        found.error_mm,
+        found.uncertainty,
+        found.cost,
+        found.size,
+        found.selection_cost,
+    ]
     assert np.isnan(values).all()
     with pytest.raises(AssertionError):
         found.capsules()
@@ -65,7 +77,9 @@ def test_a_left_hand_is_mirrored_back(model: CapsuleModel, side: Side) -> None:
     np.testing.assert_allclose(found.joints_mm, right.joints_mm * mirror)
     np.testing.assert_allclose(found.network_mm, right.network_mm * mirror)
     np.testing.assert_allclose(found.capsules().a, right.capsules().a * mirror)
-    np.testing.assert_allclose(found.capsules(in_space=True).a, found.capsules().a + found.center_mm, atol=1e-6)
+    np.testing.assert_allclose(
+        found.capsules(in_space=True).a, found.capsules().a + found.center_mm, atol=1e-6
+    )
     np.testing.assert_allclose(found.body.others, right.body.others)
     moved = found.body.place - found.mirrored_center_mm
     np.testing.assert_allclose(moved, right.body.place - right.center_mm, atol=1e-9)
@@ -92,11 +106,15 @@ def test_the_side_lowers_the_confidence(model: CapsuleModel, cost: float, chance
     doubtful = as_one_side(replace(alone, other=other))
     assert doubtful.confidence == pytest.approx(chance * alone.confidence)
     apart = np.linalg.norm(alone.xyz - other.xyz, axis=1).mean()
-    assert doubtful.error_mm == pytest.approx(chance * alone.error_mm + (1 - chance) * max(apart, alone.error_mm))
+    assert doubtful.error_mm == pytest.approx(
+        chance * alone.error_mm + (1 - chance) * max(apart, alone.error_mm)
+    )
     assert model.fingers is not None
     own, others = model.fingers.joints(np.stack([alone.xyz, other.xyz]))
     apart = np.maximum(np.linalg.norm(own - others, axis=2).mean(axis=1), alone.finger_error_mm)
-    np.testing.assert_allclose(doubtful.finger_error_mm, chance * alone.finger_error_mm + (1 - chance) * apart)
+    np.testing.assert_allclose(
+        doubtful.finger_error_mm, chance * alone.finger_error_mm + (1 - chance) * apart
+    )
 
 
 def test_a_crop_alone_shows_what_its_frame_shows(model: CapsuleModel) -> None:

@@ -48,16 +48,25 @@ class TrueNet:
         votes = np.where(hand[..., None], palms[owner] - points, 0) / VOTE_MM
         one = np.stack([~hand, hand, 0 * hand])[:, ::2, ::2]
         right = np.where(owner == 0, 0.95, 0.1)[::4, ::4]
-        self.answers = {"class": one, "presence": presence[None], "votes": np.moveaxis(votes[::4, ::4], -1, 0),
-                        "right": right[None]}
-        self.answers = {name: values[None].astype(np.float32) for name, values in (self.answers | changed).items()}
+        self.answers = {
+            "class": one,
+            "presence": presence[None],
+            "votes": np.moveaxis(votes[::4, ::4], -1, 0),
+            "right": right[None],
+        }
+        self.answers = {
+            name: values[None].astype(np.float32)
+            for name, values in (self.answers | changed).items()
+        }
         self.blobs: dict[str, Any] = {"frame": np.zeros((1, 4, 128, 160)), **self.answers}
 
     def forward(self, blobs: list[str], frame: np.ndarray) -> dict[str, np.ndarray]:
         return self.answers
 
 
-def found_in(depth: np.ndarray, camera: Camera = CAMERA, most: int = 4, **changed: np.ndarray) -> list[FoundHand]:
+def found_in(
+    depth: np.ndarray, camera: Camera = CAMERA, most: int = 4, **changed: np.ndarray
+) -> list[FoundHand]:
     return Finder(TrueNet(**changed)).hands(depth, camera, most=most)  # type: ignore[arg-type]
 
 
@@ -86,7 +95,10 @@ def test_the_packaged_net_sees_frames_padded_to_its_stride() -> None:
     finder = load_finder()
     camera = replace(CAMERA, fx=320.0, fy=300.0, width=150, height=100)
     found = finder.hands(np.full((100, 150), 600, np.uint16), camera, min_presence=0.0)
-    assert finder.net.blobs["frame"].shape == (1, 4, 64, 96) and finder.net.blobs["frame"].data[0, 0].sum() == 53 * 75
+    assert (
+        finder.net.blobs["frame"].shape == (1, 4, 64, 96)
+        and finder.net.blobs["frame"].data[0, 0].sum() == 53 * 75
+    )
     assert found and all(hand.mask.shape == (100, 150) for hand in found)
 
 
@@ -98,7 +110,10 @@ def test_nothing_is_found_where_nothing_was_read() -> None:
 
 
 def test_a_side_may_be_unknown() -> None:
-    assert [hand.side for hand in found_in(frame(), right=np.full((1, 32, 40), 0.6))] == [None, None]
+    assert [hand.side for hand in found_in(frame(), right=np.full((1, 32, 40), 0.6))] == [
+        None,
+        None,
+    ]
 
 
 def test_readings_nearer_than_the_camera_measures_do_not_count() -> None:
@@ -123,7 +138,9 @@ def test_channels_of_a_slope() -> None:
 
 def test_the_net_sees_angles_whatever_the_camera() -> None:
     """A surface at 45 degrees across to the rays, by a camera with twice as many columns as rows an angle."""
-    camera = Camera("wide", 2 * CAMERA.fx, CAMERA.fy, 2 * CAMERA.u0, CAMERA.v0, 2 * CAMERA.width, CAMERA.height)
+    camera = Camera(
+        "wide", 2 * CAMERA.fx, CAMERA.fy, 2 * CAMERA.u0, CAMERA.v0, 2 * CAMERA.width, CAMERA.height
+    )
     across = 700 * np.exp((np.arange(camera.width) - camera.u0) / camera.fx)
     net, shown = TrueNet(), []
     net.forward = lambda blobs, frame: shown.append(frame) or net.answers  # type: ignore[method-assign]
@@ -137,7 +154,9 @@ def test_frames_and_answers_that_do_not_fit() -> None:
         found_in(frame()[:100])
     with pytest.raises(NetlibError, match="not finite"):
         found_in(frame(), presence=np.full((1, 32, 40), np.nan))
-    with pytest.raises(NetlibError, match=r"blob 'right' of shape \(2, 32, 40\) an item, expected \(1, 32, 40\)"):
+    with pytest.raises(
+        NetlibError, match=r"blob 'right' of shape \(2, 32, 40\) an item, expected \(1, 32, 40\)"
+    ):
         found_in(frame(), right=np.zeros((2, 32, 40)))
     net = TrueNet()
     del net.blobs["frame"]

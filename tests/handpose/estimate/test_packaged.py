@@ -50,7 +50,10 @@ def test_the_errors_of_the_packaged_network_are_known(model: CapsuleModel) -> No
     errors = read_errors(checked_content(read_card(SYNTHETIC_HAND)), model)
     assert errors.is_measured and errors.poses is not None
     assert 0.02 < np.sqrt(np.diag(errors.limbs)).mean() < 0.5
-    assert load_predictor().plan is PLANS["accurate"] and load_predictor(fit="no", hand="left").fitter is None
+    assert (
+        load_predictor().plan is PLANS["accurate"]
+        and load_predictor(fit="no", hand="left").fitter is None
+    )
 
 
 @pytest.mark.parametrize("load", [load_predictor, load_finder])
@@ -64,7 +67,9 @@ def test_weights_are_read_once(
     monkeypatch.setattr(h5py, "File", parsed)
     load()
     assert read.call_count == 1
-    assert parsed.call_count and all(isinstance(call.args[0], io.BytesIO) for call in parsed.call_args_list)
+    assert parsed.call_count and all(
+        isinstance(call.args[0], io.BytesIO) for call in parsed.call_args_list
+    )
 
 
 @pytest.fixture
@@ -81,16 +86,23 @@ def flipped(data: bytes) -> bytes:
 
 def with_code(data: bytes) -> bytes:
     """A net with a layer that would run a program."""
-    return data + b'layer { name: "p" type: "Python" python_param { module: "evil" layer: "Evil" } }\n'
+    return (
+        data + b'layer { name: "p" type: "Python" python_param { module: "evil" layer: "Evil" } }\n'
+    )
 
 
-@pytest.mark.parametrize(("name", "changed", "line"), [
-    ("synthetic_hand.caffemodel.h5", flipped, "SHA-256 .*the file is damaged"),
-    ("synthetic_hand.caffemodel.h5", None, "cannot read weights: No such file"),
-    ("deploy.prototxt", with_code, "SHA-256 .*the file is damaged"),
-    ("deploy.prototxt", None, "cannot read the net: No such file"),
-])
-def test_a_model_that_was_changed(copy: Path, name: str, changed: Callable[[bytes], bytes] | None, line: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "changed", "line"),
+    [
+        ("synthetic_hand.caffemodel.h5", flipped, "SHA-256 .*the file is damaged"),
+        ("synthetic_hand.caffemodel.h5", None, "cannot read weights: No such file"),
+        ("deploy.prototxt", with_code, "SHA-256 .*the file is damaged"),
+        ("deploy.prototxt", None, "cannot read the net: No such file"),
+    ],
+)
+def test_a_model_that_was_changed(
+    copy: Path, name: str, changed: Callable[[bytes], bytes] | None, line: str
+) -> None:
     """A changed or missing file raises an error before the net is run."""
     path = copy / name
     data = path.read_bytes()
@@ -109,13 +121,24 @@ def test_other_line_ends(copy: Path) -> None:
 FIELDS = "expected name, caffemodel, license, sha256, net_sha256"
 
 
-@bad_inputs(NetlibError, {
-    "missing": (None, "...readme.md: cannot read the model's card: No such file or directory"),
-    "no fields": ("# A model", "...readme.md: no front matter; expected lines 'key: value' between two lines '---'"),
-    "no weights": ("---\nname: x\n---\n", f"...readme.md: no 'caffemodel' in the front matter; {FIELDS}"),
-    "no license": ("---\nname: x\ncaffemodel: a\nlicense:\nsha256: 0\n---\n",
-                   f"...readme.md: no 'license' in the front matter; {FIELDS}"),
-})
+@bad_inputs(
+    NetlibError,
+    {
+        "missing": (None, "...readme.md: cannot read the model's card: No such file or directory"),
+        "no fields": (
+            "# A model",
+            "...readme.md: no front matter; expected lines 'key: value' between two lines '---'",
+        ),
+        "no weights": (
+            "---\nname: x\n---\n",
+            f"...readme.md: no 'caffemodel' in the front matter; {FIELDS}",
+        ),
+        "no license": (
+            "---\nname: x\ncaffemodel: a\nlicense:\nsha256: 0\n---\n",
+            f"...readme.md: no 'license' in the front matter; {FIELDS}",
+        ),
+    },
+)
 def test_cards_with_something_wrong(copy: Path, given: str | None, rejected: Any) -> None:
     """An invalid model card raises an error that names the file."""
     card = copy / "readme.md"

@@ -32,7 +32,8 @@ CENTRED = EXACT.but(center_jitter=0, center_jitter_wide=0)  # all centres at one
 def test_a_hand_behind_the_camera(fixed: Callable[..., netlib.Net], frame: np.ndarray) -> None:
     """A predicted joint behind the camera raises an error."""
     with pytest.raises(
-        DataError, match=r"a pose is predicted in which a joint is at a depth of -\d+ mm, behind the camera"
+        DataError,
+        match=r"a pose is predicted in which a joint is at a depth of -\d+ mm, behind the camera",
     ):
         Predictor(fixed(0, 0, -140), KINECT2, refine=0).in_frame(frame, (260, 210, 160))
 
@@ -42,7 +43,11 @@ def test_a_crop_at_rest_is_looked_at_once(
 ) -> None:
     """A crop that does not move is evaluated once, for any limit on the moves."""
     looks: list[int] = []
-    monkeypatch.setattr(pipeline, "recenter", lambda joints, skeleton, center, *rest: looks.append(1) or center.copy())
+    monkeypatch.setattr(
+        pipeline,
+        "recenter",
+        lambda joints, skeleton, center, *rest: looks.append(1) or center.copy(),
+    )
     found = Predictor(seeing, KINECT2, refine=100).in_frame(frame, (260, 210, 690))
     assert len(looks) == 1 and found.center_uvd.tolist() == [260, 210, 690]
 
@@ -57,7 +62,9 @@ def test_the_crop_goes_to_the_palm(
     predictor = Predictor(fixed(10, -5, 4), KINECT2, refine=refine, hand=hand)
     start = np.array([260.0, 210.0, 690.0])
     found = predictor.in_frame(frame, start)
-    np.testing.assert_allclose(found.center_mm, KINECT2.unproject(start) + refine * beside, atol=1e-3)
+    np.testing.assert_allclose(
+        found.center_mm, KINECT2.unproject(start) + refine * beside, atol=1e-3
+    )
     np.testing.assert_array_equal(found.crop, clear_crop(frame, found.center_uvd, CUBE_MM, KINECT2))
 
 
@@ -105,7 +112,9 @@ def test_the_other_hand(seeing: netlib.Net) -> None:
 
 
 @pytest.mark.parametrize("hand", ["right", "left"])
-def test_either_hand_is_where_it_is_seen(seeing: netlib.Net, monkeypatch: pytest.MonkeyPatch, hand: Side) -> None:
+def test_either_hand_is_where_it_is_seen(
+    seeing: netlib.Net, monkeypatch: pytest.MonkeyPatch, hand: Side
+) -> None:
     """A net that finds a small thing where training crops show it puts it at its place in space, for both sides.
 
     A pixel of the crop is 2.3 mm; without ``mirror_shift`` the left hand is 6 mm off.
@@ -116,7 +125,9 @@ def test_either_hand_is_where_it_is_seen(seeing: netlib.Net, monkeypatch: pytest
 
     def nearest(net: netlib.Net, crop: np.ndarray) -> np.ndarray:
         rows, columns = np.nonzero(crop < 1)
-        at = crop_pixels(np.array([[[256.0, 212.0, 700.0]]]), [[256.0, 212.0, 700.0]], CUBE_MM, KINECT2)[0, 0]
+        at = crop_pixels(
+            np.array([[[256.0, 212.0, 700.0]]]), [[256.0, 212.0, 700.0]], CUBE_MM, KINECT2
+        )[0, 0]
         xyz = (columns.mean() - at[0]) / 64, (at[1] - rows.mean()) / 64, 0
         return np.tile(xyz, (len(HAND.joint_names), 1))
 
@@ -136,7 +147,10 @@ def test_weights_that_are_not_finite(fixed: Callable[..., netlib.Net]) -> None:
 def test_a_left_hand_is_the_mirror_image_of_a_right_one(frame: np.ndarray) -> None:
     """Mirrored images have nearly the same expected error, also with an off-centre principal point."""
     part, scores = frame[:, 150:400], []
-    for depth, u0, hand in ((part, KINECT2.u0 - 150, "right"), (part[:, ::-1], 249 - (KINECT2.u0 - 150), "left")):
+    for depth, u0, hand in (
+        (part, KINECT2.u0 - 150, "right"),
+        (part[:, ::-1], 249 - (KINECT2.u0 - 150), "left"),
+    ):
         camera = Camera("part", KINECT2.fx, KINECT2.fy, u0, KINECT2.v0, 250, 424)
         predictor = load_predictor(camera, fit="accurate", hand=hand)  # type: ignore[arg-type]
         center = camera.project(np.array([30.0, -20, 700]) * mirror_of(hand))
@@ -151,19 +165,38 @@ def test_a_left_hand_is_the_mirror_image_of_a_right_one(frame: np.ndarray) -> No
 
 def stick(joints: str) -> Callable[[], object]:
     """A function that moves a crop for a skeleton of these joints."""
-    body = Skeleton(schema.read(prototxt.parse(f'name: "stick" {joints}'), SkeletonParameter, "test"))
+    body = Skeleton(
+        schema.read(prototxt.parse(f'name: "stick" {joints}'), SkeletonParameter, "test")
+    )
     return lambda: recenter(np.zeros((2, 3)), body, (320, 240, 700), CUBE_MM, NYU)
 
 
-@bad_inputs(DataError, {
-    "no depth around": (lambda: depth_around(np.zeros((80, 100)), 30, 50), "no depth around pixel 30, 50"),
-    **{f"pixel {u}, {v}": (lambda u=u, v=v: depth_around(np.zeros((80, 100)), u, v),
-                           f"pixel {u}, {v} lies outside the image of 100 x 80")
-       for u, v in ((-1, 50), (99.6, 50), (50, 80))},
-    "no palm": (stick('joint { name: "a" }'), "skeleton 'stick' has no joint 'palm' to move the crop to"),
-    "one bone": (stick('joint { name: "palm" } joint { name: "a" parent: "palm" bone { axis: X length: 1 } }'),
-                           "skeleton 'stick' has too few joints fixed to the palm to tell how it is turned"),
-})
+@bad_inputs(
+    DataError,
+    {
+        "no depth around": (
+            lambda: depth_around(np.zeros((80, 100)), 30, 50),
+            "no depth around pixel 30, 50",
+        ),
+        **{
+            f"pixel {u}, {v}": (
+                lambda u=u, v=v: depth_around(np.zeros((80, 100)), u, v),
+                f"pixel {u}, {v} lies outside the image of 100 x 80",
+            )
+            for u, v in ((-1, 50), (99.6, 50), (50, 80))
+        },
+        "no palm": (
+            stick('joint { name: "a" }'),
+            "skeleton 'stick' has no joint 'palm' to move the crop to",
+        ),
+        "one bone": (
+            stick(
+                'joint { name: "palm" } joint { name: "a" parent: "palm" bone { axis: X length: 1 } }'
+            ),
+            "skeleton 'stick' has too few joints fixed to the palm to tell how it is turned",
+        ),
+    },
+)
 def test_where_no_hand_can_be(given, rejected):
     """A place without depth, and a body without a palm, are errors."""
     with rejected:

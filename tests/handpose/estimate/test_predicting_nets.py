@@ -37,8 +37,12 @@ def test_weights_replace_initial_values(tmp_path: Path) -> None:
     card = read_card(HAND_FINDER)
     found, expected = trained(card.net, card.weights), Net(card.net, card.weights, TEST)
     assert_same_weights(found, expected)
-    (tmp_path / "net.prototxt").write_text(card.net.read_text(encoding="utf-8").replace("xavier", "xaver", 1))
-    with pytest.raises(PrototxtError, match=r"unknown filler type 'xaver' \(did you mean 'xavier'\?\)"):
+    (tmp_path / "net.prototxt").write_text(
+        card.net.read_text(encoding="utf-8").replace("xavier", "xaver", 1)
+    )
+    with pytest.raises(
+        PrototxtError, match=r"unknown filler type 'xaver' \(did you mean 'xavier'\?\)"
+    ):
         trained(tmp_path / "net.prototxt", card.weights)
 
 

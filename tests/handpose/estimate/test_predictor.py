@@ -37,26 +37,43 @@ def test_a_crop(net_of: NetOf, batch: int, cube: float) -> None:
 EXPECTED = "expected a net with the input depth and the output pred"
 
 
-@bad_inputs(NetlibError, {
-    "depth": (NET.replace('"depth"', '"crop"'), f"<net>: no blob 'depth'; {EXPECTED}"),
-    "pred": (NET.replace('"pred"', '"joints"'), f"<net>: no blob 'pred'; {EXPECTED}"),
-    "hand": (NET[: NET.index('layer { name: "hand"')].replace('top: "DoF"', 'top: "pred"'),
-             "<net>: no HandModel layer, so the skeleton is unknown"),
-})
+@bad_inputs(
+    NetlibError,
+    {
+        "depth": (NET.replace('"depth"', '"crop"'), f"<net>: no blob 'depth'; {EXPECTED}"),
+        "pred": (NET.replace('"pred"', '"joints"'), f"<net>: no blob 'pred'; {EXPECTED}"),
+        "hand": (
+            NET[: NET.index('layer { name: "hand"')].replace('top: "DoF"', 'top: "pred"'),
+            "<net>: no HandModel layer, so the skeleton is unknown",
+        ),
+    },
+)
 def test_nets_of_another_kind(net_of: NetOf, given: str, rejected: Any) -> None:
     """A net with other blobs or layers raises an error at construction."""
     with rejected:
         Predictor(net_of(given % 1, netlib.TEST))
 
 
-@bad_inputs(DataError, {
-    "shape": (some_crop()[None], "crop of shape (1, 128, 128), expected (128, 128)"),
-    "bytes": (np.arange(128 * 128).reshape(128, 128) % 256, "crop with values from 0 to 255, expected -1 to 1"),
-    "nan": (np.full((128, 128), np.nan), "crop with values that are not numbers, expected -1 to 1"),
-    "infinite": (np.full((128, 128), -np.inf), "crop with values from -inf to -inf, expected -1 to 1"),
-    "list": ([[0.0]], "crop is a list, expected an array of numbers"),
-    "text": (np.full((128, 128), "a"), "crop is an array of <U1, expected numbers"),
-})
+@bad_inputs(
+    DataError,
+    {
+        "shape": (some_crop()[None], "crop of shape (1, 128, 128), expected (128, 128)"),
+        "bytes": (
+            np.arange(128 * 128).reshape(128, 128) % 256,
+            "crop with values from 0 to 255, expected -1 to 1",
+        ),
+        "nan": (
+            np.full((128, 128), np.nan),
+            "crop with values that are not numbers, expected -1 to 1",
+        ),
+        "infinite": (
+            np.full((128, 128), -np.inf),
+            "crop with values from -inf to -inf, expected -1 to 1",
+        ),
+        "list": ([[0.0]], "crop is a list, expected an array of numbers"),
+        "text": (np.full((128, 128), "a"), "crop is an array of <U1, expected numbers"),
+    },
+)
 def test_crops_that_are_refused(seeing: netlib.Net, given: Any, rejected: Any) -> None:
     """A crop of another shape or with invalid values raises an error about the crop, not about the net."""
     with rejected:
@@ -66,10 +83,20 @@ def test_crops_that_are_refused(seeing: netlib.Net, given: Any, rejected: Any) -
 def test_a_net_that_predicts_bones(net_of: NetOf) -> None:
     """A fit does not support predicted bones, which raises an error."""
     bones = 'layer { name: "b" type: "InnerProduct" bottom: "depth" top: "b" inner_product_param { num_output: 31 } }'
-    net = net_of(NET.replace('bottom: "DoF" top: "pred"', 'bottom: "DoF" bottom: "b" top: "pred"').replace(
-        'layer { name: "hand"', bones + 'layer { name: "hand"') % 1, netlib.TEST)
-    for refused in (lambda: Predictor(net, fit="fast").in_crop(some_crop()), lambda: skeleton_to_fit(net)):
-        with pytest.raises(NetlibError, match="layer 'hand' takes the bones of each hand from blob 'b'"):
+    net = net_of(
+        NET.replace('bottom: "DoF" top: "pred"', 'bottom: "DoF" bottom: "b" top: "pred"').replace(
+            'layer { name: "hand"', bones + 'layer { name: "hand"'
+        )
+        % 1,
+        netlib.TEST,
+    )
+    for refused in (
+        lambda: Predictor(net, fit="fast").in_crop(some_crop()),
+        lambda: skeleton_to_fit(net),
+    ):
+        with pytest.raises(
+            NetlibError, match="layer 'hand' takes the bones of each hand from blob 'b'"
+        ):
             refused()
     assert best_fit(net) == "no"
 
@@ -80,9 +107,14 @@ def test_what_is_masked(seeing: netlib.Net, frame: np.ndarray) -> None:
     shown[:20] = 1
     hidden = np.ma.array(some_crop(), mask=np.arange(128)[:, None] < np.full(128, 20))
     np.testing.assert_array_equal(predictor.in_crop(hidden).joints, predictor.in_crop(shown).joints)
-    holes, predictor = np.where(frame > 1000, 0, frame), load_predictor(KINECT2, fit="fast", hand="right")
+    holes, predictor = (
+        np.where(frame > 1000, 0, frame),
+        load_predictor(KINECT2, fit="fast", hand="right"),
+    )
     for center in (None, (270, 215)):
-        found, same = (predictor.in_frame(depth, center) for depth in (np.ma.masked_equal(holes, 0), holes))
+        found, same = (
+            predictor.in_frame(depth, center) for depth in (np.ma.masked_equal(holes, 0), holes)
+        )
         np.testing.assert_array_equal(found.xyz, same.xyz)
 
 
@@ -93,7 +125,10 @@ def test_a_hand_below_the_minimum_confidence(frame: np.ndarray) -> None:
     """It has its place, side, confidence and expected error, but nothing of a pose, in a frame and in a crop."""
     predictor = load_predictor(KINECT2, fit="fast", hand="right", min_confidence=0)
     crop = predictor.in_frame(frame).crop
-    for predict, image, in_frame in ((predictor.in_frame, frame, True), (predictor.in_crop, crop, False)):
+    for predict, image, in_frame in (
+        (predictor.in_frame, frame, True),
+        (predictor.in_crop, crop, False),
+    ):
         predictor.min_confidence = 0
         whole = predict(image)
         predictor.min_confidence = whole.confidence
@@ -113,19 +148,46 @@ def test_a_confidence_that_was_not_measured_is_not_below(seeing: netlib.Net) -> 
     assert np.isnan(found.confidence) and found.has_joints
 
 
-@bad_inputs(DataError, {
-    **{f"center {center}": ((lambda frame: frame, KINECT2, center), f"center {center}, expected two or three finite "
-                            "numbers: u, v in px or u, v, d in px, px, mm")
-       for center in ((np.nan, 200), (300,), (1, 2, 3, 4), (1, 2, np.inf), "palm", ((1, 2), (3, 4)))},
-    **{f"metres, {center}": ((lambda frame: frame * 0.001, KINECT2, center), UnitError, "depths from 0.583 to 1.5, ...")
-       for center in (None, (260, 210, 700))},
-    "nothing": ((np.zeros_like, KINECT2, (260, 210)), "no depth around pixel 260, 210"),
-    "another camera": ((lambda frame: frame, NYU, (260, 210)),
-                       "depth image: 512 x 424 pixels; camera nyu has 640 x 480"),
-    "channels": ((lambda frame: frame[:, :, None], KINECT2, None),
-                 "depth image of shape (424, 512, 1), expected (height, width)"),
-})
-def test_frames_that_are_refused(seeing: netlib.Net, frame: np.ndarray, given: Any, rejected: Any) -> None:
+@bad_inputs(
+    DataError,
+    {
+        **{
+            f"center {center}": (
+                (lambda frame: frame, KINECT2, center),
+                f"center {center}, expected two or three finite "
+                "numbers: u, v in px or u, v, d in px, px, mm",
+            )
+            for center in (
+                (np.nan, 200),
+                (300,),
+                (1, 2, 3, 4),
+                (1, 2, np.inf),
+                "palm",
+                ((1, 2), (3, 4)),
+            )
+        },
+        **{
+            f"metres, {center}": (
+                (lambda frame: frame * 0.001, KINECT2, center),
+                UnitError,
+                "depths from 0.583 to 1.5, ...",
+            )
+            for center in (None, (260, 210, 700))
+        },
+        "nothing": ((np.zeros_like, KINECT2, (260, 210)), "no depth around pixel 260, 210"),
+        "another camera": (
+            (lambda frame: frame, NYU, (260, 210)),
+            "depth image: 512 x 424 pixels; camera nyu has 640 x 480",
+        ),
+        "channels": (
+            (lambda frame: frame[:, :, None], KINECT2, None),
+            "depth image of shape (424, 512, 1), expected (height, width)",
+        ),
+    },
+)
+def test_frames_that_are_refused(
+    seeing: netlib.Net, frame: np.ndarray, given: Any, rejected: Any
+) -> None:
     """A frame in another unit, of another size or without readings, and an invalid centre, raise an error."""
     change, camera, center = given
     with rejected:
@@ -148,12 +210,20 @@ def test_a_finder_is_loaded_when_it_is_used(seeing: netlib.Net, frame: np.ndarra
 def test_where_to_start(seeing: netlib.Net, frame: np.ndarray) -> None:
     """The start is a pixel with the depth around it, or a given place."""
     predictor = Predictor(seeing, KINECT2, refine=0)
-    np.testing.assert_array_equal(predictor.in_frame(frame, (260, 210)).center_uvd, depth_around(frame, 260, 210))
-    np.testing.assert_array_equal(predictor.in_frame(frame, (260, 210, 700)).center_uvd, [260, 210, 700])
+    np.testing.assert_array_equal(
+        predictor.in_frame(frame, (260, 210)).center_uvd, depth_around(frame, 260, 210)
+    )
+    np.testing.assert_array_equal(
+        predictor.in_frame(frame, (260, 210, 700)).center_uvd, [260, 210, 700]
+    )
 
 
-@pytest.mark.parametrize(("finder", "said"), [(None, "this predictor has no finder"), (Said(), "no hand is seen")])
-def test_where_nothing_is_found(seeing: netlib.Net, frame: np.ndarray, finder: Said | None, said: str) -> None:
+@pytest.mark.parametrize(
+    ("finder", "said"), [(None, "this predictor has no finder"), (Said(), "no hand is seen")]
+)
+def test_where_nothing_is_found(
+    seeing: netlib.Net, frame: np.ndarray, finder: Said | None, said: str
+) -> None:
     predictor = Predictor(seeing, KINECT2, refine=0, finder=finder)
     with pytest.raises(DataError, match=rf"^{said}.* give .* place \(center\)$"):
         predictor.in_frame(frame)
@@ -162,7 +232,9 @@ def test_where_nothing_is_found(seeing: netlib.Net, frame: np.ndarray, finder: S
 def test_frames_of_other_sizes(seeing: netlib.Net, frame: np.ndarray) -> None:
     """A camera without a size accepts any frame."""
     own = Camera("own", KINECT2.fx, KINECT2.fy, KINECT2.u0, KINECT2.v0, 0, 0)
-    found, same = (Predictor(seeing, camera).in_frame(frame, (260, 210)) for camera in (own, KINECT2))
+    found, same = (
+        Predictor(seeing, camera).in_frame(frame, (260, 210)) for camera in (own, KINECT2)
+    )
     np.testing.assert_array_equal(found.joints, same.joints)
     assert (found.camera.width, found.camera.height) == (512, 424)
 
@@ -196,20 +268,25 @@ def test_of_found_hands_the_one_with_a_sure_pose(frame: np.ndarray) -> None:
 WHOLE = "expected a whole number from 0 to 100"
 
 
-@bad_inputs(NetlibError, {
-    line: (option, line) for option, line in (
-        ({"hand": "Left"}, "hand='Left' (did you mean 'left'?); expected right, left, either"),
-        ({"hand": None}, "hand=None; expected right, left, either"),
-        ({"fit": "best"}, "fit='best'; expected no, fast, accurate"),
-        ({"refine": -1}, f"refine=-1; {WHOLE}"),
-        ({"refine": 1.5}, f"refine=1.5; {WHOLE}"),
-        ({"refine": 10**9}, f"refine=1000000000; {WHOLE}"),
-        ({"cube_mm": 0.3}, "cube_mm=0.3; expected 50 to 10000 mm"),
-        ({"cube_mm": np.nan}, "cube_mm=nan; expected 50 to 10000 mm"),
-        ({"cube_mm": "300"}, "cube_mm='300'; expected 50 to 10000 mm"),
-        ({"min_confidence": 30}, "min_confidence=30; expected a number from 0 to 1"),
-        ({"min_confidence": np.nan}, "min_confidence=nan; expected a number from 0 to 1"))
-})
+@bad_inputs(
+    NetlibError,
+    {
+        line: (option, line)
+        for option, line in (
+            ({"hand": "Left"}, "hand='Left' (did you mean 'left'?); expected right, left, either"),
+            ({"hand": None}, "hand=None; expected right, left, either"),
+            ({"fit": "best"}, "fit='best'; expected no, fast, accurate"),
+            ({"refine": -1}, f"refine=-1; {WHOLE}"),
+            ({"refine": 1.5}, f"refine=1.5; {WHOLE}"),
+            ({"refine": 10**9}, f"refine=1000000000; {WHOLE}"),
+            ({"cube_mm": 0.3}, "cube_mm=0.3; expected 50 to 10000 mm"),
+            ({"cube_mm": np.nan}, "cube_mm=nan; expected 50 to 10000 mm"),
+            ({"cube_mm": "300"}, "cube_mm='300'; expected 50 to 10000 mm"),
+            ({"min_confidence": 30}, "min_confidence=30; expected a number from 0 to 1"),
+            ({"min_confidence": np.nan}, "min_confidence=nan; expected a number from 0 to 1"),
+        )
+    },
+)
 def test_options_that_are_none(seeing: netlib.Net, given: dict[str, Any], rejected: Any) -> None:
     """An invalid option raises an error at construction, also with the packaged weights."""
     for make in (lambda: Predictor(seeing, **given), lambda: load_predictor(**given)):

@@ -25,7 +25,9 @@ def joints(kernels: str) -> np.ndarray:
 
     Other BLAS libraries than OpenBLAS ignore the choice.
     """
-    core = importlib.import_module(f"numpy.{'_core' if np.__version__ >= '2' else 'core'}._multiarray_umath")
+    core = importlib.import_module(
+        f"numpy.{'_core' if np.__version__ >= '2' else 'core'}._multiarray_umath"
+    )
     extensions = " ".join(name for name in core.__cpu_dispatch__ if core.__cpu_features__[name])
     off = extensions if kernels == "Nehalem" else os.environ.get("NPY_DISABLE_CPU_FEATURES")
     done = run_python("-c", SCRIPT, OPENBLAS_CORETYPE=kernels, NPY_DISABLE_CPU_FEATURES=off)

@@ -44,7 +44,10 @@ def few(scene: Scene) -> Scene:
 def written_out(model: CapsuleModel, posed: Posed, r: Residuals) -> np.ndarray:
     """The Jacobian (N, 2, R, V) of residuals, computed row by row from the motion of the capsules' ends."""
     n, s = np.arange(len(posed.ends))[:, None], r.place[..., None, None]
-    motion = posed.motion[n, model.start[r.capsule]] * (1 - s) + posed.motion[n, model.end[r.capsule]] * s
+    motion = (
+        posed.motion[n, model.start[r.capsule]] * (1 - s)
+        + posed.motion[n, model.end[r.capsule]] * s
+    )
     J = np.einsum("nitr,nriv->ntrv", r.direction.astype(float), motion)
     J[..., [SIZE, THICKNESS]] += r.swell[..., None]
     return J

@@ -61,10 +61,15 @@ def test_there_and_back(model: CapsuleModel) -> None:
     inputs = np.where(model.skeleton.fixed, 0, np.clip(inputs, lower, upper))
     x = model.variables_of(inputs)
     np.testing.assert_allclose(model.inputs_of(x), inputs)
-    np.testing.assert_allclose(model.joints(x), kinematics_of(model.skeleton).joints(inputs) * 150, atol=1e-9)
+    np.testing.assert_allclose(
+        model.joints(x), kinematics_of(model.skeleton).joints(inputs) * 150, atol=1e-9
+    )
     x[:, SIZE] = np.log(1.1)
     root = model.joints(x)[:, model.skeleton.joint_names.index("palm")]
-    larger, same = model.joints(x) - root[:, None], model.joints(model.variables_of(inputs)) - root[:, None]
+    larger, same = (
+        model.joints(x) - root[:, None],
+        model.joints(model.variables_of(inputs)) - root[:, None],
+    )
     np.testing.assert_allclose(larger, 1.1 * same, atol=1e-9)
     wild = model.variables_of(np.full((1, 47), 50.0))
     np.testing.assert_array_equal(wild[0, model.limbs], model.upper[model.limbs])
@@ -76,7 +81,9 @@ def test_capsules_for_the_renderer(model: CapsuleModel) -> None:
     x[0, THICKNESS] = np.log(1.2)
     capsules = model.capsules(x, np.array([[1.0, 2, 700]]))
     np.testing.assert_allclose(capsules.radius_a[0], model.radii[:, 0] * 1.2, rtol=1e-6)
-    np.testing.assert_allclose(capsules.a[0] - (1, 2, 700), model.posed(x).ends[0, model.start], atol=1e-4)
+    np.testing.assert_allclose(
+        capsules.a[0] - (1, 2, 700), model.posed(x).ends[0, model.start], atol=1e-4
+    )
 
 
 def test_flat_parts_for_the_renderer(model: CapsuleModel) -> None:

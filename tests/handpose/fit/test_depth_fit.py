@@ -34,20 +34,29 @@ def test_a_fast_fit(fitter: DepthFitter, scene: Scene) -> None:
     np.testing.assert_allclose(found.cost, found.signs[:, :4].sum(axis=1))
     np.testing.assert_allclose(np.log(found.uncertainty), np.log1p(found.signs) @ SIGN_WEIGHTS)
     np.testing.assert_allclose(found.network, model.joints(rounded(start, NETWORK_STEP)), atol=1e-6)
-    np.testing.assert_allclose(found.signs[:, 4], np.linalg.norm(found.joints - found.network, axis=2).mean(axis=1))
+    np.testing.assert_allclose(
+        found.signs[:, 4], np.linalg.norm(found.joints - found.network, axis=2).mean(axis=1)
+    )
 
 
 def test_more_starts_are_better_explained(fitter: DepthFitter, scene: Scene) -> None:
     """The accurate plan has a lower cost on average."""
     start = start_of(scene, fitter.model)
-    fast, accurate = fitter.fit(scene.seen, [start], FAST), fitter.fit(scene.seen, [start] * 4, ACCURATE)
+    fast, accurate = (
+        fitter.fit(scene.seen, [start], FAST),
+        fitter.fit(scene.seen, [start] * 4, ACCURATE),
+    )
     assert np.log(accurate.cost).mean() < np.log(fast.cost).mean()
 
 
 @pytest.mark.parametrize("plan", [FAST, ACCURATE], ids=lambda plan: plan.name)
 def test_the_same_frames_give_the_same_bits(fitter: DepthFitter, few: Scene, plan: Plan) -> None:
     """A fit does not depend on other frames, the number of threads, and differences of predictions by 1e-7."""
-    start, quarters, threads = start_of(few, fitter.model), len(plan.quarters), engine.get().threads()
+    start, quarters, threads = (
+        start_of(few, fitter.model),
+        len(plan.quarters),
+        engine.get().threads(),
+    )
     whole = fitter.fit(few.seen, [start] * quarters, plan)
     one = fitter.fit(few.seen.take(slice(3, 4)), [start[3:4]] * quarters, plan)
     np.testing.assert_allclose(one.joints[0], whole.joints[3], atol=1e-6)
@@ -78,7 +87,9 @@ def test_from_the_frame_before(fitter: DepthFitter, scene: Scene) -> None:
     """The previous frame is one more start, which wins if the network is far off, and loses if it is far off itself."""
     model = fitter.model
     far = scene.truth.copy()
-    far[:, model.limbs] = np.clip(far[:, model.limbs] + 0.9, model.lower[model.limbs], model.upper[model.limbs])
+    far[:, model.limbs] = np.clip(
+        far[:, model.limbs] + 0.9, model.lower[model.limbs], model.upper[model.limbs]
+    )
     far[:, model.root[3:]] += 0.7
     near = scene.truth + np.random.default_rng(0).normal(0, 0.02, scene.truth.shape)
     alone = fitter.fit(scene.seen, [far], FAST)
@@ -94,7 +105,10 @@ def test_from_the_frame_before(fitter: DepthFitter, scene: Scene) -> None:
 
 def test_frames_without_a_frame_before(fitter: DepthFitter, few: Scene) -> None:
     """A frame with NaN as its previous frame is fitted as if it had none; the other frames are not affected."""
-    starts = [few.truth + np.random.default_rng(q).normal(0, 0.1, few.truth.shape) for q in ACCURATE.quarters]
+    starts = [
+        few.truth + np.random.default_rng(q).normal(0, 0.1, few.truth.shape)
+        for q in ACCURATE.quarters
+    ]
     before = few.truth.copy()
     before[::2] = np.nan
     found = fitter.fit(few.seen, starts, ACCURATE, before=before)
@@ -130,7 +144,9 @@ def test_following(fitter: DepthFitter, scene: Scene, plan: Plan) -> None:
     np.testing.assert_array_equal(found.x, fitter.follow(scene.seen, before, 0 * moved, plan).x)
 
 
-def test_followed_limbs_are_held(fitter: DepthFitter, scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_followed_limbs_are_held(
+    fitter: DepthFitter, scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Limbs stay nearer to the expected pose than the network's errors imply; the signs use the network's errors."""
     model, objective = fitter.model, fitter.objective
     before = scene.truth + np.random.default_rng(0).normal(0, 0.1, scene.truth.shape)
@@ -139,7 +155,9 @@ def test_followed_limbs_are_held(fitter: DepthFitter, scene: Scene, monkeypatch:
     found = fitter.follow(scene.seen, before, np.zeros(len(before)), FAST)
     expected = before.copy()
     expected[:, model.own] = 0
-    prior = objective.measure(found.x, scene.seen, objective.prior_of(expected, fitter.precision)).prior
+    prior = objective.measure(
+        found.x, scene.seen, objective.prior_of(expected, fitter.precision)
+    ).prior
     np.testing.assert_allclose(found.signs[:, 3], prior, rtol=1e-4)
     monkeypatch.setattr("handpose.fit.depth_fit.HOLD", 1.0)
     loose = fitter.follow(scene.seen, before, np.zeros(len(before)), FAST)

@@ -38,7 +38,14 @@ def test_joints_that_are_no_body(model: CapsuleModel, scene: Scene) -> None:
 def test_another_rotation(model: CapsuleModel, scene: Scene) -> None:
     """A rotated and shifted body is aligned with the joints, exactly if its limb angles are right."""
     start = scene.truth.copy()
-    start[:, model.root] += np.random.default_rng(2).normal(0, 2, (12, 6)) * (0.1, 0.1, 0.1, 1, 1, 1)
+    start[:, model.root] += np.random.default_rng(2).normal(0, 2, (12, 6)) * (
+        0.1,
+        0.1,
+        0.1,
+        1,
+        1,
+        1,
+    )
     assert error(model, start, scene).min() > 15
     assert error(model, aligned(model, start, scene.joints), scene).max() < 1e-3
     assert error(model, near_joints(model, start, scene.joints), scene).max() < 1e-3

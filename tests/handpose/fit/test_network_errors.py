@@ -10,7 +10,15 @@ import numpy as np
 import pytest
 
 from handpose.fit.body import CapsuleModel
-from handpose.fit.network_errors import POSE_STD, UNKNOWN_STD, NetworkErrors, Poses, arrays_of, covariance, read_errors
+from handpose.fit.network_errors import (
+    POSE_STD,
+    UNKNOWN_STD,
+    NetworkErrors,
+    Poses,
+    arrays_of,
+    covariance,
+    read_errors,
+)
 from netlib.errors import DataError
 from tests.support.bad_input import bad_inputs
 from tests.support.hdf5_files import write_hdf5
@@ -18,7 +26,9 @@ from tests.support.hdf5_files import write_hdf5
 
 def write(path: Path, **arrays: object) -> Path:
     """A file with a group ``fit``."""
-    return write_hdf5(path, **{f"fit/{name}": values for name, values in arrays.items()}, **{"data/ip": 0})
+    return write_hdf5(
+        path, **{f"fit/{name}": values for name, values in arrays.items()}, **{"data/ip": 0}
+    )
 
 
 def test_natural_poses() -> None:
@@ -27,10 +37,14 @@ def test_natural_poses() -> None:
     limbs[:, 7] = 0.1
     poses = Poses.of(limbs)
     np.testing.assert_allclose(poses.mean, limbs.mean(axis=0))
-    np.testing.assert_allclose(poses.covariance, np.cov(limbs.T, bias=True) + np.eye(20) * POSE_STD**2)
+    np.testing.assert_allclose(
+        poses.covariance, np.cov(limbs.T, bias=True) + np.eye(20) * POSE_STD**2
+    )
 
 
-@pytest.mark.parametrize("poses", [None, Poses(np.linspace(0.1, 0.5, 20), np.diag(np.linspace(1.0, 2.0, 20)))])
+@pytest.mark.parametrize(
+    "poses", [None, Poses(np.linspace(0.1, 0.5, 20), np.diag(np.linspace(1.0, 2.0, 20)))]
+)
 def test_what_is_stored_is_read(model: CapsuleModel, tmp_path: Path, poses: Poses | None) -> None:
     """Other arrays, such as the tables of files of earlier versions, are not read."""
     errors = NetworkErrors(np.eye(20) * 0.04, poses)
@@ -55,18 +69,33 @@ def test_weights_that_nobody_measured(model: CapsuleModel, tmp_path: Path) -> No
 LIMBS = "expected a covariance (20, 20)"
 
 
-@bad_inputs(DataError, {
-    name: (arrays, f"...w.h5: {line}") for name, arrays, line in (
-        ("19 limbs", {"limbs": np.eye(19)}, f"fit/limbs of shape (19, 19), {LIMBS}"),
-        ("no limbs", {"poses": np.eye(21)}, f"fit/limbs of shape (0,), {LIMBS}"),
-        ("negative limbs", {"limbs": -np.eye(20)}, f"fit/limbs of shape (20, 20), {LIMBS}"),
-        ("NaN limbs", {"limbs": np.eye(20) * np.nan}, f"fit/limbs of shape (20, 20), {LIMBS}"),
-        ("poses without a mean", {"limbs": np.eye(20), "poses": np.eye(20)},
-         "fit/poses of shape (20, 20), expected a mean and a covariance (21, 20)"),
-        ("poses that are all alike", {"limbs": np.eye(20), "poses": np.zeros((21, 20))},
-         "fit/poses of shape (21, 20), expected a mean and a covariance (21, 20)"),
-        ("text", {"limbs": b"text"}, "cannot read the group 'fit': damaged, or not as expected: ..."))
-})
+@bad_inputs(
+    DataError,
+    {
+        name: (arrays, f"...w.h5: {line}")
+        for name, arrays, line in (
+            ("19 limbs", {"limbs": np.eye(19)}, f"fit/limbs of shape (19, 19), {LIMBS}"),
+            ("no limbs", {"poses": np.eye(21)}, f"fit/limbs of shape (0,), {LIMBS}"),
+            ("negative limbs", {"limbs": -np.eye(20)}, f"fit/limbs of shape (20, 20), {LIMBS}"),
+            ("NaN limbs", {"limbs": np.eye(20) * np.nan}, f"fit/limbs of shape (20, 20), {LIMBS}"),
+            (
+                "poses without a mean",
+                {"limbs": np.eye(20), "poses": np.eye(20)},
+                "fit/poses of shape (20, 20), expected a mean and a covariance (21, 20)",
+            ),
+            (
+                "poses that are all alike",
+                {"limbs": np.eye(20), "poses": np.zeros((21, 20))},
+                "fit/poses of shape (21, 20), expected a mean and a covariance (21, 20)",
+            ),
+            (
+                "text",
+                {"limbs": b"text"},
+                "cannot read the group 'fit': damaged, or not as expected: ...",
+            ),
+        )
+    },
+)
 def test_files_with_something_wrong(
     model: CapsuleModel, tmp_path: Path, given: dict[str, object], rejected: Any
 ) -> None:

@@ -26,13 +26,17 @@ def prior_of(objective: Objective, scene: Scene) -> Prior:
     return objective.prior_of(scene.truth, np.eye(len(objective.model.limbs)) * 11.0)
 
 
-def cost(objective: Objective, x: np.ndarray, scene: Scene, robust: float = 40.0) -> objectives.Cost:
+def cost(
+    objective: Objective, x: np.ndarray, scene: Scene, robust: float = 40.0
+) -> objectives.Cost:
     """The total cost and its parts at x."""
     prior = prior_of(objective, scene)
     return objective.weigh(objective.measure(x, scene.seen, prior), scene.seen, robust)
 
 
-def equations(objective: Objective, x: np.ndarray, scene: Scene, robust: float = 40.0) -> tuple[np.ndarray, np.ndarray]:
+def equations(
+    objective: Objective, x: np.ndarray, scene: Scene, robust: float = 40.0
+) -> tuple[np.ndarray, np.ndarray]:
     """The curvature and half the gradient at x."""
     measured = objective.measure(x, scene.seen, prior_of(objective, scene))
     return objective.equations(measured, objective.weigh(measured, scene.seen, robust))
@@ -60,13 +64,16 @@ def test_the_prior_by_hand(model: CapsuleModel, scene: Scene) -> None:
     found = cost(objective, x, scene).parts[:, PRIOR]
     flexion = model.deviation[model.own[0]]
     n = len(model.rigid)
-    assert found[:4] == pytest.approx([2 * 11 * 0.01, 0.01 / flexion**2, 0.01 / 0.04, n * 15**2 / 14**2], rel=1e-3)
+    assert found[:4] == pytest.approx(
+        [2 * 11 * 0.01, 0.01 / flexion**2, 0.01 / 0.04, n * 15**2 / 14**2], rel=1e-3
+    )
     known = objective.of_known_size()
     x[4, SIZE] += 0.01
     assert cost(known, x, scene).parts[4, PRIOR] > 1000 > cost(objective, x, scene).parts[4, PRIOR]
 
 
-ALONE = Weights(poses=0.5, outline=0.0, front=0.0, independent=1e-9)  # hardly anything but the prior
+# hardly anything but the prior
+ALONE = Weights(poses=0.5, outline=0.0, front=0.0, independent=1e-9)
 
 
 def natural_poses(model: CapsuleModel) -> Poses:
@@ -104,11 +111,16 @@ def test_a_forearm_counts_less(model: CapsuleModel, scene: Scene) -> None:
 
 
 @pytest.mark.parametrize("robust", [40.0, 10.0])
-def test_the_gradient_of_the_prior_and_of_the_robust_terms(model: CapsuleModel, few: Scene, robust: float) -> None:
+def test_the_gradient_of_the_prior_and_of_the_robust_terms(
+    model: CapsuleModel, few: Scene, robust: float
+) -> None:
     """b is half the gradient: exactly for the prior, and for all terms where no point changes its capsule or pixel."""
     x = moved(few, 0.02)
-    for objective, share in ((Objective(model, ALONE), 100), (Objective(model, ALONE, natural_poses(model)), 100),
-                             (Objective(model, Weights(outline=0.0, front=0.0)), 75)):
+    for objective, share in (
+        (Objective(model, ALONE), 100),
+        (Objective(model, ALONE, natural_poses(model)), 100),
+        (Objective(model, Weights(outline=0.0, front=0.0)), 75),
+    ):
         _, b = equations(objective, x, few, robust)
         found = slopes(lambda x, objective=objective: cost(objective, x, few, robust).total, x) / 2
         off = np.abs(found - b) / (np.abs(b) + 0.02 * np.abs(b).max(axis=1, keepdims=True))
@@ -120,7 +132,9 @@ def test_each_weight_weighs_its_term(model: CapsuleModel, scene: Scene) -> None:
     x, w = moved(scene, 0.1), Weights()
     base = cost(Objective(model, w), x, scene).parts
     for change, term in (("independent", SURFACE), ("outline", OUTLINE), ("front", FRONT)):
-        doubled = cost(Objective(model, replace(w, **{change: 2 * getattr(w, change)})), x, scene).parts
+        doubled = cost(
+            Objective(model, replace(w, **{change: 2 * getattr(w, change)})), x, scene
+        ).parts
         expected = base.copy()
         expected[:, term] *= 2
         np.testing.assert_allclose(doubled, expected, rtol=1e-4)

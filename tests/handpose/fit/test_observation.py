@@ -20,7 +20,8 @@ def test_points_lie_on_the_surface(scene: Scene) -> None:
     at = np.rint(crop_pixels(NYU.project(xyz), scene.center_uvd, 300.0)).astype(int)
     n = np.arange(len(xyz))[:, None]
     found = scene.crops[n, at[..., 1], at[..., 0]] * 150
-    assert (np.abs(found - points[..., 2]) < 1e-2).mean() > 0.98  # rounding in the crop moves a few points by a pixel
+    # rounding in the crop moves a few points by a pixel
+    assert (np.abs(found - points[..., 2]) < 1e-2).mean() > 0.98
     np.testing.assert_allclose(np.cross(xyz, rays), 0, atol=1e-2)
     np.testing.assert_allclose(np.linalg.norm(rays, axis=2), 1, atol=1e-6)
 
@@ -30,7 +31,9 @@ def test_columns_and_rows(scene: Scene) -> None:
     seen = scene.seen
     xyz = np.random.default_rng(0).uniform(-100, 100, (12, 7, 3)) + seen.center[:, None]
     x, y, z = np.moveaxis(xyz, -1, 0)
-    found = [seen.offset[:, [axis]] + seen.factor[:, [axis]] * way / z for axis, way in enumerate((x, y))]
+    found = [
+        seen.offset[:, [axis]] + seen.factor[:, [axis]] * way / z for axis, way in enumerate((x, y))
+    ]
     expected = crop_pixels(NYU.project(xyz), scene.center_uvd, 300.0)
     np.testing.assert_allclose(np.stack(found, axis=-1), expected - 0.5, atol=0.001)
 
@@ -47,7 +50,8 @@ def test_outside_and_nearest() -> None:
     assert seen.outside[0, 60, 60] < 0
     assert seen.nearest[0, 39, 49] == pytest.approx(30) and seen.nearest[0, 38, 49] == 150
     cut = np.full((1, 128, 128), 0.2, np.float32)
-    assert observe(cut, [[320, 240, 700]], NYU, 300.0).outside.max() < -60 * px  # the plate continues beyond the crop
+    # the plate continues beyond the crop
+    assert observe(cut, [[320, 240, 700]], NYU, 300.0).outside.max() < -60 * px
 
 
 def test_few_points_and_none() -> None:
@@ -84,7 +88,9 @@ def test_some_in_the_mirror(scene: Scene) -> None:
     some = scene.seen.mirrored(which)
     uvd = scene.center_uvd * (-1, 1, 1) + (2 * NYU.u0, 0, 0)
     other = observe(scene.crops[:, :, ::-1], uvd, NYU, 300.0)
-    np.testing.assert_array_equal(some.points[which], scene.seen.points[which] * np.array([[-1], [1], [1]]))
+    np.testing.assert_array_equal(
+        some.points[which], scene.seen.points[which] * np.array([[-1], [1], [1]])
+    )
     np.testing.assert_allclose(some.outside[which], other.outside[which], atol=1e-4)
     pixel = 128 * uvd[:, 2].max() / (300 * NYU.fx)  # an image pixel in pixels of the crop
     np.testing.assert_allclose(some.offset[which], other.offset[which], atol=2 * pixel)

@@ -30,26 +30,40 @@ from tests.support.bad_input import bad_inputs
 
 HAND, FINGER = read_weights()
 NONE = np.zeros(1)  # no lag
-FINGERS = {"behind": np.zeros((1, 5)), "before": np.zeros((1, 5)), "lag": np.zeros((1, 5)), "seen": np.ones((1, 5))}
+FINGERS = {
+    "behind": np.zeros((1, 5)),
+    "before": np.zeros((1, 5)),
+    "lag": np.zeros((1, 5)),
+    "seen": np.ones((1, 5)),
+}
 NO_FINGERS = dict.fromkeys(FINGERS, np.zeros((1, 0)))
 
 
 def of(
-    signs: float | np.ndarray, seen: float = 1.0, hidden: float = 0.0, lag: np.ndarray = NONE,
+    signs: float | np.ndarray,
+    seen: float = 1.0,
+    hidden: float = 0.0,
+    lag: np.ndarray = NONE,
     fingers: dict[str, np.ndarray] = NO_FINGERS,
 ) -> tuple[float, float]:
     """The expected error and the confidence of one pose; what is neither seen nor hidden is outside the image."""
     support = Support(*(np.array([share]) for share in (seen, hidden, 0.0, 0.0, 1 - seen - hidden)))
     all_signs = np.broadcast_to(signs, (1, len(SIGNS)))
-    error_mm, confidence, _ = judged(Evidence(all_signs, lag, unseen_share(support), *fingers.values()))
+    error_mm, confidence, _ = judged(
+        Evidence(all_signs, lag, unseen_share(support), *fingers.values())
+    )
     return error_mm[0], confidence[0]
 
 
 def test_worked_by_hand() -> None:
     """All signs 0: the mean of the logarithm is the constant. One sign of e - 1 adds its weight."""
     error, confidence = of(0.0)
-    assert error == pytest.approx(np.exp(HAND.constant + HAND.spread**2 / 2)) and confidence == pytest.approx(1)
-    for name, weight, signs in zip(SIGNS, HAND.weights, (np.e - 1) * np.eye(len(SIGNS)), strict=True):
+    assert error == pytest.approx(
+        np.exp(HAND.constant + HAND.spread**2 / 2)
+    ) and confidence == pytest.approx(1)
+    for name, weight, signs in zip(
+        SIGNS, HAND.weights, (np.e - 1) * np.eye(len(SIGNS)), strict=True
+    ):
         fit = np.exp(HAND.constant + weight)
         expected = np.hypot(fit, np.e - 1) if name == "before" else fit
         assert of(signs)[0] == pytest.approx(expected * np.exp(HAND.spread**2 / 2))
@@ -59,14 +73,20 @@ def test_worked_by_hand() -> None:
 def test_half_at_thirty_millimetres() -> None:
     """The confidence is 50% where the median error is 30 mm, for instance for a pose smoothed by that much."""
     error, confidence = of(0.0, lag=np.array([np.sqrt(30**2 - np.exp(2 * HAND.constant))]))
-    assert confidence == pytest.approx(0.5) and error == pytest.approx(30 * np.exp(HAND.spread**2 / 2))
+    assert confidence == pytest.approx(0.5) and error == pytest.approx(
+        30 * np.exp(HAND.spread**2 / 2)
+    )
 
 
 def test_less_in_sight() -> None:
     """The less was seen, the lower the confidence and the higher the expected error, most if it is covered."""
-    found = [of(1.0, seen, hidden) for seen, hidden in ((0.9, 0.1), (0.75, 0.0), (0.75, 0.2), (0.3, 0.6))]
+    found = [
+        of(1.0, seen, hidden) for seen, hidden in ((0.9, 0.1), (0.75, 0.0), (0.75, 0.2), (0.3, 0.6))
+    ]
     errors, confidences = zip(*found)
-    assert (np.diff(errors) > 0).all() and (np.diff(confidences) < 0).all() and confidences[-1] < 0.3
+    assert (
+        (np.diff(errors) > 0).all() and (np.diff(confidences) < 0).all() and confidences[-1] < 0.3
+    )
 
 
 def test_a_hand_whose_fingers_are_in_doubt() -> None:
@@ -86,7 +106,9 @@ def test_no_expected_error_contradicts_the_confidence() -> None:
 
 def test_an_empty_crop() -> None:
     """Infinite signs, of a crop that shows nothing, give the largest error and no confidence."""
-    error, confidence = of(pose_signs(np.full((1, 5), np.inf), JointDepths(NONE, NONE), NONE, NONE), 0.0)
+    error, confidence = of(
+        pose_signs(np.full((1, 5), np.inf), JointDepths(NONE, NONE), NONE, NONE), 0.0
+    )
     assert error == LOST_MM and confidence < 0.01
 
 
@@ -101,7 +123,9 @@ def test_the_side_by_its_cost() -> None:
 def errors_of(whole: float, fingers: dict[str, np.ndarray]) -> np.ndarray:
     """The expected errors (1, 5) of the fingers of a hand with this error in mm as a whole."""
     signs = np.zeros((1, len(SIGNS)))
-    return finger_errors(finger_signs(np.array([whole]), Evidence(signs, NONE, NONE, *fingers.values())), FINGER)
+    return finger_errors(
+        finger_signs(np.array([whole]), Evidence(signs, NONE, NONE, *fingers.values())), FINGER
+    )
 
 
 def test_finger_errors_worked_by_hand() -> None:
@@ -113,7 +137,9 @@ def test_finger_errors_worked_by_hand() -> None:
     for sign, weight in zip(FINGERS, weights, strict=True):
         change = -1 if sign == "seen" else np.e - 1
         worse = FINGERS | {sign: FINGERS[sign] + change * (np.arange(5) == 2)}
-        np.testing.assert_allclose(errors_of(1.0, worse)[0], constant * np.exp([0, 0, weight, 0, 0]))
+        np.testing.assert_allclose(
+            errors_of(1.0, worse)[0], constant * np.exp([0, 0, weight, 0, 0])
+        )
 
 
 def test_finger_errors_are_bounded() -> None:
@@ -127,23 +153,47 @@ def test_weights_belong_to_their_signs(tmp_path: Path) -> None:
     """Each name of a file gives its own number, in the order of the signs."""
     path, values = tmp_path / "w.prototxt", iter(range(1, 99))
     names = {"hand": SIGNS, "finger": FINGER_SIGNS}
-    text = {part: " ".join(f"{name}: {next(values)}" for name in (*signs, "constant", "spread"))
-            for part, signs in names.items()}
+    text = {
+        part: " ".join(f"{name}: {next(values)}" for name in (*signs, "constant", "spread"))
+        for part, signs in names.items()
+    }
     path.write_text("\n".join(f"{part} {{ {fields} }}" for part, fields in text.items()))
     hand, finger = read_weights(path)
     assert (hand.weights.tolist(), hand.constant, hand.spread) == ([*range(1, 10)], 10, 11)
     assert (finger.weights.tolist(), finger.constant, finger.spread) == ([*range(12, 17)], 17, 18)
 
 
-@bad_inputs(PrototxtError, {
-    name: (change, f"...w.prototxt:{line}") for name, change, line in (
-        ("missing", ("  surface: 0.31\n", ""), "2:6: error: missing required field 'surface' in hand"),
-        ("unknown", ("surface:", "surfaces:"), "3:3: error: unknown field 'surfaces' (did you mean 'surface'?)"),
-        ("spread", ("spread: 0.42", "spread: 0"), "13:3: error: spread: 0; expected a number above 0"),
-        ("nan", ("whole: 0.327", "whole: nan"), "16:3: error: whole: nan; expected a finite number"),
-    )
-})
-def test_weights_with_something_wrong(tmp_path: Path, given: tuple[str, str], rejected: Any) -> None:
+@bad_inputs(
+    PrototxtError,
+    {
+        name: (change, f"...w.prototxt:{line}")
+        for name, change, line in (
+            (
+                "missing",
+                ("  surface: 0.31\n", ""),
+                "2:6: error: missing required field 'surface' in hand",
+            ),
+            (
+                "unknown",
+                ("surface:", "surfaces:"),
+                "3:3: error: unknown field 'surfaces' (did you mean 'surface'?)",
+            ),
+            (
+                "spread",
+                ("spread: 0.42", "spread: 0"),
+                "13:3: error: spread: 0; expected a number above 0",
+            ),
+            (
+                "nan",
+                ("whole: 0.327", "whole: nan"),
+                "16:3: error: whole: nan; expected a finite number",
+            ),
+        )
+    },
+)
+def test_weights_with_something_wrong(
+    tmp_path: Path, given: tuple[str, str], rejected: Any
+) -> None:
     path = tmp_path / "w.prototxt"
     path.write_text(PACKAGED.read_text().replace(*given))
     with rejected:

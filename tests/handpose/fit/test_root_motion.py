@@ -27,13 +27,19 @@ flesh {{ capsule {{ from: "root" to: "one" radius: 0.1 radius: 0.1 }}
 """
 
 
-def body(slides: str = "X Y Z", turns: str = "Z X Y", z: str = "", angles: str = "abc") -> CapsuleModel:
+def body(
+    slides: str = "X Y Z", turns: str = "Z X Y", z: str = "", angles: str = "abc"
+) -> CapsuleModel:
     """A body whose root has these axes, which may be negative, such as NEG_X."""
     made = {
-        kind: " ".join(f'{kind} {{ axis: {axis} dof: "{name}" }}' for axis, name in zip(axes.split(), names))
+        kind: " ".join(
+            f'{kind} {{ axis: {axis} dof: "{name}" }}' for axis, name in zip(axes.split(), names)
+        )
         for kind, axes, names in (("translate", slides, "xyz"), ("rotate", turns, angles))
     }
-    return CapsuleModel(skeleton_of(BODY.format(slides=made["translate"], turns=made["rotate"], z=z)), 150.0)
+    return CapsuleModel(
+        skeleton_of(BODY.format(slides=made["translate"], turns=made["rotate"], z=z)), 150.0
+    )
 
 
 ROOTS = [
@@ -43,7 +49,9 @@ ROOTS = [
 ]
 
 
-@pytest.mark.parametrize("made", [None, *ROOTS], ids=["hand", *(str(RootMotion(made)._axes) for made in ROOTS)])
+@pytest.mark.parametrize(
+    "made", [None, *ROOTS], ids=["hand", *(str(RootMotion(made)._axes) for made in ROOTS)]
+)
 def test_place_and_rotation_there_and_back(model: CapsuleModel, made: CapsuleModel | None) -> None:
     """Both are the root joint's, for any order and sign of its axes, and convert back, also where two axes coincide."""
     own = made or model
@@ -55,7 +63,8 @@ def test_place_and_rotation_there_and_back(model: CapsuleModel, made: CapsuleMod
     joint = int(np.flatnonzero(own.skeleton.parents < 0)[0])
     np.testing.assert_allclose(root.place(x), pose.joints[:, joint] * 150)
     np.testing.assert_allclose(root.rotation(x), kinematics.rotation_of(pose, joint), atol=1e-12)
-    poles = [pole * np.pi + initial for pole in (0.5, 1.5, -0.5) for initial in (0.4, -0.4, 0.0)]  # of all bodies here
+    # of all bodies here
+    poles = [pole * np.pi + initial for pole in (0.5, 1.5, -0.5) for initial in (0.4, -0.4, 0.0)]
     for middle in (x[:, root.columns[4]], *poles):
         x[:, root.columns[4]] = middle
         again = x.copy()
@@ -68,12 +77,16 @@ CENTERS = st.tuples(*(st.floats(-500, 500),) * 3)
 
 
 @given(seed=st.integers(0, 10**6), first=CENTERS, second=CENTERS)
-def test_any_crop_centre(model: CapsuleModel, seed: int, first: tuple[float, ...], second: tuple[float, ...]) -> None:
+def test_any_crop_centre(
+    model: CapsuleModel, seed: int, first: tuple[float, ...], second: tuple[float, ...]
+) -> None:
     """Any pose of the hand is converted between any two centres: its joints in space stay the same."""
     x = np.random.default_rng(seed).uniform(-1, 1, model.variables)
     x[model.root] *= 4
     again = crop_variables(model, world_pose(model, x, np.array(first)), np.array(second))
-    np.testing.assert_allclose(model.joints(again[None])[0] + second, model.joints(x[None])[0] + first, atol=1e-3)
+    np.testing.assert_allclose(
+        model.joints(again[None])[0] + second, model.joints(x[None])[0] + first, atol=1e-3
+    )
     others = model.root_motion.others
     np.testing.assert_array_equal(again[others], x[others])
 
@@ -83,11 +96,17 @@ def test_a_step_leads_there_and_back(seed: int, angle: float) -> None:
     """The step to a pose is the place's way, the turn about an axis of the world, and what others changed by."""
     rng = np.random.default_rng(seed)
     axis = rng.normal(size=3)
-    step = np.concatenate([rng.normal(size=3), angle * axis / np.linalg.norm(axis), rng.normal(size=4)])
-    first = WorldPose(rng.normal(size=3), Rotation.random(random_state=rng).as_matrix(), rng.normal(size=4))
+    step = np.concatenate(
+        [rng.normal(size=3), angle * axis / np.linalg.norm(axis), rng.normal(size=4)]
+    )
+    first = WorldPose(
+        rng.normal(size=3), Rotation.random(random_state=rng).as_matrix(), rng.normal(size=4)
+    )
     second = first.moved(step)
     np.testing.assert_allclose(second.place, first.place + step[:3])
-    np.testing.assert_allclose(second.rotation, Rotation.from_rotvec(step[3:6]).as_matrix() @ first.rotation, atol=1e-9)
+    np.testing.assert_allclose(
+        second.rotation, Rotation.from_rotvec(step[3:6]).as_matrix() @ first.rotation, atol=1e-9
+    )
     np.testing.assert_allclose(second.others, first.others + step[6:])
     back = first.step_to(second)
     assert np.linalg.norm(back[3:6]) <= np.pi + 1e-9
@@ -98,5 +117,9 @@ def test_a_step_leads_there_and_back(seed: int, angle: float) -> None:
 def test_a_step_by_hand() -> None:
     """10 mm along x and a quarter turn about y."""
     first = WorldPose(np.zeros(3), np.eye(3), np.zeros(2))
-    second = WorldPose(np.array([10.0, 0, 0]), np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]), np.array([0, 0.1]))
-    np.testing.assert_allclose(first.step_to(second), [10, 0, 0, 0, np.pi / 2, 0, 0, 0.1], atol=1e-9)
+    second = WorldPose(
+        np.array([10.0, 0, 0]), np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]), np.array([0, 0.1])
+    )
+    np.testing.assert_allclose(
+        first.step_to(second), [10, 0, 0, 0, np.pi / 2, 0, 0, 0.1], atol=1e-9
+    )

@@ -20,7 +20,9 @@ B[:, 2] = 1, -1, 1, -1
 WIDE = np.full(5, -100.0), np.full(5, 100.0)
 
 
-def step(mu: float, x: np.ndarray = X, limits: tuple[np.ndarray, np.ndarray] = WIDE, ridge: float = 0) -> np.ndarray:
+def step(
+    mu: float, x: np.ndarray = X, limits: tuple[np.ndarray, np.ndarray] = WIDE, ridge: float = 0
+) -> np.ndarray:
     return damped_step(A.copy(), B, np.full(4, mu), x, *limits, ridge)
 
 
@@ -46,14 +48,18 @@ def test_at_a_limit(side: int) -> None:
     np.testing.assert_array_equal(found[leaves, 2], 0)
     np.testing.assert_allclose(found[~leaves], step(0)[~leaves], atol=1e-12)
     for n in np.flatnonzero(leaves):
-        np.testing.assert_allclose(A[n][np.ix_(others, others)] @ found[n, others], -B[n, others], atol=1e-10)
+        np.testing.assert_allclose(
+            A[n][np.ix_(others, others)] @ found[n, others], -B[n, others], atol=1e-10
+        )
 
 
 def test_nothing_depends_on_a_variable() -> None:
     """A variable without influence stays, because the ridge makes the matrix invertible."""
     still, gradient = A.copy(), B.copy()
     still[:, 1] = still[:, :, 1] = gradient[:, 1] = 0
-    np.testing.assert_array_equal(damped_step(still, gradient, np.zeros(4), X, *WIDE, 1e-9)[:, 1], 0)
+    np.testing.assert_array_equal(
+        damped_step(still, gradient, np.zeros(4), X, *WIDE, 1e-9)[:, 1], 0
+    )
 
 
 def prior_of(objective: Objective, x: np.ndarray) -> Prior:
@@ -66,7 +72,9 @@ def test_the_cost_never_rises_within_a_stage(model: CapsuleModel, scene: Scene) 
     objective, x = Objective(model, Weights()), start_of(scene, model)
     prior, costs = prior_of(objective, x), []
     for iterations in (0, 2, 5, 9):
-        found, cost = descend(objective, x, scene.seen, prior, (Stage(60, 1), Stage(30, iterations)))
+        found, cost = descend(
+            objective, x, scene.seen, prior, (Stage(60, 1), Stage(30, iterations))
+        )
         costs.append(cost.total)
         assert (found >= model.lower).all() and (found <= model.upper).all()
         again = objective.weigh(objective.measure(found, scene.seen, prior), scene.seen, 30.0)
@@ -74,13 +82,19 @@ def test_the_cost_never_rises_within_a_stage(model: CapsuleModel, scene: Scene) 
     assert (np.diff(costs, axis=0) <= 1e-6 * np.array(costs[:-1])).all()
 
 
-@pytest.mark.parametrize("first", [(), (Stage(13, 0),)], ids=["at the end", "after the first stages"])
-def test_starts_are_compared_without_the_prior(model: CapsuleModel, few: Scene, first: tuple[Stage, ...]) -> None:
+@pytest.mark.parametrize(
+    "first", [(), (Stage(13, 0),)], ids=["at the end", "after the first stages"]
+)
+def test_starts_are_compared_without_the_prior(
+    model: CapsuleModel, few: Scene, first: tuple[Stage, ...]
+) -> None:
     """The start that explains the image wins, although the network predicts the other one."""
     objective, (wrong, right) = Objective(model, Weights()), (start_of(few, model), few.truth)
     precision = np.eye(len(model.limbs)) / 0.01**2
     plan = replace(FAST, first=first, keep=2 - len(first), last=(Stage(13, 0),))
-    found = search(objective, few.seen, np.stack([wrong, wrong]), np.stack([wrong, right]), precision, plan)
+    found = search(
+        objective, few.seen, np.stack([wrong, wrong]), np.stack([wrong, right]), precision, plan
+    )
     np.testing.assert_array_equal(found.start, 1)
     np.testing.assert_allclose(found.x, right, atol=1e-4)
     assert (found.parts[:, 3] > found.parts[:, :3].sum(axis=1)).all()
@@ -108,7 +122,9 @@ def test_drawn_starts(model: CapsuleModel) -> None:
     others = np.setdiff1d(np.arange(model.variables), model.limbs)
     assert (starts[:, :, others] == 0).all()
     inner = (model.lower[model.limbs] < -0.3) & (model.upper[model.limbs] > 0.3)
-    np.testing.assert_allclose(starts[:, 0, model.limbs].std(axis=0)[inner], spread[inner], rtol=0.15)
+    np.testing.assert_allclose(
+        starts[:, 0, model.limbs].std(axis=0)[inner], spread[inner], rtol=0.15
+    )
     assert (starts >= model.lower).all() and (starts <= model.upper).all()
     np.testing.assert_array_equal(starts, drawn(model, x, np.diag(spread**2), 500, 0))
     np.testing.assert_array_equal(starts[:, 0], starts[:, 1])

@@ -20,7 +20,9 @@ CENTER = np.array([[0.0, 0.0, 500.0]])
 @pytest.fixture(scope="module")
 def image(model: CapsuleModel) -> np.ndarray:
     """The depth image of a hand at rest, in front of a wall."""
-    return render_image(model.capsules(np.zeros((1, model.variables)), CENTER), CAMERA, background=1500.0)[0]
+    return render_image(
+        model.capsules(np.zeros((1, model.variables)), CENTER), CAMERA, background=1500.0
+    )[0]
 
 
 def of(model: CapsuleModel, image: np.ndarray, move: tuple[float, ...] = (0, 0, 0)) -> Support:
@@ -30,7 +32,8 @@ def of(model: CapsuleModel, image: np.ndarray, move: tuple[float, ...] = (0, 0, 
 
 
 @pytest.mark.parametrize(
-    ("value", "part"), [(30, "hidden"), (300, "hidden"), (0, "missing"), (np.nan, "missing"), (900, "empty")]
+    ("value", "part"),
+    [(30, "hidden"), (300, "hidden"), (0, "missing"), (np.nan, "missing"), (900, "empty")],
 )
 def test_covered(model: CapsuleModel, image: np.ndarray, value: float, part: str) -> None:
     """A part of the hand that is covered, not read, or farther than the pose counts in proportion to its area."""
@@ -49,10 +52,16 @@ def test_parts(model: CapsuleModel, image: np.ndarray) -> None:
     assert model.fingers is not None
     index, others = model.fingers.capsules[1], ~model.fingers.capsules[1] & ~model.surface.limbs
     capsules = model.capsules(np.zeros((1, model.variables)), CENTER)
-    u, v, _ = np.rint(CAMERA.project(np.concatenate([capsules.a[0, index], capsules.b[0, index]]))).astype(int).T
+    u, v, _ = (
+        np.rint(CAMERA.project(np.concatenate([capsules.a[0, index], capsules.b[0, index]])))
+        .astype(int)
+        .T
+    )
     covered = image.copy()
     covered[v.min() - 9 : v.max() - 15, u.min() - 9 : u.max() + 9] = 200
-    whole, *parts = support_of_parts(capsules, model.surface.limbs, [index, others], covered, CAMERA)
+    whole, *parts = support_of_parts(
+        capsules, model.surface.limbs, [index, others], covered, CAMERA
+    )
     assert whole == support(capsules, model.surface.limbs, covered, CAMERA)
     assert parts[0].hidden[0] > 0.5 > 0.2 > parts[1].hidden[0]
     assert min(part.seen[0] for part in parts) < whole.seen[0] < max(part.seen[0] for part in parts)
@@ -71,11 +80,15 @@ def test_flat_parts_are_sampled_at_their_middles(model: CapsuleModel) -> None:
     assert flesh is not None and flesh.wedge
     pose = model.surface.kinematics.forward(model.whole_inputs_of(x))
     ends = model.surface.ends(pose)[0] * model.unit_mm + CENTER
-    corners = np.array([[ends[names.index(joint)] for joint in wedge.joint] for wedge in flesh.wedge])
+    corners = np.array(
+        [[ends[names.index(joint)] for joint in wedge.joint] for wedge in flesh.wedge]
+    )
     a, b, c = corners.swapaxes(0, 1)
     samples, flat = Samples.of(model.capsules(x, CENTER)), len(corners)
     np.testing.assert_allclose(samples.center[0, -flat:], corners.mean(axis=1), atol=1e-3)
-    np.testing.assert_allclose(samples.area[0, -flat:], np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2, rtol=1e-4)
+    np.testing.assert_allclose(
+        samples.area[0, -flat:], np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2, rtol=1e-4
+    )
 
 
 def test_a_flat_part_between_thin_edges() -> None:
@@ -86,7 +99,9 @@ def test_a_flat_part_between_thin_edges() -> None:
     readings = np.full((CAMERA.height, CAMERA.width), 500.0)
     u, v, _ = np.rint(CAMERA.project(CENTER[0] + (100 / 3, 100 / 3, 0))).astype(int)
     readings[v, u] = 300
-    whole, part = support_of_parts(capsules, none, [np.array([False, True, True])], readings, CAMERA)
+    whole, part = support_of_parts(
+        capsules, none, [np.array([False, True, True])], readings, CAMERA
+    )
     hidden = 5000 / (5000 + edges)
     assert (whole.hidden[0], whole.seen[0]) == pytest.approx((hidden, 1 - hidden))
     assert (part.hidden[0], part.seen[0]) == (0, 1)
@@ -107,7 +122,9 @@ def test_joints_in_the_image(image: np.ndarray) -> None:
     surface, d = CAMERA.unproject([u, v, image[v, u]]), float(image[v, u])
     joints = np.stack([surface * (1 + dz / d) for dz in (12, -30, 500)])[None]
     found = joint_depths(joints, image, CAMERA)
-    np.testing.assert_allclose([found.behind[0], found.before[0]], [(12 + FAR_MM) / 3, 10], rtol=1e-4)
+    np.testing.assert_allclose(
+        [found.behind[0], found.before[0]], [(12 + FAR_MM) / 3, 10], rtol=1e-4
+    )
     missing = image.copy()
     missing[v, u] = np.nan
     for nothing in (missing, np.zeros_like(image)):

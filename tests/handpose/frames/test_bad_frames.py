@@ -44,86 +44,204 @@ def undistort(model: str, *coefficients: float) -> Callable[[], object]:
     return lambda: Undistorter(WIDE, lens_of(model, coefficients, "x"))
 
 
-@bad_inputs(DataError, {
-    **{f"{field} of {value}": (lambda field=field, value=value: replace(NYU, **{field: value}), ValueError,
-                               f"camera 'nyu': {field} is {value}, expected {expected} px")
-       for field, value, expected in (
-           *(("fx", value, "more than 1e-06") for value in (0, -587.0, 1e-320, np.nan)),
-           ("fy", np.inf, "more than 1e-06"),
-           ("u0", np.nan, "a finite number of"), ("v0", np.inf, "a finite number of"))},
-    "crop at no depth": (cut(320, 240, 0), CROP.format(320, 0, 300)),
-    "crop at no column": (cut(np.nan, 240, 800), CROP.format("nan", 800, 300)),
-    "crop of a negative cube": (cut(320, 240, 800, cube=-1), CROP.format(320, 800, -1)),
-    "crop outside": (cut(5000, 240, 800), "the cube of 300 mm at u 5000, v 240, 800 mm lies outside the image"),
-    "crop of another size": (lambda: crop(np.ones((240, 320)), (100, 100, 800), 300),
-                             "depth image of shape (240, 320), expected (480, 640) of camera 'nyu'"),
-    "a list": (lambda: depth_image([[700.0]]), "depth image is a list, expected an array of numbers"),
-    "a name": (lambda: depth_image("frame.png"), "depth image is a str, expected an array of numbers"),
-    "texts": (lambda: depth_image(np.array([["a"]])), "depth image is an array of <U1, expected numbers"),
-    "complex": (lambda: depth_image(np.zeros(4, complex)), "depth image is an array of complex128, expected numbers"),
-    "three axes": (lambda: depth_image(np.zeros((2, 2, 1))),
-                   "depth image of shape (2, 2, 1), expected (height, width)"),
-    "metres": (lambda: check_unit(np.array([[0.5, 0, np.nan, 1.2]])), UnitError,
-               "depths from 0.5 to 1.2, expected mm; they may be metres"),
-    "micrometres": (lambda: check_unit(np.array([[700000.0, 0]])), UnitError,
-                    "depths from 700000 to 700000, expected mm, nearer than 20000; check the unit"),
-    "negative": (lambda: check_unit(np.array([[-700, 0]], np.int16)), UnitError,
-                 "depths from -700 to -700, expected mm, growing away from the camera"),
-    "no frame": (lambda: inspect(Taken([])), "take: no frame in it"),
-    "a lens without inverse": (undistort("inverse_brown_conrady", -9, 0, 0, 0),
-                               "distortion (-9.0, 0.0, 0.0, 0.0) cannot be inverted over the picture; check it"),
-    "a lens of nothing": (undistort("brown_conrady", 1e300, 1e300, 0, 0),
-                          "distortion (1e+300, 1e+300, 0.0, 0.0) leaves 0% of the picture; check it"),
-    "a lens of little": (undistort("brown_conrady", -30, 0, 0, 0),
-                         "distortion (-30.0, 0.0, 0.0, 0.0) leaves ...% of the picture; check it"),
-    "one coefficient": (lambda: Lens((0.1,)), f"distortion (0.1,), {COEFFICIENTS}"),
-    "six coefficients": (lambda: Lens((0.1,) * 6), f"distortion (0.1, 0.1, 0.1, 0.1, 0.1, 0.1), {COEFFICIENTS}"),
-    "a NaN coefficient": (lambda: Lens((np.nan, 0, 0, 0)), f"distortion (nan, 0, 0, 0), {COEFFICIENTS}"),
-    "a misspelt lens": (lambda: lens_of("brown_conrad", (0.1, 0, 0, 0, 0), "x"),
-        f"x: distortion model 'brown_conrad' is not known (did you mean 'brown conrady'?); {KNOWN}"),
-    "no lens with coefficients": (lambda: lens_of("none", (0.1, 0, 0, 0, 0), "x"),
-                                  "x: distortion (0.1, 0.0, 0.0, 0.0, 0.0) of the model 'none', which has none"),
-    "another lens": (lambda: lens_of("kannala_brandt4", (0.1, 0, 0, 0, 0), "x"),
-                     f"x: distortion model 'kannala_brandt4' is not known; {KNOWN}"),
-    **{f"values of {kind}": (decode(np.zeros((3, 4), kind)), f"take: values of type {kind}; {WHAT_IS_READ}")
-       for kind in ("uint8", "complex128", "object")},
-    "a small frame": (decode(np.zeros((3, 4), np.uint16)), "take: 4 x 3 pixels; the camera has 64 x 48"),
-    "a frame of colours": (decode(np.zeros((48, 64, 3), np.uint16)),
-                           "take: shape (48, 64, 3); the camera has 64 x 48"),
-    **{f"a negative {kind}": (decode(np.full((48, 64), -2, kind)),
-                              "take: a depth of -1 mm; expected 0 where nothing was read, else more")
-       for kind in ("int16", "float64")},
-    **{f"to store {depth}": (lambda depth=depth: stored(np.array([[5, depth]], np.float32), 1.0, "take"),
-        f"take: depth from {least} to {most} mm does not fit into 16 bits of 1 mm; expected 0 to 65535, or take a ...")
-       for depth, least, most in ((65535.6, 5, 65535.6), (-0.6, -0.6, 5), (np.nan, np.nan, np.nan))},  # not clipped
-    "no camera": (lambda: DepthDecoder((48, 64), U16, "take", UNKNOWN), f"take: {UNKNOWN_CAMERA}"),
-    "no unit": (lambda: DepthDecoder((48, 64), F32, "take", CameraInfo(CAMERA)),
-                f"take: {UNKNOWN_UNIT}"),
-    "no unit of floats": (lambda: DepthDecoder((480, 640), F32, "take", CameraInfo(SR305)),
-                          f"take: {UNKNOWN_UNIT}"),  # the unit of the camera's own images is known
-    "an upright frame": (lambda: sized(CAMERA, (64, 48), "take"), "take: 48 x 64 pixels; camera own has 64 x 48"),
-    "frames at once": (lambda: sized(CAMERA, (4, 48, 64), "take"),
-                       "take: frames of shape (4, 48, 64), expected (height, width)"),
-})
+@bad_inputs(
+    DataError,
+    {
+        **{
+            f"{field} of {value}": (
+                lambda field=field, value=value: replace(NYU, **{field: value}),
+                ValueError,
+                f"camera 'nyu': {field} is {value}, expected {expected} px",
+            )
+            for field, value, expected in (
+                *(("fx", value, "more than 1e-06") for value in (0, -587.0, 1e-320, np.nan)),
+                ("fy", np.inf, "more than 1e-06"),
+                ("u0", np.nan, "a finite number of"),
+                ("v0", np.inf, "a finite number of"),
+            )
+        },
+        "crop at no depth": (cut(320, 240, 0), CROP.format(320, 0, 300)),
+        "crop at no column": (cut(np.nan, 240, 800), CROP.format("nan", 800, 300)),
+        "crop of a negative cube": (cut(320, 240, 800, cube=-1), CROP.format(320, 800, -1)),
+        "crop outside": (
+            cut(5000, 240, 800),
+            "the cube of 300 mm at u 5000, v 240, 800 mm lies outside the image",
+        ),
+        "crop of another size": (
+            lambda: crop(np.ones((240, 320)), (100, 100, 800), 300),
+            "depth image of shape (240, 320), expected (480, 640) of camera 'nyu'",
+        ),
+        "a list": (
+            lambda: depth_image([[700.0]]),
+            "depth image is a list, expected an array of numbers",
+        ),
+        "a name": (
+            lambda: depth_image("frame.png"),
+            "depth image is a str, expected an array of numbers",
+        ),
+        "texts": (
+            lambda: depth_image(np.array([["a"]])),
+            "depth image is an array of <U1, expected numbers",
+        ),
+        "complex": (
+            lambda: depth_image(np.zeros(4, complex)),
+            "depth image is an array of complex128, expected numbers",
+        ),
+        "three axes": (
+            lambda: depth_image(np.zeros((2, 2, 1))),
+            "depth image of shape (2, 2, 1), expected (height, width)",
+        ),
+        "metres": (
+            lambda: check_unit(np.array([[0.5, 0, np.nan, 1.2]])),
+            UnitError,
+            "depths from 0.5 to 1.2, expected mm; they may be metres",
+        ),
+        "micrometres": (
+            lambda: check_unit(np.array([[700000.0, 0]])),
+            UnitError,
+            "depths from 700000 to 700000, expected mm, nearer than 20000; check the unit",
+        ),
+        "negative": (
+            lambda: check_unit(np.array([[-700, 0]], np.int16)),
+            UnitError,
+            "depths from -700 to -700, expected mm, growing away from the camera",
+        ),
+        "no frame": (lambda: inspect(Taken([])), "take: no frame in it"),
+        "a lens without inverse": (
+            undistort("inverse_brown_conrady", -9, 0, 0, 0),
+            "distortion (-9.0, 0.0, 0.0, 0.0) cannot be inverted over the picture; check it",
+        ),
+        "a lens of nothing": (
+            undistort("brown_conrady", 1e300, 1e300, 0, 0),
+            "distortion (1e+300, 1e+300, 0.0, 0.0) leaves 0% of the picture; check it",
+        ),
+        "a lens of little": (
+            undistort("brown_conrady", -30, 0, 0, 0),
+            "distortion (-30.0, 0.0, 0.0, 0.0) leaves ...% of the picture; check it",
+        ),
+        "one coefficient": (lambda: Lens((0.1,)), f"distortion (0.1,), {COEFFICIENTS}"),
+        "six coefficients": (
+            lambda: Lens((0.1,) * 6),
+            f"distortion (0.1, 0.1, 0.1, 0.1, 0.1, 0.1), {COEFFICIENTS}",
+        ),
+        "a NaN coefficient": (
+            lambda: Lens((np.nan, 0, 0, 0)),
+            f"distortion (nan, 0, 0, 0), {COEFFICIENTS}",
+        ),
+        "a misspelt lens": (
+            lambda: lens_of("brown_conrad", (0.1, 0, 0, 0, 0), "x"),
+            f"x: distortion model 'brown_conrad' is not known (did you mean 'brown conrady'?); {KNOWN}",
+        ),
+        "no lens with coefficients": (
+            lambda: lens_of("none", (0.1, 0, 0, 0, 0), "x"),
+            "x: distortion (0.1, 0.0, 0.0, 0.0, 0.0) of the model 'none', which has none",
+        ),
+        "another lens": (
+            lambda: lens_of("kannala_brandt4", (0.1, 0, 0, 0, 0), "x"),
+            f"x: distortion model 'kannala_brandt4' is not known; {KNOWN}",
+        ),
+        **{
+            f"values of {kind}": (
+                decode(np.zeros((3, 4), kind)),
+                f"take: values of type {kind}; {WHAT_IS_READ}",
+            )
+            for kind in ("uint8", "complex128", "object")
+        },
+        "a small frame": (
+            decode(np.zeros((3, 4), np.uint16)),
+            "take: 4 x 3 pixels; the camera has 64 x 48",
+        ),
+        "a frame of colours": (
+            decode(np.zeros((48, 64, 3), np.uint16)),
+            "take: shape (48, 64, 3); the camera has 64 x 48",
+        ),
+        **{
+            f"a negative {kind}": (
+                decode(np.full((48, 64), -2, kind)),
+                "take: a depth of -1 mm; expected 0 where nothing was read, else more",
+            )
+            for kind in ("int16", "float64")
+        },
+        **{
+            f"to store {depth}": (
+                lambda depth=depth: stored(np.array([[5, depth]], np.float32), 1.0, "take"),
+                f"take: depth from {least} to {most} mm does not fit into 16 bits of 1 mm; expected 0 to 65535, or take a ...",
+            )
+            # not clipped
+            for depth, least, most in (
+                (65535.6, 5, 65535.6),
+                (-0.6, -0.6, 5),
+                (np.nan, np.nan, np.nan),
+            )
+        },
+        "no camera": (
+            lambda: DepthDecoder((48, 64), U16, "take", UNKNOWN),
+            f"take: {UNKNOWN_CAMERA}",
+        ),
+        "no unit": (
+            lambda: DepthDecoder((48, 64), F32, "take", CameraInfo(CAMERA)),
+            f"take: {UNKNOWN_UNIT}",
+        ),
+        "no unit of floats": (
+            lambda: DepthDecoder((480, 640), F32, "take", CameraInfo(SR305)),
+            f"take: {UNKNOWN_UNIT}",
+        ),  # the unit of the camera's own images is known
+        "an upright frame": (
+            lambda: sized(CAMERA, (64, 48), "take"),
+            "take: 48 x 64 pixels; camera own has 64 x 48",
+        ),
+        "frames at once": (
+            lambda: sized(CAMERA, (4, 48, 64), "take"),
+            "take: frames of shape (4, 48, 64), expected (height, width)",
+        ),
+    },
+)
 def test_values_that_are_refused(given: Callable[[], object], rejected: Any) -> None:
     with rejected:
         given()
 
 
-@bad_inputs(DataError, {
-    "no file": (lambda tmp: images.read_png(tmp / "none.png"), BadFrameError, "...none.png: no such file"),
-    "a folder": (lambda tmp: images.read_png(tmp), BadFrameError,
-                 "...: truncated, damaged or no PNG"),
-    "cut": (lambda tmp: images.read_picture(tmp / "cut.png"), "...cut.png: truncated or damaged PNG"),
-    "empty": (lambda tmp: images.read_picture(tmp / "empty.png"),
-              "...empty.png: not an image that OpenCV can decode (0 bytes)"),
-    "another size": (lambda tmp: images.read_frame(tmp / "frame.png", CameraInfo(KINECT2)),
-                     "...frame.png: 40 x 30 pixels; camera kinect2 has 512 x 424"),
-    "no camera": (lambda tmp: images.read_frame(tmp / "frame.png", UNKNOWN), f"...frame.png: {UNKNOWN_CAMERA}"),
-    "no camera.json": (lambda tmp: camera_file.read(tmp / "none.json"), "...none.json: cannot read the camera: No ..."),
-})
-def test_files_that_are_refused(tmp_path: Path, given: Callable[[Path], object], rejected: Any) -> None:
-    content = cv2.imencode(".png", np.random.default_rng(0).integers(0, 999, (30, 40)).astype(np.uint16))[1].tobytes()
+@bad_inputs(
+    DataError,
+    {
+        "no file": (
+            lambda tmp: images.read_png(tmp / "none.png"),
+            BadFrameError,
+            "...none.png: no such file",
+        ),
+        "a folder": (
+            lambda tmp: images.read_png(tmp),
+            BadFrameError,
+            "...: truncated, damaged or no PNG",
+        ),
+        "cut": (
+            lambda tmp: images.read_picture(tmp / "cut.png"),
+            "...cut.png: truncated or damaged PNG",
+        ),
+        "empty": (
+            lambda tmp: images.read_picture(tmp / "empty.png"),
+            "...empty.png: not an image that OpenCV can decode (0 bytes)",
+        ),
+        "another size": (
+            lambda tmp: images.read_frame(tmp / "frame.png", CameraInfo(KINECT2)),
+            "...frame.png: 40 x 30 pixels; camera kinect2 has 512 x 424",
+        ),
+        "no camera": (
+            lambda tmp: images.read_frame(tmp / "frame.png", UNKNOWN),
+            f"...frame.png: {UNKNOWN_CAMERA}",
+        ),
+        "no camera.json": (
+            lambda tmp: camera_file.read(tmp / "none.json"),
+            "...none.json: cannot read the camera: No ...",
+        ),
+    },
+)
+def test_files_that_are_refused(
+    tmp_path: Path, given: Callable[[Path], object], rejected: Any
+) -> None:
+    content = cv2.imencode(
+        ".png", np.random.default_rng(0).integers(0, 999, (30, 40)).astype(np.uint16)
+    )[1].tobytes()
     for name, size in (("frame", len(content)), ("cut", len(content) * 3 // 4), ("empty", 0)):
         (tmp_path / f"{name}.png").write_bytes(content[:size])
     with rejected:

@@ -27,7 +27,11 @@ FOUR = '"fx": 60, "fy": 61, "u0": 31.5, "v0": 23.5'
 def test_the_example_of_the_docstring() -> None:
     text = (camera_file.__doc__ or "").split("\n\n")[1]
     assert parse(text, "x") == CameraInfo(
-        Camera("own", 476.0, 476.0, 313.7, 242.8, 640, 480), Lens((0.1, -0.2, 0, 0, 0)), 0.125, 30.0, "x"
+        Camera("own", 476.0, 476.0, 313.7, 242.8, 640, 480),
+        Lens((0.1, -0.2, 0, 0, 0)),
+        0.125,
+        30.0,
+        "x",
     )
 
 
@@ -37,16 +41,32 @@ def test_the_example_of_the_docstring() -> None:
         ("{}", CameraInfo(origin="x")),
         ('{"unit_mm": 0.125}', CameraInfo(unit_mm=0.125, origin="x")),
         (f"{{{FOUR}}}", CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 0, 0), origin="x")),
-        (f'{{{FOUR}, "min_range_mm": 80}}', CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 0, 0, 80.0), origin="x")),
-        (f'{{{FOUR}, "distortion": [0.1, 0, 0, 0]}}',
-         CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 0, 0), Lens((0.1, 0, 0, 0)), origin="x")),
-        ('{"width": 64, "height": 48, "fx": 60, "fy": 61, "ppx": 31.5, "ppy": 23.5, "model": "Inverse Brown Conrady", '
-         '"coeffs": [0.1, 0, 0, 0, 0], "depth_scale": 0.001, "fps": 30}',
-         CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 64, 48), Lens((0.1, 0, 0, 0, 0), "inverse_brown_conrady"), 1.0,
-                    30.0, "x")),
-        ('{"fx": 60, "fy": 61, "cx": 31.5, "cy": 23.5, "k1": 1, "k2": 2, "k3": 3, "k4": 4, "k5": 5, "k6": 6, "p1": 7, '
-         '"p2": 8}',
-         CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 0, 0), Lens((1, 2, 7, 8, 3, 4, 5, 6)), origin="x")),
+        (
+            f'{{{FOUR}, "min_range_mm": 80}}',
+            CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 0, 0, 80.0), origin="x"),
+        ),
+        (
+            f'{{{FOUR}, "distortion": [0.1, 0, 0, 0]}}',
+            CameraInfo(Camera("own", 60, 61, 31.5, 23.5, 0, 0), Lens((0.1, 0, 0, 0)), origin="x"),
+        ),
+        (
+            '{"width": 64, "height": 48, "fx": 60, "fy": 61, "ppx": 31.5, "ppy": 23.5, "model": "Inverse Brown Conrady", '
+            '"coeffs": [0.1, 0, 0, 0, 0], "depth_scale": 0.001, "fps": 30}',
+            CameraInfo(
+                Camera("own", 60, 61, 31.5, 23.5, 64, 48),
+                Lens((0.1, 0, 0, 0, 0), "inverse_brown_conrady"),
+                1.0,
+                30.0,
+                "x",
+            ),
+        ),
+        (
+            '{"fx": 60, "fy": 61, "cx": 31.5, "cy": 23.5, "k1": 1, "k2": 2, "k3": 3, "k4": 4, "k5": 5, "k6": 6, "p1": 7, '
+            '"p2": 8}',
+            CameraInfo(
+                Camera("own", 60, 61, 31.5, 23.5, 0, 0), Lens((1, 2, 7, 8, 3, 4, 5, 6)), origin="x"
+            ),
+        ),
     ],
     ids=["nothing", "a unit", "a camera", "a range", "a list", "RealSense", "by name"],
 )
@@ -55,63 +75,70 @@ def test_what_is_understood(text: str, expected: CameraInfo) -> None:
     assert replace(parse(text, "x"), origin="x") == expected
 
 
-NUMBER, WHAT = "expected a number more than 1e-06 and at most", "known: fx, fy, u0, v0, unit_mm, rate, ..."
+NUMBER, WHAT = (
+    "expected a number more than 1e-06 and at most",
+    "known: fx, fy, u0, v0, unit_mm, rate, ...",
+)
 
 
-@bad_inputs(DataError, {
-    "": "x: not whole JSON: Expecting value...",
-    '{"fx": 60,\n"fy" 61}': "x: not whole JSON: Expecting ':' delimiter: line 2 column 6 (char 16)",
-    "[1, 2]": "x: matrix is [1.0, 2.0]; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], or fx, fy, cx, cy",
-    '["a"]': 'x: found ["a"]; expected {"fx": ..., "fy": ..., "u0": ..., "v0": ...}',
-    '{"fx": 1e-320, "fy": 1, "u0": 1, "v0": 1}': f"x: fx is 1e-320; {NUMBER} 1e+06",
-    '{"unit_mm": 1e-320}': f"x: unit_mm is 1e-320; {NUMBER} 10000",
-    f'{{{FOUR}, "unit_mm": NaN}}': f"x: unit_mm is NaN; {NUMBER} 10000",
-    "nested in an object": ('{"a": ' + "[" * 900 + "]" * 900 + "}", "x: ..."),
-    "5000 digits": ("fx: " + "9" * 5000, "x: fx is Infinity; expected a number more than ..."),
-    "5000 digits of JSON": ('{"fx": ' + "9" * 5000 + "}", "x: not whole JSON: Exceeds the limit ..."),
-    '{"unit_m": 1}': f"x: unknown key 'unit_m' (did you mean 'unit_mm'?); {WHAT}",
-    '{"focal": 1}': f"x: unknown key 'focal'; {WHAT}",
-    '{"fx": 60, "fx": 61}': "x: has 'fx' twice",
-    f'{{{FOUR}, "cx": 31.5}}': "x: says u0 twice, once as cx",
-    '{"fx": 60, "fy": 60}': "x: has fx, but not u0 and v0",
-    '{"fx": 0, "fy": 1, "u0": 1, "v0": 1}': f"x: fx is 0; {NUMBER} 1e+06",
-    '{"fx": "60", "fy": 1, "u0": 1, "v0": 1}': f'x: fx is "60"; {NUMBER} 1e+06',
-    '{"fx": true, "fy": 1, "u0": 1, "v0": 1}': f"x: fx is true; {NUMBER} 1e+06",
-    f'{{{FOUR}, "width": 64}}': "x: has width, but not height",
-    f'{{{FOUR}, "width": 64.5, "height": 48}}': "x: width is 64.5; expected a whole number",
-    f'{{{FOUR}, "width": 0, "height": 48}}': "x: width is 0; expected a number more than 0 and at most 16384",
-    '{"width": 64, "height": 48}': "x: has width, but not fx, fy, u0, v0",
-    '{"unit_mm": -1}': f"x: unit_mm is -1; {NUMBER} 10000",
-    '{"depth_scale": "1"}': f'x: unit_mm is "1"; {NUMBER} 10000',
-    '{"rate": 1e999}': f"x: rate is Infinity; {NUMBER} 10000",
-    '{"distortion": [1, 2, 3]}': "x: distortion (1.0, 2.0, 3.0), expected 4, 5, 8 finite numbers: k1 k2 p1 p2 ...",
-    '{"distortion": [1, "a"]}': 'x: distortion is [1, "a"]; expected a list of numbers: k1, k2, p1, p2, k3 ...',
-    '{"distortion": {"modell": "none"}}': "x: distortion: unknown key 'modell' (did you mean 'model'?); known: ...",
-    '{"distortion": {"model": "fisheye", "coefficients": [1, 0, 0, 0]}}':
-        "x: distortion model 'fisheye' is not known; known: brown_conrady (OpenCV's), ...",
-    '{"distortion": {"model": 1, "coefficients": [1, 0, 0, 0]}}': "x: model is 1; expected a text",
-    '{"distortion": [0, 0, 0, 0], "k1": 0}': "x: says the distortion twice, once as k1 ...",
-    '{"model": "none", "distortion": {"model": "none"}}': "x: says model twice, once as distortion",
-    '{"time_unit": "msec"}': 'x: time_unit is "msec"; expected s, ms, us, ns, frames',
-    "K: [1, 2, 3]": "x: K is [1.0, 2.0, 3.0]; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], or fx, fy, cx, cy",
-    "K: [60, 1, 31, 0, 61, 23, 0, 0, 1]": "x: K is [60.0, 1.0, 31.0, ...; expected [[fx, 0, cx], ...",
-    "K: [0, 0, 0, 0, 0, 0, 0, 0, 1]": "x: fx is 0.0; expected a number more than 1e-06 and at most 1e+06",
-    "K: [60, 61, 31, 23]\nD: [0.1, 0, 0, 0]\ndistortion_model: equidistant":
-        "x: distortion model 'equidistant' is not known; known: brown_conrady (OpenCV's), ...",
-    "K: [60, 61, 31, 23]\nK: 1": "x: has 'K' twice",
-    "K: [60, 61, 31, 23]\nresolution: [64.5, 48]": "x: width is 64.5; expected a whole number",
-    "a:\n  K: [60, 61, 31, 23]\nb:\n  K: [60, 61, 31, 24]": "x: has several cameras: a, b; expected one, or ...",
-    "a: 1\n- b": "x: unknown key 'a'; known: fx, ...",
-    "no camera here": "x: unknown key 'no camera here'; known: fx, ...",
-    "a: [1, {b}]": "x: unknown key 'a'; known: fx, ...",
-    "fx: 60abc": 'x: fx is "60abc"; expected a number more than ...',
-    "fx: 60 61\nfy: 60": "x: fx is [60.0, 61.0]; expected a number more than ...",
-    "fx=60 fy=61 cx=31 cy=23 fx=62": "x: has 'fx' twice",
-    "# a comment\n1 2\nx\n3": "x: unknown key 'x'...; known: fx, ...",
-    "---": "x: not the parameters of a camera",
-    "date: today": "x: unknown key 'date'...; known: fx, ...",
-    '<?xml version="1.0"?>': "x: XML; expected JSON or YAML, which OpenCV's FileStorage writes, too",
-})
+@bad_inputs(
+    DataError,
+    {
+        "": "x: not whole JSON: Expecting value...",
+        '{"fx": 60,\n"fy" 61}': "x: not whole JSON: Expecting ':' delimiter: line 2 column 6 (char 16)",
+        "[1, 2]": "x: matrix is [1.0, 2.0]; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], or fx, fy, cx, cy",
+        '["a"]': 'x: found ["a"]; expected {"fx": ..., "fy": ..., "u0": ..., "v0": ...}',
+        '{"fx": 1e-320, "fy": 1, "u0": 1, "v0": 1}': f"x: fx is 1e-320; {NUMBER} 1e+06",
+        '{"unit_mm": 1e-320}': f"x: unit_mm is 1e-320; {NUMBER} 10000",
+        f'{{{FOUR}, "unit_mm": NaN}}': f"x: unit_mm is NaN; {NUMBER} 10000",
+        "nested in an object": ('{"a": ' + "[" * 900 + "]" * 900 + "}", "x: ..."),
+        "5000 digits": ("fx: " + "9" * 5000, "x: fx is Infinity; expected a number more than ..."),
+        "5000 digits of JSON": (
+            '{"fx": ' + "9" * 5000 + "}",
+            "x: not whole JSON: Exceeds the limit ...",
+        ),
+        '{"unit_m": 1}': f"x: unknown key 'unit_m' (did you mean 'unit_mm'?); {WHAT}",
+        '{"focal": 1}': f"x: unknown key 'focal'; {WHAT}",
+        '{"fx": 60, "fx": 61}': "x: has 'fx' twice",
+        f'{{{FOUR}, "cx": 31.5}}': "x: says u0 twice, once as cx",
+        '{"fx": 60, "fy": 60}': "x: has fx, but not u0 and v0",
+        '{"fx": 0, "fy": 1, "u0": 1, "v0": 1}': f"x: fx is 0; {NUMBER} 1e+06",
+        '{"fx": "60", "fy": 1, "u0": 1, "v0": 1}': f'x: fx is "60"; {NUMBER} 1e+06',
+        '{"fx": true, "fy": 1, "u0": 1, "v0": 1}': f"x: fx is true; {NUMBER} 1e+06",
+        f'{{{FOUR}, "width": 64}}': "x: has width, but not height",
+        f'{{{FOUR}, "width": 64.5, "height": 48}}': "x: width is 64.5; expected a whole number",
+        f'{{{FOUR}, "width": 0, "height": 48}}': "x: width is 0; expected a number more than 0 and at most 16384",
+        '{"width": 64, "height": 48}': "x: has width, but not fx, fy, u0, v0",
+        '{"unit_mm": -1}': f"x: unit_mm is -1; {NUMBER} 10000",
+        '{"depth_scale": "1"}': f'x: unit_mm is "1"; {NUMBER} 10000',
+        '{"rate": 1e999}': f"x: rate is Infinity; {NUMBER} 10000",
+        '{"distortion": [1, 2, 3]}': "x: distortion (1.0, 2.0, 3.0), expected 4, 5, 8 finite numbers: k1 k2 p1 p2 ...",
+        '{"distortion": [1, "a"]}': 'x: distortion is [1, "a"]; expected a list of numbers: k1, k2, p1, p2, k3 ...',
+        '{"distortion": {"modell": "none"}}': "x: distortion: unknown key 'modell' (did you mean 'model'?); known: ...",
+        '{"distortion": {"model": "fisheye", "coefficients": [1, 0, 0, 0]}}': "x: distortion model 'fisheye' is not known; known: brown_conrady (OpenCV's), ...",
+        '{"distortion": {"model": 1, "coefficients": [1, 0, 0, 0]}}': "x: model is 1; expected a text",
+        '{"distortion": [0, 0, 0, 0], "k1": 0}': "x: says the distortion twice, once as k1 ...",
+        '{"model": "none", "distortion": {"model": "none"}}': "x: says model twice, once as distortion",
+        '{"time_unit": "msec"}': 'x: time_unit is "msec"; expected s, ms, us, ns, frames',
+        "K: [1, 2, 3]": "x: K is [1.0, 2.0, 3.0]; expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], or fx, fy, cx, cy",
+        "K: [60, 1, 31, 0, 61, 23, 0, 0, 1]": "x: K is [60.0, 1.0, 31.0, ...; expected [[fx, 0, cx], ...",
+        "K: [0, 0, 0, 0, 0, 0, 0, 0, 1]": "x: fx is 0.0; expected a number more than 1e-06 and at most 1e+06",
+        "K: [60, 61, 31, 23]\nD: [0.1, 0, 0, 0]\ndistortion_model: equidistant": "x: distortion model 'equidistant' is not known; known: brown_conrady (OpenCV's), ...",
+        "K: [60, 61, 31, 23]\nK: 1": "x: has 'K' twice",
+        "K: [60, 61, 31, 23]\nresolution: [64.5, 48]": "x: width is 64.5; expected a whole number",
+        "a:\n  K: [60, 61, 31, 23]\nb:\n  K: [60, 61, 31, 24]": "x: has several cameras: a, b; expected one, or ...",
+        "a: 1\n- b": "x: unknown key 'a'; known: fx, ...",
+        "no camera here": "x: unknown key 'no camera here'; known: fx, ...",
+        "a: [1, {b}]": "x: unknown key 'a'; known: fx, ...",
+        "fx: 60abc": 'x: fx is "60abc"; expected a number more than ...',
+        "fx: 60 61\nfy: 60": "x: fx is [60.0, 61.0]; expected a number more than ...",
+        "fx=60 fy=61 cx=31 cy=23 fx=62": "x: has 'fx' twice",
+        "# a comment\n1 2\nx\n3": "x: unknown key 'x'...; known: fx, ...",
+        "---": "x: not the parameters of a camera",
+        "date: today": "x: unknown key 'date'...; known: fx, ...",
+        '<?xml version="1.0"?>': "x: XML; expected JSON or YAML, which OpenCV's FileStorage writes, too",
+    },
+)
 def test_what_is_refused(given: str, rejected: Any) -> None:
     with rejected:
         parse(given, "x")
@@ -121,14 +148,31 @@ positive = st.floats(1e-3, 1e4)
 
 
 @example(60.0, 61.0, 31.5, 23.5, 64, None, [0.0] * 5, "ms")
-@given(positive, positive, st.floats(-1e5, 1e5), st.floats(-1e5, 1e5), st.integers(0, 9000), st.none() | positive,
-       st.none() | st.lists(st.floats(-5, 5), min_size=5, max_size=5), st.sampled_from([None, *TIME_UNITS]))
+@given(
+    positive,
+    positive,
+    st.floats(-1e5, 1e5),
+    st.floats(-1e5, 1e5),
+    st.integers(0, 9000),
+    st.none() | positive,
+    st.none() | st.lists(st.floats(-5, 5), min_size=5, max_size=5),
+    st.sampled_from([None, *TIME_UNITS]),
+)
 def test_every_number_returns(
-    fx: float, fy: float, u0: float, v0: float, width: int, unit: float | None, lens: list[float] | None,
+    fx: float,
+    fy: float,
+    u0: float,
+    v0: float,
+    width: int,
+    unit: float | None,
+    lens: list[float] | None,
     time_unit: str | None,
 ) -> None:
     """Every number is restored bit for bit; a lens without distortion is omitted."""
-    camera, lens = Camera("any", fx, fy, u0, v0, width, 7 if width else 0), lens if lens and any(lens) else None
+    camera, lens = (
+        Camera("any", fx, fy, u0, v0, width, 7 if width else 0),
+        lens if lens and any(lens) else None,
+    )
     said = CameraInfo(camera, lens and Lens(tuple(lens)), unit, unit, "x", time_unit)
     assert parse(to_text(said), "x") == said
 
@@ -218,53 +262,117 @@ LISTED = """ Intrinsic of "Color" / 64x48 / {RGB8}
   Coeffs:     \t0.1  \t0  \t0  \t0  \t0
   FOV (deg):  \t50 x 40
 """
-TWO_STREAMS = {"color": {"intrinsics": {"fx": 1, "fy": 2, "ppx": 3, "ppy": 4}}, "depth_scale": 0.001, "fps": 30,
-               "depth": {"intrinsics": {"fx": 60, "fy": 61, "ppx": 31.5, "ppy": 23.5, "width": 64, "height": 48,
-                                        "coeffs": [0, 0, 0, 0, 0], "model": "Brown Conrady"}}}
-TRAJECTORY = {"class_name": "PinholeCameraTrajectory", "parameters": [
-    {"extrinsic": [1.0] * 16, "intrinsic": json.loads(OPEN3D)} for _ in range(2)]}
+TWO_STREAMS = {
+    "color": {"intrinsics": {"fx": 1, "fy": 2, "ppx": 3, "ppy": 4}},
+    "depth_scale": 0.001,
+    "fps": 30,
+    "depth": {
+        "intrinsics": {
+            "fx": 60,
+            "fy": 61,
+            "ppx": 31.5,
+            "ppy": 23.5,
+            "width": 64,
+            "height": 48,
+            "coeffs": [0, 0, 0, 0, 0],
+            "model": "Brown Conrady",
+        }
+    },
+}
+TRAJECTORY = {
+    "class_name": "PinholeCameraTrajectory",
+    "parameters": [{"extrinsic": [1.0] * 16, "intrinsic": json.loads(OPEN3D)} for _ in range(2)],
+}
 
 
-@pytest.mark.parametrize(("text", "camera", "words"), [
-    (OPEN3D, SIZED, "width, height, intrinsic_matrix"),
-    (json.dumps(TRAJECTORY), SIZED, "width, height, intrinsic_matrix"),
-    (ROWS, CAMERA, "matrix"),
-    ("60 0 31.5\n0 61 23.5\n0 0 1\n", CAMERA, "matrix"),
-    ("[[60.   0.  31.5]\n [ 0.  61.  23.5]\n [ 0.   0.   1. ]]", CAMERA, "matrix"),
-    ("6.0e+01,0,0\n0,61,0\n31.5,23.5,1", CAMERA, "matrix"),
-    ("60 0 31.5 0\n0 61 23.5 0\n0 0 1 0\n0 0 0 1", CAMERA, "matrix"),
-    ("# K of the depth camera 1\n60 0 31.5\n0 61 23.5\n0 0 1\n", CAMERA, "matrix"),
-    ("60 61 31.5 23.5", CAMERA, "matrix"),
-    ("60 61 31.5 23.5 64 48", SIZED, "matrix, size"),
-    (f'{{"0": {{"cam_K": {BY_COLUMNS}, "cam_t": [1]}}, "1": {{"cam_K": {BY_COLUMNS}, "cam_t": [2]}}}}', CAMERA,
-     "cam_K; not used: cam_t"),
-    (f'{{"cameraData": [[2, {{"intrinsicMatrix": {ROWS}, "width": 64, "height": 48}}]]}}', SIZED,
-     "intrinsicMatrix, width, height"),
-    ("fx_depth = 60\nfy_depth = 61\nmx_depth = 31.5\nmy_depth = 23.5\ndepthWidth = 64\ndepthHeight = 48\n", SIZED,
-     "fx_depth, fy_depth, mx_depth, my_depth, depthWidth, depthHeight"),
-    (f'{{"camera_matrix": {ROWS}, "image_size": [64, 48], "avg_reprojection_error": 0.1}}', SIZED,
-     "camera_matrix, image_size; not used: avg_reprojection_error"),
-    ('{"fl_x": 60, "fl_y": 61, "cx": 31.5, "cy": 23.5, "w": 64, "h": 48, "frames": []}', SIZED,
-     "fl_x, fl_y, cx, cy, w, h; not used: frames"),
-    (f'{{"K": {BY_COLUMNS}, "w": 64, "h": 48, "poses": [[0, 0, 0]]}}', SIZED, "K, w, h; not used: poses"),
-])
+@pytest.mark.parametrize(
+    ("text", "camera", "words"),
+    [
+        (OPEN3D, SIZED, "width, height, intrinsic_matrix"),
+        (json.dumps(TRAJECTORY), SIZED, "width, height, intrinsic_matrix"),
+        (ROWS, CAMERA, "matrix"),
+        ("60 0 31.5\n0 61 23.5\n0 0 1\n", CAMERA, "matrix"),
+        ("[[60.   0.  31.5]\n [ 0.  61.  23.5]\n [ 0.   0.   1. ]]", CAMERA, "matrix"),
+        ("6.0e+01,0,0\n0,61,0\n31.5,23.5,1", CAMERA, "matrix"),
+        ("60 0 31.5 0\n0 61 23.5 0\n0 0 1 0\n0 0 0 1", CAMERA, "matrix"),
+        ("# K of the depth camera 1\n60 0 31.5\n0 61 23.5\n0 0 1\n", CAMERA, "matrix"),
+        ("60 61 31.5 23.5", CAMERA, "matrix"),
+        ("60 61 31.5 23.5 64 48", SIZED, "matrix, size"),
+        (
+            f'{{"0": {{"cam_K": {BY_COLUMNS}, "cam_t": [1]}}, "1": {{"cam_K": {BY_COLUMNS}, "cam_t": [2]}}}}',
+            CAMERA,
+            "cam_K; not used: cam_t",
+        ),
+        (
+            f'{{"cameraData": [[2, {{"intrinsicMatrix": {ROWS}, "width": 64, "height": 48}}]]}}',
+            SIZED,
+            "intrinsicMatrix, width, height",
+        ),
+        (
+            "fx_depth = 60\nfy_depth = 61\nmx_depth = 31.5\nmy_depth = 23.5\ndepthWidth = 64\ndepthHeight = 48\n",
+            SIZED,
+            "fx_depth, fy_depth, mx_depth, my_depth, depthWidth, depthHeight",
+        ),
+        (
+            f'{{"camera_matrix": {ROWS}, "image_size": [64, 48], "avg_reprojection_error": 0.1}}',
+            SIZED,
+            "camera_matrix, image_size; not used: avg_reprojection_error",
+        ),
+        (
+            '{"fl_x": 60, "fl_y": 61, "cx": 31.5, "cy": 23.5, "w": 64, "h": 48, "frames": []}',
+            SIZED,
+            "fl_x, fl_y, cx, cy, w, h; not used: frames",
+        ),
+        (
+            f'{{"K": {BY_COLUMNS}, "w": 64, "h": 48, "poses": [[0, 0, 0]]}}',
+            SIZED,
+            "K, w, h; not used: poses",
+        ),
+    ],
+)
 def test_a_camera_alone(text: str, camera: Camera, words: str) -> None:
     """Open3D's camera and trajectory, tables, ScanNet's, OpenCV's, NeRF's and Record3D's."""
     found = camera_file.parse(text, "x")
     assert (found.camera, found.lens, found.origin) == (camera, None, f"x ({words})")
 
 
-@pytest.mark.parametrize(("text", "name", "lens"), [
-    (ROS, "narrow_stereo", (0.1, -0.2, 0.01, 0.02, 0.3)),
-    (TOPIC, "own", ()),
-    (KALIBR, "own", (0.1, -0.2, 0.01, 0.02)),
-    (ORB_SLAM, "own", (0.1, -0.2, 0, 0, 0.3, 0, 0, 0)),
-    (LISTED, "own", (0.1, 0, 0, 0, 0)),
-    (json.dumps({"k": MATRIX.ravel().tolist(), "d": [0.1, 0, 0, 0, 0], "width": 64, "height": 48, "r": [], "p": [],
-                 "distortion_model": "plumb_bob", "header": {"frame_id": ""}}), "own", (0.1, 0, 0, 0, 0)),
-    (json.dumps({"intrinsics": {"fx": 60, "fy": 61, "cx": 31.5, "cy": 23.5}, "distortion": {"k1": 0.1, "p2": 0.2},
-                 "resolution": {"width": 64, "height": 48}}), "own", (0.1, 0, 0, 0.2, 0, 0, 0, 0)),
-])
+@pytest.mark.parametrize(
+    ("text", "name", "lens"),
+    [
+        (ROS, "narrow_stereo", (0.1, -0.2, 0.01, 0.02, 0.3)),
+        (TOPIC, "own", ()),
+        (KALIBR, "own", (0.1, -0.2, 0.01, 0.02)),
+        (ORB_SLAM, "own", (0.1, -0.2, 0, 0, 0.3, 0, 0, 0)),
+        (LISTED, "own", (0.1, 0, 0, 0, 0)),
+        (
+            json.dumps(
+                {
+                    "k": MATRIX.ravel().tolist(),
+                    "d": [0.1, 0, 0, 0, 0],
+                    "width": 64,
+                    "height": 48,
+                    "r": [],
+                    "p": [],
+                    "distortion_model": "plumb_bob",
+                    "header": {"frame_id": ""},
+                }
+            ),
+            "own",
+            (0.1, 0, 0, 0, 0),
+        ),
+        (
+            json.dumps(
+                {
+                    "intrinsics": {"fx": 60, "fy": 61, "cx": 31.5, "cy": 23.5},
+                    "distortion": {"k1": 0.1, "p2": 0.2},
+                    "resolution": {"width": 64, "height": 48},
+                }
+            ),
+            "own",
+            (0.1, 0, 0, 0.2, 0, 0, 0, 0),
+        ),
+    ],
+)
 def test_a_camera_with_a_lens(text: str, name: str, lens: tuple[float, ...]) -> None:
     """ROS's calibration, a topic's messages, Kalibr, ORB-SLAM, RealSense's list, ROS 2 in JSON, objects in objects."""
     found = camera_file.parse(text, "x")
@@ -280,16 +388,25 @@ def test_the_depth_camera_among_others() -> None:
 
 def test_the_depth_camera_in_a_list() -> None:
     """By the texts in it, if its names say nothing."""
-    cameras = [{"name": kind, "K": [60 + i, 0, 31.5, 0, 61, 23.5, 0, 0, 1], "width": 64, "height": 48}
-               for i, kind in ((2, "rgb"), (0, "depth"), (1, "left infrared"))]
+    cameras = [
+        {"name": kind, "K": [60 + i, 0, 31.5, 0, 61, 23.5, 0, 0, 1], "width": 64, "height": 48}
+        for i, kind in ((2, "rgb"), (0, "depth"), (1, "left infrared"))
+    ]
     found = camera_file.parse(json.dumps({"cameras": cameras}), "x")
     assert found.camera == replace(SIZED, name="depth")
 
 
-@pytest.mark.parametrize(("name", "value", "unit"), [
-    ("depth_scale", 0.00025, 0.25), ("depth_scale", 1000.0, 1.0), ("png_depth_scale", 5000, 0.2),
-    ("depth_scale", 0.1, 0.1), ("DepthMapFactor", 5000.0, 0.2), ("depth_units", 0.000125, 0.125),
-])
+@pytest.mark.parametrize(
+    ("name", "value", "unit"),
+    [
+        ("depth_scale", 0.00025, 0.25),
+        ("depth_scale", 1000.0, 1.0),
+        ("png_depth_scale", 5000, 0.2),
+        ("depth_scale", 0.1, 0.1),
+        ("DepthMapFactor", 5000.0, 0.2),
+        ("depth_units", 0.000125, 0.125),
+    ],
+)
 def test_units(name: str, value: Any, unit: float) -> None:
     """A scale of metres, of mm, or the number of values per metre."""
     assert find({"K": MATRIX.tolist(), name: value}, "x").info.unit_mm == pytest.approx(unit)
@@ -310,11 +427,14 @@ def test_files_of_opencv(tmp_path: Path, suffix: str) -> None:
     assert found.origin.endswith("distortion_coefficients; not used: calibration_time)")
 
 
-@pytest.mark.parametrize("text", [
-    "a:\n- 1\n- -2.5e+3\ng: # h\nl:\n  m:\n    n: [3.5, .5e-1,\n      4]\n  o: -0.5\n"
-    "'p q': [[1, 2],\n  [3, 4]]\ns: t u\n",
-    "%YAML 1.1\n---\na:\n  - 1\n  - 2\nb: {c: 2, d: [1, 2], e: \"f\"}\n...\nb: 1\n",
-])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a:\n- 1\n- -2.5e+3\ng: # h\nl:\n  m:\n    n: [3.5, .5e-1,\n      4]\n  o: -0.5\n"
+        "'p q': [[1, 2],\n  [3, 4]]\ns: t u\n",
+        '%YAML 1.1\n---\na:\n  - 1\n  - 2\nb: {c: 2, d: [1, 2], e: "f"}\n...\nb: 1\n',
+    ],
+)
 def test_yaml(text: str) -> None:
     """Numbers, texts and objects as a reader of YAML has them."""
     yaml = pytest.importorskip("yaml")
@@ -329,7 +449,8 @@ def test_yaml(text: str) -> None:
 
 
 # What other programs print or write: 64 x 48 px, focal lengths 60 and 61, the middle at 31.5, 23.5.
-ENUMERATED = """Device info:
+ENUMERATED = (
+    """Device info:
     Name                          : \tIntel RealSense D455
     Firmware Version              : \t05.13.00.50
     Physical Port                 : \t/sys/devices/pci0000:00/0000:00:14.0/usb2/2-1/video4linux/video0
@@ -340,7 +461,9 @@ Stream Profiles supported by Stereo Module
     Depth    \t  128x96\t@ 30Hz\t   Z16
 
 Intrinsic Parameters:
-""" + "\n".join(f"""
+"""
+    + "\n".join(
+        f"""
  Intrinsic of "{kind}" / {64 * factor}x{48 * factor} / {{{code}}}
   Width:      \t{64 * factor}
   Height:     \t{48 * factor}
@@ -351,9 +474,16 @@ Intrinsic Parameters:
   Distortion: \t{lens}
   Coeffs:     \t0  \t0  \t0  \t0  \t0
   FOV (deg):  \t89.97 x 58.99
-""" for kind, code, shift, lens in (
-    ("Depth", "Z16", 0, "Brown Conrady"), ("Infrared 1", "Y8", 0, "Brown Conrady"), ("Infrared 2", "Y8", 0.25,
-    "Brown Conrady"), ("Color", "RGB8", 7, "Inverse Brown Conrady")) for factor in (1, 2)) + """
+"""
+        for kind, code, shift, lens in (
+            ("Depth", "Z16", 0, "Brown Conrady"),
+            ("Infrared 1", "Y8", 0, "Brown Conrady"),
+            ("Infrared 2", "Y8", 0.25, "Brown Conrady"),
+            ("Color", "RGB8", 7, "Inverse Brown Conrady"),
+        )
+        for factor in (1, 2)
+    )
+    + """
 Extrinsic from "Depth"\t  To\t  "Color" :
  Rotation Matrix:
    0.99998\t  -0.0031\t   0.0029
@@ -367,6 +497,7 @@ Extrinsic from "Depth"\t  To\t  "Depth" :
    0  \t1  \t0
    0  \t0  \t1
 """
+)
 OST = """# oST version 5.0 parameters
 
 
@@ -423,35 +554,60 @@ p2=0.02
 LENS = Lens((0.1, -0.2, 0.01, 0.02, 0.0))
 
 
-@pytest.mark.parametrize(("text", "lens"), [
-    ("[ 64x48  p[31.5 23.5]  f[60 61]  Brown Conrady [0.1 -0.2 0.01 0.02 0] ]", LENS),
-    ("depth: [ 64x48  p[31.5 23.5]  f[60 61]  Brown Conrady [0.1 -0.2 0.01 0.02 0] ]\n"
-     "color: [ 64x48  p[30 20]  f[50 50]  Inverse Brown Conrady [0 0 0 0 0] ]", LENS),
-    ("width: 64, height: 48, ppx: 31.5, ppy: 23.5, fx: 60, fy: 61, model: Brown Conrady, "
-     "coeffs: [0.1, -0.2, 0.01, 0.02, 0]", LENS),
-    ("{'fx': 60.0, 'fy': 61.0, 'ppx': 31.5, 'ppy': 23.5, 'width': 64, 'height': 48}", None),
-    ("{'K': array([[60. ,  0. , 31.5],\n       [ 0. , 61. , 23.5],\n       [ 0. ,  0. ,  1. ]]), 'size': [64, 48]}",
-     None),
-    ("{'color': {'fx': 1, 'fy': 2, 'cx': 3, 'cy': 4}, 'depth': {'fx': 60, 'fy': 61.0, 'cx': 31.5, 'cy': 23.5, "
-     "'width': 64, 'height': 48, 'model': 'Brown Conrady', 'coeffs': [0.1, -0.2, 0.01, 0.02, 0.0]}}", LENS),
-    ("<OBCameraIntrinsic fx=60 fy=61.0 cx=31.5 cy=23.5 width=64 height=48>", None),
-    ("resolution width: 64\nresolution height: 48\nprincipal point x: 31.5\nprincipal point y: 23.5\n"
-     "focal length x: 60\nfocal length y: 61\nradial distortion coefficients:\nk1: 0.1\nk2: -0.2\nk3: 0\n"
-     "center of distortion in Z=1 plane, x: 0\ntangential distortion coefficient x: 0\nmetric radius: 0\n",
-     Lens((0.1, -0.2, 0, 0, 0, 0, 0, 0))),
-    ("Stream,Depth\nFormat,Z16\nResolution x,64\nResolution y,48\n\nIntrinsic:,\nFx,60\nFy,61\nPPx,31.5\nPPy,23.5\n"
-     "Distorsion,Brown Conrady\n", Lens()),
-    ("fx 60\nfy 61\ncx 31.5\ncy 23.5\nwidth 64\nheight 48\n", None),
-    ("fx 60 px\n# fx 70\nfy: 61 px\ncx: 31.5 # middle\ncy: 23.5\nimage size: 64 x 48\n", None),
-    ('{"camMat": [[60, 0, 31.5], [0, 61, 23.5], [0, 0, 1]], "resolution": [64, 48]}', None),
-    ('{"focal_length": [60, 61], "principal_point": [31.5, 23.5], "image_size": [64, 48]}', None),
-    ("m_depthWidth = 64\nm_depthHeight = 48\nm_depthShift = 1000\n"
-     "m_calibrationColorIntrinsic = 1 0 1 0 0 1 1 0 0 0 1 0 0 0 0 1\n"
-     "m_calibrationDepthIntrinsic = 60 0 31.5 0 0 61 23.5 0 0 0 1 0 0 0 0 1\n", None),
-    (OST, LENS),
-    (SECTIONS, Lens((0.1, -0.2, 0.01, 0.02, 0, 0, 0, 0))),
-    ("\n".join(f"{line}\r" for line in OST.split("\n")), LENS),
-])
+@pytest.mark.parametrize(
+    ("text", "lens"),
+    [
+        ("[ 64x48  p[31.5 23.5]  f[60 61]  Brown Conrady [0.1 -0.2 0.01 0.02 0] ]", LENS),
+        (
+            "depth: [ 64x48  p[31.5 23.5]  f[60 61]  Brown Conrady [0.1 -0.2 0.01 0.02 0] ]\n"
+            "color: [ 64x48  p[30 20]  f[50 50]  Inverse Brown Conrady [0 0 0 0 0] ]",
+            LENS,
+        ),
+        (
+            "width: 64, height: 48, ppx: 31.5, ppy: 23.5, fx: 60, fy: 61, model: Brown Conrady, "
+            "coeffs: [0.1, -0.2, 0.01, 0.02, 0]",
+            LENS,
+        ),
+        ("{'fx': 60.0, 'fy': 61.0, 'ppx': 31.5, 'ppy': 23.5, 'width': 64, 'height': 48}", None),
+        (
+            "{'K': array([[60. ,  0. , 31.5],\n       [ 0. , 61. , 23.5],\n       [ 0. ,  0. ,  1. ]]), 'size': [64, 48]}",
+            None,
+        ),
+        (
+            "{'color': {'fx': 1, 'fy': 2, 'cx': 3, 'cy': 4}, 'depth': {'fx': 60, 'fy': 61.0, 'cx': 31.5, 'cy': 23.5, "
+            "'width': 64, 'height': 48, 'model': 'Brown Conrady', 'coeffs': [0.1, -0.2, 0.01, 0.02, 0.0]}}",
+            LENS,
+        ),
+        ("<OBCameraIntrinsic fx=60 fy=61.0 cx=31.5 cy=23.5 width=64 height=48>", None),
+        (
+            "resolution width: 64\nresolution height: 48\nprincipal point x: 31.5\nprincipal point y: 23.5\n"
+            "focal length x: 60\nfocal length y: 61\nradial distortion coefficients:\nk1: 0.1\nk2: -0.2\nk3: 0\n"
+            "center of distortion in Z=1 plane, x: 0\ntangential distortion coefficient x: 0\nmetric radius: 0\n",
+            Lens((0.1, -0.2, 0, 0, 0, 0, 0, 0)),
+        ),
+        (
+            "Stream,Depth\nFormat,Z16\nResolution x,64\nResolution y,48\n\nIntrinsic:,\nFx,60\nFy,61\nPPx,31.5\nPPy,23.5\n"
+            "Distorsion,Brown Conrady\n",
+            Lens(),
+        ),
+        ("fx 60\nfy 61\ncx 31.5\ncy 23.5\nwidth 64\nheight 48\n", None),
+        ("fx 60 px\n# fx 70\nfy: 61 px\ncx: 31.5 # middle\ncy: 23.5\nimage size: 64 x 48\n", None),
+        ('{"camMat": [[60, 0, 31.5], [0, 61, 23.5], [0, 0, 1]], "resolution": [64, 48]}', None),
+        (
+            '{"focal_length": [60, 61], "principal_point": [31.5, 23.5], "image_size": [64, 48]}',
+            None,
+        ),
+        (
+            "m_depthWidth = 64\nm_depthHeight = 48\nm_depthShift = 1000\n"
+            "m_calibrationColorIntrinsic = 1 0 1 0 0 1 1 0 0 0 1 0 0 0 0 1\n"
+            "m_calibrationDepthIntrinsic = 60 0 31.5 0 0 61 23.5 0 0 0 1 0 0 0 0 1\n",
+            None,
+        ),
+        (OST, LENS),
+        (SECTIONS, Lens((0.1, -0.2, 0.01, 0.02, 0, 0, 0, 0))),
+        ("\n".join(f"{line}\r" for line in OST.split("\n")), LENS),
+    ],
+)
 def test_what_programs_print(text: str, lens: Lens | None) -> None:
     """pyrealsense2's two forms, Python's and NumPy's, Orbbec, Azure, RealSense Viewer, ScanNet, ROS's ost, sections."""
     found = camera_file.parse(text, "x")
@@ -465,14 +621,25 @@ def test_the_modes_of_a_camera(tmp_path: Path) -> None:
         assert isinstance(found.camera, View) and found.lens == Lens()
         assert found.camera.at(64, 48) == SIZED
         assert found.camera.at(128, 96) == Camera("own", 120, 122, 63.5, 47.5, 128, 96)
-        with pytest.raises(DataError, match=r"32 x 24 pixels; .* has a camera for 64 x 48, 128 x 96"):
+        with pytest.raises(
+            DataError, match=r"32 x 24 pixels; .* has a camera for 64 x 48, 128 x 96"
+        ):
             found.camera.at(32, 24)
 
 
-@bad_inputs(DataError, {
-    "two devices": (ENUMERATED + ENUMERATED.replace("Fy:         \t61", "Fy:         \t62"), "x: has several ..."),
-    "other lenses": (ENUMERATED.replace("0  \t0  \t0  \t0  \t0", "0.1  \t0  \t0  \t0  \t0", 1), "x: has several ..."),
-})
+@bad_inputs(
+    DataError,
+    {
+        "two devices": (
+            ENUMERATED + ENUMERATED.replace("Fy:         \t61", "Fy:         \t62"),
+            "x: has several ...",
+        ),
+        "other lenses": (
+            ENUMERATED.replace("0  \t0  \t0  \t0  \t0", "0.1  \t0  \t0  \t0  \t0", 1),
+            "x: has several ...",
+        ),
+    },
+)
 def test_modes_that_are_ambiguous(given: str, rejected: Any) -> None:
     with rejected:
         parse(given, "x")
@@ -489,7 +656,8 @@ def test_any_text(text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["a" * 10**6, "1" * 10**6 + "a", "fx: " + "1 " * 10**5 + "a", "a b " * 10**5, "[" * 10**5]
+    "text",
+    ["a" * 10**6, "1" * 10**6 + "a", "fx: " + "1 " * 10**5 + "a", "a b " * 10**5, "[" * 10**5],
 )
 def test_long_texts(text: str) -> None:
     """The time grows in proportion to the length."""

@@ -96,7 +96,9 @@ def test_the_folder_in_the_error_is_that_of_the_frames() -> None:
     """As for the folder of Open3D's recorder, whose camera is then found."""
     wrote("camera_intrinsic.json")
     put(Path("take/color/000000.jpg"), np.zeros((48, 64, 3), np.uint8))
-    with pytest.raises(DataError, match=r"found camera_intrinsic\.json, color, depth; name the") as raised:
+    with pytest.raises(
+        DataError, match=r"found camera_intrinsic\.json, color, depth; name the"
+    ) as raised:
         open_recording("take")
     folder = str(raised.value).partition("name the folder of the frames, as '")[2].removesuffix("'")
     assert open_recording(folder).camera == CAMERA

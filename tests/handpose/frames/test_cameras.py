@@ -41,5 +41,7 @@ def test_models_by_their_field_of_view(view: View) -> None:
     large, small = view.at(*size), view.at(*(n // 2 for n in size))
     assert large.fx == large.fy == pytest.approx(2 * small.fx) and 350 < large.fx < 650
     assert (large.u0, large.v0) == ((size[0] - 1) / 2, (size[1] - 1) / 2)
-    with pytest.raises(DataError, match=rf"frames of 300 x 100 px; depth frames of {view.name} are "):
+    with pytest.raises(
+        DataError, match=rf"frames of 300 x 100 px; depth frames of {view.name} are "
+    ):
         view.at(300, 100)

@@ -71,7 +71,9 @@ def test_the_published_crop(nyu_data: Path) -> None:
     d=st.floats(300, 1500),
     cube=st.sampled_from([200.0, 250.0, 261.0, 300.0]),
 )
-def test_same_as_cutting_and_resizing(camera: Camera, across: float, down: float, d: float, cube: float) -> None:
+def test_same_as_cutting_and_resizing(
+    camera: Camera, across: float, down: float, d: float, cube: float
+) -> None:
     rng = np.random.default_rng(0)
     depth = rng.uniform(d - cube, d + cube, (camera.height, camera.width)).astype(np.float32)
     depth[rng.random(depth.shape) < 0.1] = 0
@@ -82,7 +84,15 @@ def test_same_as_cutting_and_resizing(camera: Camera, across: float, down: float
 
 def test_near_far_and_no_reading() -> None:
     """Depths nearer than the cube become -1, farther ones 1, the centre's depth 0; missing readings are background."""
-    for reading, value in ((10, -1), (650, -1), (800, 0), (875, 0.5), (5000, 1), (0, 1), (np.nan, 1)):
+    for reading, value in (
+        (10, -1),
+        (650, -1),
+        (800, 0),
+        (875, 0.5),
+        (5000, 1),
+        (0, 1),
+        (np.nan, 1),
+    ):
         depth = np.full((480, 640), reading)
         np.testing.assert_allclose(crop(depth, (320, 240, 800), 300), value, atol=1e-7)
 
@@ -98,7 +108,9 @@ def test_window_is_square_in_space() -> None:
 @pytest.mark.parametrize("distance", [350, 600, 1000])
 def test_crop_scale_is_half_a_pixel_before_the_window(distance: float) -> None:
     """``crop_scale`` is half a pixel less than the picked pixels on average; ``crop_pixels`` corrects for it."""
-    centers = np.stack([np.linspace(200.1, 300.7, 37), np.full(37, 200.3), np.full(37, distance)], axis=1)
+    centers = np.stack(
+        [np.linspace(200.1, 300.7, 37), np.full(37, 200.3), np.full(37, distance)], axis=1
+    )
     columns = window(centers, 300.0).columns
     first, factor = crop_scale(centers, 300.0)
     n, i = np.nonzero(columns >= 0)
@@ -121,7 +133,9 @@ def test_crop_pixels_undo_the_window() -> None:
 
 
 def test_joints_there_and_back() -> None:
-    xyz = np.array([[[10.0, 20.0, 800.0], [10.0, 20.0, 1100.0]], [[0.0, 0.0, 700.0], [130.5, 0.0, 700.0]]])
+    xyz = np.array(
+        [[[10.0, 20.0, 800.0], [10.0, 20.0, 1100.0]], [[0.0, 0.0, 700.0], [130.5, 0.0, 700.0]]]
+    )
     center, half = np.array([[10.0, 20.0, 800.0], [0.0, 0.0, 700.0]]), np.array([150.0, 130.5])
     joints = normalise_joints(xyz, center, half)
     np.testing.assert_allclose(joints, [[[0, 0, 0], [0, 0, 2]], [[0, 0, 0], [1, 0, 0]]])

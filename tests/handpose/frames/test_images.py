@@ -48,7 +48,9 @@ def test_units_of_a_frame(tmp_path: Path) -> None:
     """The default unit of SR305 is 0.125 mm."""
     cv2.imwrite(str(tmp_path / "frame.png"), np.full((480, 640), 8000, np.uint16))
     for unit, depth in ((None, 1000), (0.1, 800)):
-        assert (images.read_frame(tmp_path / "frame.png", CameraInfo(SR305, unit_mm=unit)) == depth).all()
+        assert (
+            images.read_frame(tmp_path / "frame.png", CameraInfo(SR305, unit_mm=unit)) == depth
+        ).all()
 
 
 def test_crops_are_normalised(tmp_path: Path) -> None:
@@ -66,7 +68,9 @@ def test_what_is_masked_was_not_read() -> None:
     assert depth_image(np.ma.masked_equal(image, 65535)).tolist() == [[700, 0], [0, 800]]
 
 
-@pytest.mark.parametrize("image", [np.array([[0.5, 0, np.nan, 1.2]]), np.array([[700000.0, 0]]), np.array([[-700, 0]])])
+@pytest.mark.parametrize(
+    "image", [np.array([[0.5, 0, np.nan, 1.2]]), np.array([[700000.0, 0]]), np.array([[-700, 0]])]
+)
 def test_one_plausible_depth(image: np.ndarray) -> None:
     """Depths that suggest another unit than mm are no error if one depth is plausible."""
     check_unit(np.append(image, 700.0))

@@ -18,8 +18,16 @@ from tests.handpose.frames.conftest import CAMERA, hand_sized
 class Taken(Recording):
     """A recording of given images."""
 
-    def __init__(self, images: Sequence[np.ndarray], camera: Camera = CAMERA, unit_mm: float = 1.0) -> None:
-        self.name, self.images, self.camera, self.unit_mm, self.count = "take", images, camera, unit_mm, len(images)
+    def __init__(
+        self, images: Sequence[np.ndarray], camera: Camera = CAMERA, unit_mm: float = 1.0
+    ) -> None:
+        self.name, self.images, self.camera, self.unit_mm, self.count = (
+            "take",
+            images,
+            camera,
+            unit_mm,
+            len(images),
+        )
         self.remarks = ("a remark",)
 
     def __iter__(self) -> Iterator[DepthFrame]:
@@ -52,27 +60,37 @@ def test_every_frame_is_read_once() -> None:
     assert [frame.number for frame in seen.all_frames()] == list(range(12))
     taken.live = True
     seen = inspect(taken)
-    assert [frame.number for frame in seen.all_frames()] == list(range(12)) and list(seen.rest) == []
+    assert [frame.number for frame in seen.all_frames()] == list(range(12)) and list(
+        seen.rest
+    ) == []
 
 
 @pytest.mark.parametrize("factor", [0.001, 1.0, 30.0])
 def test_the_nearest_thing_does_not_depend_on_the_unit(factor: float) -> None:
     image = hand_sized(distance=500).astype(np.float32)
     image[3, 3] = 200
-    assert nearest_thing(image * np.float32(factor), CAMERA) == pytest.approx((500 * factor, 100 * factor), rel=0.01)
+    assert nearest_thing(image * np.float32(factor), CAMERA) == pytest.approx(
+        (500 * factor, 100 * factor), rel=0.01
+    )
     assert nearest_thing(np.zeros((48, 64), np.float32), CAMERA) is None
 
 
 @pytest.mark.parametrize(
     ("factor", "unit_mm", "advice"),
-    [(8, 1.0, "4 m away and 800 mm wide.*with --unit 0.125 0.50 m away and 100 mm wide"),
-     (4, 1.0, "2 m away and 400 mm wide.*with --unit 0.25 0.50 m away and 100 mm wide.*check the unit, here 1 mm"),
-     (5, 1.0, "2.5 m away and 500 mm wide.*with --unit 0.2 0.50 m away and 100 mm wide"),
-     (10, 1.0, "5 m away and 1 m wide.*with --unit 0.1 0.50 m away and 100 mm wide"),
-     (1, 0.25, "^$"),
-     (0.1, 0.1, "50 mm away and 10 mm wide.*with --unit 1 0.50 m away"),
-     (0.001, 1.0, "0.5 mm away and 0.1 mm wide.*with --unit 1000 0.50 m"),
-     (80, 1.0, "40 m away and 8 m wide, which is not plausible for a hand: check the unit")],
+    [
+        (8, 1.0, "4 m away and 800 mm wide.*with --unit 0.125 0.50 m away and 100 mm wide"),
+        (
+            4,
+            1.0,
+            "2 m away and 400 mm wide.*with --unit 0.25 0.50 m away and 100 mm wide.*check the unit, here 1 mm",
+        ),
+        (5, 1.0, "2.5 m away and 500 mm wide.*with --unit 0.2 0.50 m away and 100 mm wide"),
+        (10, 1.0, "5 m away and 1 m wide.*with --unit 0.1 0.50 m away and 100 mm wide"),
+        (1, 0.25, "^$"),
+        (0.1, 0.1, "50 mm away and 10 mm wide.*with --unit 1 0.50 m away"),
+        (0.001, 1.0, "0.5 mm away and 0.1 mm wide.*with --unit 1000 0.50 m"),
+        (80, 1.0, "40 m away and 8 m wide, which is not plausible for a hand: check the unit"),
+    ],
 )
 def test_a_unit_that_is_likely_wrong(factor: float, unit_mm: float, advice: str) -> None:
     warnings = inspect(Taken(moving(factor), unit_mm=unit_mm)).warnings
@@ -103,7 +121,9 @@ def test_a_person_is_no_hand() -> None:
     image = np.full((48, 64), 2800)
     image[:, 16:48] = 1300
     (warning,) = inspect(Taken([image + i for i in range(3)])).warnings
-    assert "1.3 m away" in warning and "--unit 0.25 it would be 0.33 m away and 173 mm wide" in warning
+    assert (
+        "1.3 m away" in warning and "--unit 0.25 it would be 0.33 m away and 173 mm wide" in warning
+    )
     image[18:28, 26:38] = 600
     found = inspect(Taken([image + i for i in range(3)]))
     assert (found.warnings, found.doubt) == ((), "")
@@ -112,10 +132,19 @@ def test_a_person_is_no_hand() -> None:
 @pytest.mark.parametrize(
     ("camera", "what"),
     [
-        (replace(CAMERA, fx=400.0, fy=400.0), "400, 400 px give a field of view of 9 x 7 degrees in 64 x 48 pixels"),
+        (
+            replace(CAMERA, fx=400.0, fy=400.0),
+            "400, 400 px give a field of view of 9 x 7 degrees in 64 x 48 pixels",
+        ),
         (replace(CAMERA, fx=9.0, fy=9.0), "degrees in 64 x 48 pixels; check fx and fy"),
-        (replace(CAMERA, u0=319.5, v0=239.5), "the principal point 319.5, 239.5 is outside of 64 x 48 pixels"),
-        (replace(CAMERA, u0=12.0), "the principal point 12, 23.5 is far from the centre of 64 x 48 pixels"),
+        (
+            replace(CAMERA, u0=319.5, v0=239.5),
+            "the principal point 319.5, 239.5 is outside of 64 x 48 pixels",
+        ),
+        (
+            replace(CAMERA, u0=12.0),
+            "the principal point 12, 23.5 is far from the centre of 64 x 48 pixels",
+        ),
     ],
 )
 def test_a_camera_of_another_picture(camera: Camera, what: str) -> None:
@@ -126,8 +155,14 @@ def test_a_single_frame() -> None:
     """The default unit is the camera's."""
     image, wrong = moving(0.001)[0].astype(np.float32), replace(CAMERA, fx=9.0, fy=9.0)
     found = checked([image], wrong)
-    assert "check fx and fy" in found.of_camera[0] and "check the unit, here 1 mm" in found.of_depths[0]
-    assert "check the unit, here 0.125 mm" in checked([image], replace(CAMERA, name="sr305")).of_depths[0]
+    assert (
+        "check fx and fy" in found.of_camera[0]
+        and "check the unit, here 1 mm" in found.of_depths[0]
+    )
+    assert (
+        "check the unit, here 0.125 mm"
+        in checked([image], replace(CAMERA, name="sr305")).of_depths[0]
+    )
     assert len(checked([np.zeros((48, 64), np.float32)], wrong).of_camera) == 1
 
 

@@ -21,7 +21,9 @@ LENSES = [
 
 def numbered() -> np.ndarray:
     """An image whose pixels are all different and not 0."""
-    return np.arange(1, CAMERA.width * CAMERA.height + 1, dtype=np.float32).reshape(CAMERA.height, CAMERA.width)
+    return np.arange(1, CAMERA.width * CAMERA.height + 1, dtype=np.float32).reshape(
+        CAMERA.height, CAMERA.width
+    )
 
 
 @pytest.mark.parametrize("coefficients", LENSES, ids=len)
@@ -31,7 +33,8 @@ def test_the_same_map_as_opencvs(coefficients: tuple[float, ...]) -> None:
     u, v = cv2.initUndistortRectifyMap(
         matrix, np.array(coefficients), None, matrix, (CAMERA.width, CAMERA.height), cv2.CV_32FC1
     )
-    clear = (abs(u % 1 - 0.5) > 1e-3) & (abs(v % 1 - 0.5) > 1e-3)  # otherwise either neighbour is valid
+    # otherwise either neighbour is valid
+    clear = (abs(u % 1 - 0.5) > 1e-3) & (abs(v % 1 - 0.5) > 1e-3)
     column, row = np.rint(u).astype(int), np.rint(v).astype(int)
     inside = (column >= 0) & (column < CAMERA.width) & (row >= 0) & (row < CAMERA.height)
     expected = np.where(inside, row * CAMERA.width + column + 1, 0)
@@ -46,7 +49,11 @@ def test_no_distortion_changes_nothing() -> None:
         np.testing.assert_array_equal(Undistorter(CAMERA, lens)(numbered()), numbered())
 
 
-@given(st.tuples(st.floats(-0.1, 0.2), st.floats(-0.02, 0.05), st.floats(-0.01, 0.01), st.floats(-0.01, 0.01)))
+@given(
+    st.tuples(
+        st.floats(-0.1, 0.2), st.floats(-0.02, 0.05), st.floats(-0.01, 0.01), st.floats(-0.01, 0.01)
+    )
+)
 def test_the_inverse_lens_is_the_inverse(coefficients: tuple[float, ...]) -> None:
     x, y = np.meshgrid(np.linspace(-0.6, 0.6, 9), np.linspace(-0.5, 0.5, 7))
     there = Lens(coefficients, "inverse_brown_conrady").distorted(x, y)
@@ -66,7 +73,11 @@ def test_nothing_is_shown_beyond_a_fold() -> None:
     ("model", "coefficients", "lens"),
     [
         ("Brown Conrady", (0.1, 0, 0, 0, 0), Lens((0.1, 0, 0, 0, 0))),
-        ("distortion.inverse_brown_conrady", (0.1, 0, 0, 0, 0), Lens((0.1, 0, 0, 0, 0), "inverse_brown_conrady")),
+        (
+            "distortion.inverse_brown_conrady",
+            (0.1, 0, 0, 0, 0),
+            Lens((0.1, 0, 0, 0, 0), "inverse_brown_conrady"),
+        ),
         ("rational_polynomial", (0.1, 0, 0, 0, 0, 0, 0, 0.2), Lens((0.1, 0, 0, 0, 0, 0, 0, 0.2))),
         ("plumb_bob", (0.1, *[0.0] * 13), Lens((0.1, *[0.0] * 7))),
         ("fisheye", (0, 0, 0, 0), Lens()),

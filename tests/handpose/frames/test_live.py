@@ -41,28 +41,47 @@ class Simulated:
         self.closed += 1
 
 
-def frame(time: float, number: int | None = None, value: int = 1000, clock: object = None) -> DeviceFrame:
+def frame(
+    time: float, number: int | None = None, value: int = 1000, clock: object = None
+) -> DeviceFrame:
     return DeviceFrame(time, hand_sized(distance=value), number, clock)
 
 
 def test_frames_as_they_come() -> None:
     """Times begin at 0, depth is in mm, and missing numbers are counted; a repeated frame is skipped."""
-    device = Simulated([frame(5.0, 7), frame(5.1, 8), frame(5.1, 8), None, frame(5.4, 11), EOFError()])
+    device = Simulated(
+        [frame(5.0, 7), frame(5.1, 8), frame(5.1, 8), None, frame(5.4, 11), EOFError()]
+    )
     with LiveRecording(device) as recording:
-        assert (recording.camera, recording.unit_mm, recording.rate, recording.live) == (CAMERA, 0.5, 10, True)
+        assert (recording.camera, recording.unit_mm, recording.rate, recording.live) == (
+            CAMERA,
+            0.5,
+            10,
+            True,
+        )
         frames = list(recording)
     assert [one.number for one in frames] == [0, 1, 4]
     assert [one.time for one in frames] == pytest.approx([0, 0.1, 0.4])
     assert (frames[0].depth == hand_sized(distance=1000) * np.float32(0.5)).all()
-    assert (recording.remarks, recording.cut) == (("frames lost because they were not taken in time: 2",), "")
+    assert (recording.remarks, recording.cut) == (
+        ("frames lost because they were not taken in time: 2",),
+        "",
+    )
     assert device.closed == 1
 
 
-@pytest.mark.parametrize("times", [[(1.0, "a"), (1.1, "a"), (1.7e9, "b"), (1.7e9 + 0.1, "b")],
-                                   [(5.0, "a"), (5.0, "a"), (0.0, "a"), (0.1, "a")]])
+@pytest.mark.parametrize(
+    "times",
+    [
+        [(1.0, "a"), (1.1, "a"), (1.7e9, "b"), (1.7e9 + 0.1, "b")],
+        [(5.0, "a"), (5.0, "a"), (0.0, "a"), (0.1, "a")],
+    ],
+)
 def test_a_clock_that_changes(times: list[tuple[float, str]]) -> None:
     """Times ascend if the clock changes, stands still or restarts; then one frame's time passes."""
-    recording = LiveRecording(Simulated([frame(time, clock=clock) for time, clock in times] + [EOFError()]))
+    recording = LiveRecording(
+        Simulated([frame(time, clock=clock) for time, clock in times] + [EOFError()])
+    )
     assert [one.time for one in recording] == pytest.approx([0, 0.1, 0.2, 0.3], abs=1e-6)
 
 
@@ -70,7 +89,10 @@ def test_a_clock_that_changes(times: list[tuple[float, str]]) -> None:
     ("end", "cut"),
     [
         ([None] * 5, "no frame for 5 s; was the camera unplugged?"),
-        ([TimeoutError("nothing came")] * 5, "no frame for 5 s; was the camera unplugged? (nothing came)"),
+        (
+            [TimeoutError("nothing came")] * 5,
+            "no frame for 5 s; was the camera unplugged? (nothing came)",
+        ),
         ([ValueError("USB error 7")], "the camera has stopped: USB error 7"),
         ([EOFError("the end")], ""),
     ],
@@ -78,7 +100,10 @@ def test_a_clock_that_changes(times: list[tuple[float, str]]) -> None:
 def test_the_end(end: list[Event], cut: str) -> None:
     """A device that ends, fails or sends nothing more ends the recording, with the reason; frames are counted here."""
     recording = LiveRecording(Simulated([frame(1.0), frame(1.2), frame(1.9), *end]))
-    assert [one.number for one in recording] == [0, 1, 2] and (recording.remarks, recording.cut) == ((), cut)
+    assert [one.number for one in recording] == [0, 1, 2] and (
+        recording.remarks,
+        recording.cut,
+    ) == ((), cut)
 
 
 def test_the_end_in_a_thread() -> None:
@@ -119,7 +144,10 @@ def test_a_thread_keeps_the_newest_frame() -> None:
         assert list(frames) == []
     assert (first.number, second.number, round(second.time, 3)) == (0, 5, 0.5)
     assert (second.depth == 250).all()
-    assert (recording.remarks, recording.cut) == (("frames lost because they were not taken in time: 4",), "")
+    assert (recording.remarks, recording.cut) == (
+        ("frames lost because they were not taken in time: 4",),
+        "",
+    )
     assert device.closed == 1
 
 
@@ -132,13 +160,21 @@ def test_given_parameters() -> None:
     np.testing.assert_array_equal(one.depth, expected)
 
 
-@bad_inputs(DataError, {
-    "no camera": ((CameraInfo(unit_mm=1.0), CameraInfo()), INCOMPLETE),
-    "no unit": ((CameraInfo(CAMERA), CameraInfo()), INCOMPLETE),
-    "no size": ((CameraInfo(Camera("own", 60, 60, 32, 24, 0, 0), unit_mm=1.0), CameraInfo()), INCOMPLETE),
-    "another size": ((CameraInfo(CAMERA, unit_mm=1.0), CameraInfo(Camera("x", 60, 60, 32, 24, 99, 48))),
-                     "simulated: 64 x 48 pixels; camera x has 99 x 48"),
-})
+@bad_inputs(
+    DataError,
+    {
+        "no camera": ((CameraInfo(unit_mm=1.0), CameraInfo()), INCOMPLETE),
+        "no unit": ((CameraInfo(CAMERA), CameraInfo()), INCOMPLETE),
+        "no size": (
+            (CameraInfo(Camera("own", 60, 60, 32, 24, 0, 0), unit_mm=1.0), CameraInfo()),
+            INCOMPLETE,
+        ),
+        "another size": (
+            (CameraInfo(CAMERA, unit_mm=1.0), CameraInfo(Camera("x", 60, 60, 32, 24, 99, 48))),
+            "simulated: 64 x 48 pixels; camera x has 99 x 48",
+        ),
+    },
+)
 def test_parameters_that_do_not_fit(given: tuple[CameraInfo, CameraInfo], rejected: Any) -> None:
     """A device without its parameters, or with others than given, raises an error and is closed."""
     device = Simulated([], given[0])
@@ -147,11 +183,19 @@ def test_parameters_that_do_not_fit(given: tuple[CameraInfo, CameraInfo], reject
     assert device.closed == 1
 
 
-@bad_inputs(DataError, {
-    "an error made for users": (DataError("simulated: not calibrated"), "simulated: not calibrated"),
-    "a frame of another size": (DeviceFrame(0.0, np.zeros((3, 4), np.uint16)),
-                                "simulated: 4 x 3 pixels; the camera has 64 x 48"),
-})
+@bad_inputs(
+    DataError,
+    {
+        "an error made for users": (
+            DataError("simulated: not calibrated"),
+            "simulated: not calibrated",
+        ),
+        "a frame of another size": (
+            DeviceFrame(0.0, np.zeros((3, 4), np.uint16)),
+            "simulated: 4 x 3 pixels; the camera has 64 x 48",
+        ),
+    },
+)
 def test_bad_events(given: Event, rejected: Any) -> None:
     with rejected:
         list(LiveRecording(Simulated([given])))

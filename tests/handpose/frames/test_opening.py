@@ -28,15 +28,24 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, object, CameraInfo
     """The calls of readers that need packages; the readers themselves are replaced."""
     found: list[tuple[str, object, CameraInfo]] = []
     for owner, name in ((ros_bag, "BagRecording"), (realsense, "open_live")):
-        monkeypatch.setattr(owner, name, lambda source, given, name=name: found.append((name, source, given)))
+        monkeypatch.setattr(
+            owner, name, lambda source, given, name=name: found.append((name, source, given))
+        )
     return found
 
 
-@pytest.mark.parametrize(("source", "kind"), [
-    ("frames", FolderRecording), ("frames/*.png", FolderRecording), (Path("frames/1.png"), FolderRecording),
-    ("arrays", FolderRecording), ("arrays/*.npy", FolderRecording), ("2.raw", FolderRecording),
-    ("B.NPY", StackRecording),  # suffixes in capitals are accepted
-])
+@pytest.mark.parametrize(
+    ("source", "kind"),
+    [
+        ("frames", FolderRecording),
+        ("frames/*.png", FolderRecording),
+        (Path("frames/1.png"), FolderRecording),
+        ("arrays", FolderRecording),
+        ("arrays/*.npy", FolderRecording),
+        ("2.raw", FolderRecording),
+        ("B.NPY", StackRecording),  # suffixes in capitals are accepted
+    ],
+)
 def test_readers_of_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, source: str | Path, kind: type[Recording]
 ) -> None:
@@ -51,13 +60,22 @@ def test_readers_of_files(
         assert isinstance(recording, kind)
 
 
-@pytest.mark.parametrize(("source", "calls"), [
-    ("a.bag", ("BagRecording", Path("a.bag"))), ("A.MCAP", ("BagRecording", Path("A.MCAP"))),
-    ("bag", ("BagRecording", Path("bag"))),  # a folder
-    ("realsense", ("open_live", None)), ("realsense:/a:b", ("open_live", "/a:b")),
-])
+@pytest.mark.parametrize(
+    ("source", "calls"),
+    [
+        ("a.bag", ("BagRecording", Path("a.bag"))),
+        ("A.MCAP", ("BagRecording", Path("A.MCAP"))),
+        ("bag", ("BagRecording", Path("bag"))),  # a folder
+        ("realsense", ("open_live", None)),
+        ("realsense:/a:b", ("open_live", "/a:b")),
+    ],
+)
 def test_readers_that_need_packages(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, asked: list[Any], source: str, calls: tuple[str, object]
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    asked: list[Any],
+    source: str,
+    calls: tuple[str, object],
 ) -> None:
     """Of bags, and of the first camera or that with a serial number."""
     monkeypatch.chdir(tmp_path)
@@ -68,10 +86,13 @@ def test_readers_that_need_packages(
     assert asked == [(*calls, GIVEN)]
 
 
-@bad_inputs(DataError, {
-    name: f"{name}: its times have a unit; --time-unit is for the names of images and for arrays"
-    for name in ("a.bag", "realsense")
-})
+@bad_inputs(
+    DataError,
+    {
+        name: f"{name}: its times have a unit; --time-unit is for the names of images and for arrays"
+        for name in ("a.bag", "realsense")
+    },
+)
 def test_a_unit_of_times_where_there_is_none(
     tmp_path: Path, asked: list[Any], monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any
 ) -> None:
@@ -84,15 +105,21 @@ def test_a_unit_of_times_where_there_is_none(
     assert not asked
 
 
-@bad_inputs(DataError, {
-    **{name: f"{name}: no such file" for name in ("none.npz", "none.mkv", "none.bag", "none.raw")},
-    **{name: f"{name}: no such file or folder" for name in ("none", "none/of/these.png")},
-    "a null character": ("a\0b", r"a\x00b: no such file or folder"),
-    "5000 letters": ("x" * 5000, "xxx...xxx: no such file or folder"),
-    "loop": "loop: no such file or folder (did you mean 'loop'?)",
-    "a.raw": "a.raw: 0 bytes without a header, of unknown height and width; give them in a camera.json ...",
-    "a.txt": "a.txt: not a recording; expected a folder with a 16-bit PNG, ...: realsense or realsense:SERIAL",
-})
+@bad_inputs(
+    DataError,
+    {
+        **{
+            name: f"{name}: no such file"
+            for name in ("none.npz", "none.mkv", "none.bag", "none.raw")
+        },
+        **{name: f"{name}: no such file or folder" for name in ("none", "none/of/these.png")},
+        "a null character": ("a\0b", r"a\x00b: no such file or folder"),
+        "5000 letters": ("x" * 5000, "xxx...xxx: no such file or folder"),
+        "loop": "loop: no such file or folder (did you mean 'loop'?)",
+        "a.raw": "a.raw: 0 bytes without a header, of unknown height and width; give them in a camera.json ...",
+        "a.txt": "a.txt: not a recording; expected a folder with a 16-bit PNG, ...: realsense or realsense:SERIAL",
+    },
+)
 def test_what_is_no_recording(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any, asked: list[Any]
 ) -> None:
@@ -115,7 +142,9 @@ def converted(source: Path | str, said: str, status: int = 0) -> str:
     return run_python(*words, cwd=Path(), status=status).err
 
 
-def write_video(path: Path, milliseconds: Sequence[int], titles: Sequence[str] = ("",), **tags: str) -> np.ndarray:
+def write_video(
+    path: Path, milliseconds: Sequence[int], titles: Sequence[str] = ("",), **tags: str
+) -> np.ndarray:
     """Write a video with a stream for each title: colours for COLOR, else 16-bit values 1000, 1001 ... (first DEPTH).
 
     Return the depth, (frames, height, width).
@@ -128,18 +157,26 @@ def write_video(path: Path, milliseconds: Sequence[int], titles: Sequence[str] =
         for title in titles:
             is_colour = title == "COLOR"
             stream = video.add_stream("mjpeg" if is_colour else "ffv1", rate=30)
-            stream.width, stream.height, stream.pix_fmt = 64, 48, "yuvj420p" if is_colour else "gray16le"
+            stream.width, stream.height, stream.pix_fmt = (
+                64,
+                48,
+                "yuvj420p" if is_colour else "gray16le",
+            )
             stream.codec_context.time_base = Fraction(1, 1000)
             stream.metadata["title"] = title
             streams.append(stream)
         for number, millisecond in enumerate(milliseconds):
             for title, stream in zip(titles, streams):
                 if title == "COLOR":
-                    frame = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 90, np.uint8), format="rgb24")
+                    frame = av.VideoFrame.from_ndarray(
+                        np.full((48, 64, 3), 90, np.uint8), format="rgb24"
+                    )
                     frame = frame.reformat(format="yuvj420p")
                 else:
                     distance = (1000 if title != "IR" else 3000) + number
-                    frame = av.VideoFrame.from_ndarray(hand_sized(distance=distance), format="gray16le")
+                    frame = av.VideoFrame.from_ndarray(
+                        hand_sized(distance=distance), format="gray16le"
+                    )
                 frame.pts, frame.time_base = millisecond, Fraction(1, 1000)
                 video.mux(stream.encode(frame))
         for stream in streams:
@@ -147,12 +184,18 @@ def write_video(path: Path, milliseconds: Sequence[int], titles: Sequence[str] =
     return np.array([hand_sized(distance=1000 + number) for number in range(len(milliseconds))])
 
 
-@pytest.mark.parametrize(("titles", "name"), [
-    (("",), "take.mkv"),
-    (("COLOR", "DEPTH", "IR"), "sub/it's a take (2).mkv"),  # the order of Azure Kinect's recorder
-    (("COLOR", "IR", "DEPTH"), "take.mkv"),
-    (("COLOR", ""), "take.mkv"),
-])
+@pytest.mark.parametrize(
+    ("titles", "name"),
+    [
+        (("",), "take.mkv"),
+        (
+            ("COLOR", "DEPTH", "IR"),
+            "sub/it's a take (2).mkv",
+        ),  # the order of Azure Kinect's recorder
+        (("COLOR", "IR", "DEPTH"), "take.mkv"),
+        (("COLOR", ""), "take.mkv"),
+    ],
+)
 def test_videos_are_converted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, titles: Sequence[str], name: str
 ) -> None:
@@ -166,7 +209,9 @@ def test_videos_are_converted(
         np.testing.assert_array_equal([frame.depth for frame in recording], depth / np.float32(2))
 
 
-def test_a_video_of_colours_is_not_converted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_video_of_colours_is_not_converted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     write_video(Path("take.mkv"), (0, 33), ("COLOR",))
     assert converted("take.mkv", "a video, ", status=1) == "no stream of 16-bit grey values\n"
@@ -185,7 +230,9 @@ def test_hdf5_is_converted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name
 
 
 @pytest.mark.parametrize("form", ["camera0/{}/image", "camera0/{}/frames_{}", "depth_camera/{0}"])
-def test_hdf5_with_groups_is_converted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str) -> None:
+def test_hdf5_with_groups_is_converted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str
+) -> None:
     """Of groups with depth, infrared and colours: the depth with its own times and camera."""
     monkeypatch.chdir(tmp_path)
     with h5py.File("take.h5", "w") as file:
@@ -211,7 +258,9 @@ def test_two_depth_cameras_of_an_hdf5_file(tmp_path: Path, monkeypatch: pytest.M
         for camera in ("left", "right"):
             file.create_group(camera)["depth"] = hand_sized()[None]
     converted("take.h5", "HDF5; ")
-    with pytest.raises(DataError, match=r"holds left\.depth .*, right\.depth .*; expected an array depth"):
+    with pytest.raises(
+        DataError, match=r"holds left\.depth .*, right\.depth .*; expected an array depth"
+    ):
         open_recording("frames.npz", GIVEN)
 
 

@@ -31,16 +31,23 @@ def test_depth_is_in_mm(dtype: str) -> None:
 
 
 def test_what_is_no_number_was_not_read() -> None:
-    np.testing.assert_array_equal(decode(np.array([[np.nan, np.inf, -np.inf, 1e300, 2]])), [[0, 0, 0, 0, 1]])
+    np.testing.assert_array_equal(
+        decode(np.array([[np.nan, np.inf, -np.inf, 1e300, 2]])), [[0, 0, 0, 0, 1]]
+    )
 
 
 def test_the_lens_is_taken_out() -> None:
     lens, raw = Lens((0.3, 0, 0, 0)), hand_sized()
     expected = Undistorter(CAMERA, lens)(raw.astype(np.float32))
-    np.testing.assert_array_equal(DepthDecoder(raw.shape, U16, "take", CameraInfo(CAMERA, lens, 1.0))(raw), expected)
+    np.testing.assert_array_equal(
+        DepthDecoder(raw.shape, U16, "take", CameraInfo(CAMERA, lens, 1.0))(raw), expected
+    )
 
 
-@given(st.lists(st.integers(0, 65535), min_size=1, max_size=50), st.sampled_from([0.1, 0.125, 0.25, 1 / 3, 1, 5]))
+@given(
+    st.lists(st.integers(0, 65535), min_size=1, max_size=50),
+    st.sampled_from([0.1, 0.125, 0.25, 1 / 3, 1, 5]),
+)
 def test_stored_is_the_inverse(values: list[int], unit_mm: float) -> None:
     """Every 16-bit value is restored, in any unit."""
     raw = np.array([values], np.uint16)
@@ -48,7 +55,10 @@ def test_stored_is_the_inverse(values: list[int], unit_mm: float) -> None:
 
 
 def test_the_user_is_believed_first() -> None:
-    own, beside = CameraInfo(SR305, unit_mm=0.25), CameraInfo(CAMERA, unit_mm=2.0, rate=5.0, origin="camera.json")
+    own, beside = (
+        CameraInfo(SR305, unit_mm=0.25),
+        CameraInfo(CAMERA, unit_mm=2.0, rate=5.0, origin="camera.json"),
+    )
     shape = (SR305.height, SR305.width)
     found = DepthDecoder(shape, U16, "take", CameraInfo(unit_mm=3.0), own, beside)
     assert (found.camera, found.unit_mm, found.rate, found.remarks) == (SR305, 3.0, 5.0, ())
@@ -86,10 +96,12 @@ LENS = Lens((0.1, 0, 0, 0))
 
 
 def test_what_is_not_known_is_filled_in() -> None:
-    assert CameraInfo(NYU, unit_mm=0.5).or_else(CameraInfo(KINECT2, None, 1.0, 30.0, "a file")) == CameraInfo(
-        NYU, None, 0.5, 30.0, "a file"
+    assert CameraInfo(NYU, unit_mm=0.5).or_else(
+        CameraInfo(KINECT2, None, 1.0, 30.0, "a file")
+    ) == CameraInfo(NYU, None, 0.5, 30.0, "a file")
+    assert UNKNOWN.or_else(CameraInfo(NYU, LENS, 1.0, 30.0, "a file")) == CameraInfo(
+        NYU, LENS, 1.0, 30.0, "a file"
     )
-    assert UNKNOWN.or_else(CameraInfo(NYU, LENS, 1.0, 30.0, "a file")) == CameraInfo(NYU, LENS, 1.0, 30.0, "a file")
     assert CameraInfo(NYU).or_else(UNKNOWN) == CameraInfo(NYU)
 
 

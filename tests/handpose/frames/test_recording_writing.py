@@ -22,7 +22,9 @@ SMALL = Camera("own", 5.0, 6.0, 2.0, 1.5, 4, 3)
 
 def frames(count: int = 3, start: float = 0.0) -> list[DepthFrame]:
     """Different frames, 1/30 s apart."""
-    return [DepthFrame(i, start + i / 30, np.full((3, 4), 100.0 + i, np.float32)) for i in range(count)]
+    return [
+        DepthFrame(i, start + i / 30, np.full((3, 4), 100.0 + i, np.float32)) for i in range(count)
+    ]
 
 
 def write(path: Path, taken: list[DepthFrame], unit_mm: float = 0.5) -> None:
@@ -38,7 +40,12 @@ def test_a_recording_comes_back(tmp_path: Path, name: str) -> None:
     """Camera, unit, rate and times are restored, relative to the first frame; no other file is left."""
     write(tmp_path / "new" / name, frames(start=7.5))
     recording = open_recording(tmp_path / "new" / name)
-    assert (recording.camera, recording.unit_mm, recording.rate, recording.count) == (SMALL, 0.5, 30, 3)
+    assert (recording.camera, recording.unit_mm, recording.rate, recording.count) == (
+        SMALL,
+        0.5,
+        30,
+        3,
+    )
     assert [frame.time for frame in recording] == pytest.approx([0, 1 / 30, 2 / 30], abs=1e-6)
     assert [float(frame.depth.mean()) for frame in recording] == [100, 101, 102]
     assert [path.name for path in (tmp_path / "new").iterdir()] == [name]
@@ -46,34 +53,55 @@ def test_a_recording_comes_back(tmp_path: Path, name: str) -> None:
 
 @settings(max_examples=25, deadline=None)
 @given(
-    values=st.lists(st.lists(st.integers(0, 65535), min_size=12, max_size=12), min_size=1, max_size=3),
+    values=st.lists(
+        st.lists(st.integers(0, 65535), min_size=12, max_size=12), min_size=1, max_size=3
+    ),
     gaps=st.lists(st.integers(1, 10**8), min_size=3, max_size=3),
     unit_mm=st.sampled_from([0.1, 0.125, 1 / 3, 1.0]),
 )
 @pytest.mark.parametrize("name", ["take", "take.npz"])
 def test_to_the_last_value(
-    tmp_path_factory: pytest.TempPathFactory, name: str, values: list[list[int]], gaps: list[int], unit_mm: float
+    tmp_path_factory: pytest.TempPathFactory,
+    name: str,
+    values: list[list[int]],
+    gaps: list[int],
+    unit_mm: float,
 ) -> None:
     path = tmp_path_factory.mktemp("any") / name
     stored = np.array(values, np.uint16).reshape(-1, 3, 4)
     times = [sum(gaps[:i]) / 10**6 for i in range(len(stored))]
     depths = stored.astype(np.float32) * np.float32(unit_mm)
-    write(path, [DepthFrame(i, time, depth) for i, (time, depth) in enumerate(zip(times, depths))], unit_mm)
+    write(
+        path,
+        [DepthFrame(i, time, depth) for i, (time, depth) in enumerate(zip(times, depths))],
+        unit_mm,
+    )
     found = list(open_recording(path))
     np.testing.assert_array_equal([frame.depth for frame in found], depths)
     assert [frame.time for frame in found] == times
 
 
 @pytest.mark.parametrize("name", ["take", "take.npz"])
-@bad_inputs(DataError, {
-    "too far": (DepthFrame(9, 1.0, np.full((3, 4), 70000, np.float32)),
-                "...: frame 9: depth from 70000 to 70000 mm does not fit into 16 bits of 1 mm; expected 0 to ..."),
-    "too early": (DepthFrame(9, 1 / 30, np.ones((3, 4), np.float32)),
-                  "...: frame 9: at 0.033333 s, which is not after the frame before"),
-    "another size": (DepthFrame(9, 1.0, np.ones((4, 3), np.float32)),
-                     "...: frame 9 has the shape (4, 3), expected (3, 4)"),
-})
-def test_frames_that_cannot_be_kept(tmp_path: Path, name: str, given: DepthFrame, rejected: Any) -> None:
+@bad_inputs(
+    DataError,
+    {
+        "too far": (
+            DepthFrame(9, 1.0, np.full((3, 4), 70000, np.float32)),
+            "...: frame 9: depth from 70000 to 70000 mm does not fit into 16 bits of 1 mm; expected 0 to ...",
+        ),
+        "too early": (
+            DepthFrame(9, 1 / 30, np.ones((3, 4), np.float32)),
+            "...: frame 9: at 0.033333 s, which is not after the frame before",
+        ),
+        "another size": (
+            DepthFrame(9, 1.0, np.ones((4, 3), np.float32)),
+            "...: frame 9 has the shape (4, 3), expected (3, 4)",
+        ),
+    },
+)
+def test_frames_that_cannot_be_kept(
+    tmp_path: Path, name: str, given: DepthFrame, rejected: Any
+) -> None:
     with rejected, RecordingWriter(tmp_path / name, SMALL, 1.0) as writer:
         for one in (*frames(2), given):
             writer.write(one)
@@ -81,13 +109,25 @@ def test_frames_that_cannot_be_kept(tmp_path: Path, name: str, given: DepthFrame
     assert len(list(open_recording(tmp_path / name))) == 2
 
 
-@bad_inputs(NetlibError, {
-    **{name: f"{name}: is there already; name a new one or remove it" for name in ("take", "take.npz", "file")},
-    **{f"file/{name}": "...file: is a file; expected a folder" for name in ("take", "take.npz")},
-    **{f"new.{end}": f"new.{end}: cannot write .{end}; expected a folder or FILE.npz"
-       for end in ("npy", "mkv", "h5", "bag", "png")},
-})
-def test_places_that_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any) -> None:
+@bad_inputs(
+    NetlibError,
+    {
+        **{
+            name: f"{name}: is there already; name a new one or remove it"
+            for name in ("take", "take.npz", "file")
+        },
+        **{
+            f"file/{name}": "...file: is a file; expected a folder" for name in ("take", "take.npz")
+        },
+        **{
+            f"new.{end}": f"new.{end}: cannot write .{end}; expected a folder or FILE.npz"
+            for end in ("npy", "mkv", "h5", "bag", "png")
+        },
+    },
+)
+def test_places_that_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any
+) -> None:
     """What is there is never replaced."""
     monkeypatch.chdir(tmp_path)
     Path("file").touch()

@@ -40,10 +40,16 @@ class Failing(FileIO):
 
 def read_all(place: Path) -> None:
     with open_recording(place, GIVEN) as recording:
-        assert len(list(recording)) == 3 and not recording.cut and "damaged" not in str(recording.remarks)
+        assert (
+            len(list(recording)) == 3
+            and not recording.cut
+            and "damaged" not in str(recording.remarks)
+        )
 
 
-@pytest.mark.parametrize(("name", "read"), [("", read_all), ("take.npz", read_all), ("1.png", read_png)])
+@pytest.mark.parametrize(
+    ("name", "read"), [("", read_all), ("take.npz", read_all), ("1.png", read_png)]
+)
 def test_reads_that_fail(
     folder: Path, monkeypatch: pytest.MonkeyPatch, name: str, read: Callable[[Path], object]
 ) -> None:
@@ -56,7 +62,11 @@ def test_reads_that_fail(
         try:
             read(folder / name)
         except DataError as error:
-            assert "Input/output error" in str(error) and "damaged" not in str(error) and system_error_of(error)
+            assert (
+                "Input/output error" in str(error)
+                and "damaged" not in str(error)
+                and system_error_of(error)
+            )
             assert not isinstance(error, BadFrameError)
             reached.append(left)
     assert reached
@@ -64,6 +74,10 @@ def test_reads_that_fail(
 
 def test_a_folder_that_cannot_be_listed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A folder that cannot be listed raises an error with its reason; it is not taken for an empty one."""
-    monkeypatch.setattr(os, "scandir", lambda path: (_ for _ in ()).throw(OSError(errno.EMFILE, "Too many open files")))
+    monkeypatch.setattr(
+        os,
+        "scandir",
+        lambda path: (_ for _ in ()).throw(OSError(errno.EMFILE, "Too many open files")),
+    )
     with pytest.raises(DataError, match=r"cannot read the folder: Too many open files$"):
         open_recording(folder, GIVEN)

@@ -38,7 +38,12 @@ def frames(tmp_path: Path) -> Path:
     """Seven frames whose inputs are the pose itself, and whose joints are 10 mm away from it."""
     x = np.random.default_rng(0).normal(0, 0.2, (7, 47)).astype(np.float32)
     joint = kinematics_of(skeleton.load()).joints(x) + np.array([10 / 150, 0, 0])
-    write_hdf5(tmp_path / "a.h5", x=x, joint=joint.reshape(7, 93).astype(np.float32), half_cube=np.full(7, 150.0))
+    write_hdf5(
+        tmp_path / "a.h5",
+        x=x,
+        joint=joint.reshape(7, 93).astype(np.float32),
+        half_cube=np.full(7, 150.0),
+    )
     (tmp_path / "list.txt").write_text("a.h5\n")
     return tmp_path
 
@@ -74,24 +79,37 @@ def predict(folder: Path, name: str = "", at: int = 0, extra: str = "") -> objec
     return held_out.figures_of(held_out.predict_all(net_of(folder, extra=extra)), skeleton.load())
 
 
-@bad_inputs(DataError, {
-    "half_cube": (lambda at: predict(at, "half_cube", 2), "...b.h5: data set 'half_cube' is nan in frame 2 ..., "
-                  "expected mm, 25 to 5000"),
-    "joint": (lambda at: predict(at, "joint", 3),
-              "...b.h5: the annotated joints of frame 3 are not finite (1 such frames)"),
-    "x": (lambda at: predict(at, "x", 3), "the predicted joints of frame 10 are not finite (1 such frames)"),
-    "shuffle": (lambda at: predict(at, extra="shuffle: true"), NetlibError,
-                "<net>: layer 'data' shuffles its frames; a test set is read in order"),
-})
-def test_frames_that_cannot_be_judged(frames: Path, given: Callable[[Path], object], rejected: Any) -> None:
+@bad_inputs(
+    DataError,
+    {
+        "half_cube": (
+            lambda at: predict(at, "half_cube", 2),
+            "...b.h5: data set 'half_cube' is nan in frame 2 ..., expected mm, 25 to 5000",
+        ),
+        "joint": (
+            lambda at: predict(at, "joint", 3),
+            "...b.h5: the annotated joints of frame 3 are not finite (1 such frames)",
+        ),
+        "x": (
+            lambda at: predict(at, "x", 3),
+            "the predicted joints of frame 10 are not finite (1 such frames)",
+        ),
+        "shuffle": (
+            lambda at: predict(at, extra="shuffle: true"),
+            NetlibError,
+            "<net>: layer 'data' shuffles its frames; a test set is read in order",
+        ),
+    },
+)
+def test_frames_that_cannot_be_judged(
+    frames: Path, given: Callable[[Path], object], rejected: Any
+) -> None:
     """Values that are not finite are reported with the file and frame; half-cubes are in the order of frames."""
     with rejected:
         given(frames)
 
 
-LEARNED = (
-    'layer {{ name: "{0}" type: "InnerProduct" bottom: "{1}" top: "{0}" inner_product_param {{ num_output: 47 }} }} '
-)
+LEARNED = 'layer {{ name: "{0}" type: "InnerProduct" bottom: "{1}" top: "{0}" inner_product_param {{ num_output: 47 }} }} '
 DEPLOY = """
 input: "x" input_shape {{ dim: 1 dim: 47 }} {0}
 layer {{ name: "hand" type: "HandModel" bottom: "{1}" top: "pred" }}
@@ -106,7 +124,9 @@ def test_a_deploy_net_with_a_layer_that_the_weights_lack(tmp_path: Path) -> None
     for text, top in ((one, "one"), (one + two, "two")):
         (tmp_path / f"{top}.prototxt").write_text(DEPLOY.format(text, top))
     deploy_of(net, tmp_path / "one.prototxt", tmp_path / "w.caffemodel.h5")
-    with pytest.raises(WeightsError, match=r"w\.caffemodel\.h5: no weights for layer 'two' of net .*; it has "):
+    with pytest.raises(
+        WeightsError, match=r"w\.caffemodel\.h5: no weights for layer 'two' of net .*; it has "
+    ):
         deploy_of(net, tmp_path / "two.prototxt", tmp_path / "w.caffemodel.h5")
 
 
@@ -125,7 +145,8 @@ def of_file(tmp_path: Path) -> Net:
     """A net that reads five crops (1, 4, 4), of which each value is the number of its frame."""
     write_hdf5(
         tmp_path / "a.h5",
-        depth=np.ones((5, 1, 4, 4), np.float32) * np.arange(5, dtype=np.float32)[:, None, None, None],
+        depth=np.ones((5, 1, 4, 4), np.float32)
+        * np.arange(5, dtype=np.float32)[:, None, None, None],
         label=np.zeros((5, 3), np.float32),
     )
     (tmp_path / "list.txt").write_text(f"{tmp_path / 'a.h5'}\n")
@@ -135,7 +156,9 @@ def of_file(tmp_path: Path) -> Net:
 def test_the_data_of_a_test_net(of_file: Net) -> None:
     """The layer that reads the test set is found by its type; a net without is an error. Crops are found by number."""
     assert data_layer(of_file).rows == 5
-    with pytest.raises(NetlibError, match="no HDF5Data layer in phase TEST; expected a net that reads a test set"):
+    with pytest.raises(
+        NetlibError, match="no HDF5Data layer in phase TEST; expected a net that reads a test set"
+    ):
         data_layer(net_in(INPUT))
     assert [float(crop[0, 0]) for crop in crops_of(of_file, [3, 1])] == [3, 1]
     assert centers_of(of_file, np.arange(2)) == (None, NYU), "the files have no places"

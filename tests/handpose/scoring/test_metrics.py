@@ -28,7 +28,9 @@ def test_success_rate() -> None:
     """A frame succeeds at a threshold if its worst (or mean) joint error is at most that."""
     errors = np.array([[3.0, 5.0], [10.0, 0.0], [20.0, 40.0]])
     np.testing.assert_allclose(metrics.success_rate(errors, [4, 5, 10, 40]), [0, 1 / 3, 2 / 3, 1])
-    np.testing.assert_allclose(metrics.success_rate(errors, [4, 5, 30], worst=False), [1 / 3, 2 / 3, 1])
+    np.testing.assert_allclose(
+        metrics.success_rate(errors, [4, 5, 30], worst=False), [1 / 3, 2 / 3, 1]
+    )
 
 
 def test_fraction_out_of_limits() -> None:

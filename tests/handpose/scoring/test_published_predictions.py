@@ -40,8 +40,17 @@ def test_read_joints(tmp_path: Path) -> None:
     assert found.dtype == np.float64
 
 
-@pytest.mark.parametrize("text", [LINE * 3, LINE * 3 + "\n \n", (LINE * 3).strip(), LINE.replace("\n", "\r\n") * 3,
-                                  "\ufeff" + LINE * 3, LINE.replace(" ", "\t") * 3])
+@pytest.mark.parametrize(
+    "text",
+    [
+        LINE * 3,
+        LINE * 3 + "\n \n",
+        (LINE * 3).strip(),
+        LINE.replace("\n", "\r\n") * 3,
+        "\ufeff" + LINE * 3,
+        LINE.replace(" ", "\t") * 3,
+    ],
+)
 def test_what_editors_make_of_a_file(tmp_path: Path, text: str) -> None:
     """Trailing empty lines, a missing line end, CRLF, a byte order mark and tabs give the same three frames."""
     np.testing.assert_array_equal(read(tmp_path, text), read(tmp_path, LINE * 3))
@@ -51,25 +60,40 @@ NUMBER, SIX = "expected a number of px or mm, below 1e+06", "expected 6 = 2 join
 METRES = "320 240 0.7  330.5 230 0.65\n300 200 0.71  310 200 0.7\n"
 
 
-@bad_inputs(DataError, {
-    f"{text!r} as {fmt}": ((text, fmt), f"...joints.txt{line}") for text, fmt, line in (
-        ("", "xyz", ": empty, expected the numbers of a frame on each line"),
-        (" \n\n", "xyz", ": empty, expected the numbers of a frame on each line"),
-        (b"\x89HDF\r\n\x1a\n", "xyz", ": cannot read the joints: not a text file (byte 0 is not UTF-8)"),
-        (None, "xyz", ": cannot read the joints: No such file or directory"),
-        (b"\0\0", "xyz", rf":1:1: found '\x00\x00', {NUMBER}"),
-        (LINE + "1 2 3 4 5\n", "xyz", f":2: found 5 numbers, {SIX}"),
-        ("1\n" + LINE, "xyz", f":1: found 1 number, {SIX}"),
-        (LINE + "\n" + LINE, "xyz", f":2: found 0 numbers, {SIX}"),
-        (LINE + "1 2  x3 4 5 6\n", "xyz", f":2:6: found 'x3', {NUMBER}"),
-        ("# u v d\n" + LINE, "xyz", f":1:1: found '#', {NUMBER}"),
-        ("1,2,3,4,5,6\n", "xyz", f":1:1: found '1,2,3,4,5,6', {NUMBER}"),
-        (LINE + "1 2 3 4 nan 6\n", "xyz", f":2:9: found 'nan', {NUMBER}"),
-        (LINE + "1 2 3 4 5 -inf\n", "xyz", f":2:11: found '-inf', {NUMBER}"),
-        (LINE + "1e300 2 3 4 5 6\n", "xyz", f":2:1: found '1e300', {NUMBER}"),
-        *((METRES, fmt, ": half of all depths are below 0.7; expected mm, more than 100: are they metres?")
-          for fmt in ("uvd", "xyz")))
-})
+@bad_inputs(
+    DataError,
+    {
+        f"{text!r} as {fmt}": ((text, fmt), f"...joints.txt{line}")
+        for text, fmt, line in (
+            ("", "xyz", ": empty, expected the numbers of a frame on each line"),
+            (" \n\n", "xyz", ": empty, expected the numbers of a frame on each line"),
+            (
+                b"\x89HDF\r\n\x1a\n",
+                "xyz",
+                ": cannot read the joints: not a text file (byte 0 is not UTF-8)",
+            ),
+            (None, "xyz", ": cannot read the joints: No such file or directory"),
+            (b"\0\0", "xyz", rf":1:1: found '\x00\x00', {NUMBER}"),
+            (LINE + "1 2 3 4 5\n", "xyz", f":2: found 5 numbers, {SIX}"),
+            ("1\n" + LINE, "xyz", f":1: found 1 number, {SIX}"),
+            (LINE + "\n" + LINE, "xyz", f":2: found 0 numbers, {SIX}"),
+            (LINE + "1 2  x3 4 5 6\n", "xyz", f":2:6: found 'x3', {NUMBER}"),
+            ("# u v d\n" + LINE, "xyz", f":1:1: found '#', {NUMBER}"),
+            ("1,2,3,4,5,6\n", "xyz", f":1:1: found '1,2,3,4,5,6', {NUMBER}"),
+            (LINE + "1 2 3 4 nan 6\n", "xyz", f":2:9: found 'nan', {NUMBER}"),
+            (LINE + "1 2 3 4 5 -inf\n", "xyz", f":2:11: found '-inf', {NUMBER}"),
+            (LINE + "1e300 2 3 4 5 6\n", "xyz", f":2:1: found '1e300', {NUMBER}"),
+            *(
+                (
+                    METRES,
+                    fmt,
+                    ": half of all depths are below 0.7; expected mm, more than 100: are they metres?",
+                )
+                for fmt in ("uvd", "xyz")
+            ),
+        )
+    },
+)
 def test_mistakes(tmp_path: Path, given: tuple[str | bytes | None, Format], rejected: Any) -> None:
     text, fmt = given
     with rejected:
@@ -81,7 +105,9 @@ def test_mistakes(tmp_path: Path, given: tuple[str | bytes | None, Format], reje
 def test_pixels_without_depth(tmp_path: Path) -> None:
     """A pixel at depth 0 raises an error; x y z may have any depth."""
     text = "1 1 500 1 1 500\n1 1 500 1 1 0\n1 1 -3 1 1 500\n"
-    with pytest.raises(DataError, match=r"txt:2: found a joint at depth 0, expected more than 0 mm \(2 of 3 frames"):
+    with pytest.raises(
+        DataError, match=r"txt:2: found a joint at depth 0, expected more than 0 mm \(2 of 3 frames"
+    ):
         read(tmp_path, text, "uvd")
     assert len(read(tmp_path, text, "xyz")) == 3
 
@@ -94,12 +120,17 @@ def test_benchmarks() -> None:
         *("wrist_left", "wrist_middle", "palm"),
     )
     assert (nyu.camera, icvl.camera) == (NYU, ICVL) and (nyu.frames, icvl.frames) == (8252, 1596)
-    assert (nyu.parts, icvl.parts) == ({"subject 1": slice(2440), "subject 2": slice(2440, None)}, {})
+    assert (nyu.parts, icvl.parts) == (
+        {"subject 1": slice(2440), "subject 2": slice(2440, None)},
+        {},
+    )
 
 
 def test_score() -> None:
     """The figures of three frames with two joints equal those worked out by hand; an incomplete set has no parts."""
-    benchmark = published.Benchmark("two joints", ICVL, ("a", "b"), 3, {"first": slice(1), "others": slice(1, None)})
+    benchmark = published.Benchmark(
+        "two joints", ICVL, ("a", "b"), 3, {"first": slice(1), "others": slice(1, None)}
+    )
     errors = np.array([[3.0, 5.0], [10.0, 0.0], [20.0, 40.0]])
     found = published.score_on(benchmark, errors)
     assert found.mean_mm == 13 and found.median_max_mm == 10
@@ -145,7 +176,9 @@ def test_published_curve() -> None:
     found = published_score("nyu", "IJCAI16_NYU_DeepModel")
     assert found.parts_mm == pytest.approx({"subject 1": 10.154, "subject 2": 19.925}, abs=1e-3)
     rates = [found.success_max[t] for t in range(10, 81, 10)]
-    np.testing.assert_allclose(rates, [0.019, 0.190, 0.419, 0.582, 0.718, 0.834, 0.911, 0.951], atol=5e-4)
+    np.testing.assert_allclose(
+        rates, [0.019, 0.190, 0.419, 0.582, 0.718, 0.834, 0.911, 0.951], atol=5e-4
+    )
 
 
 SKELETON = skeletons.load()
@@ -156,12 +189,17 @@ def test_angles_of_methods() -> None:
 
     Angles beyond the limits are counted for joints on the model; progress covers every frame of each fit.
     """
-    inputs = BodySampler(prior_file.load().but(scale_std=0, bone_std=0)).draw(np.random.default_rng(2), 2).inputs
+    inputs = (
+        BodySampler(prior_file.load().but(scale_std=0, bone_std=0))
+        .draw(np.random.default_rng(2), 2)
+        .inputs
+    )
     bent = inputs.copy()
     dof = SKELETON.dof_names.index("index_base_rot_z")
     bent[1, dof] = SKELETON.upper[dof] + 0.3
     truth, beyond = (
-        kinematics_of(SKELETON).joints(x)[:, EVALUATION_JOINTS] * 150 + (0, 0, 700) for x in (inputs, bent)
+        kinematics_of(SKELETON).joints(x)[:, EVALUATION_JOINTS] * 150 + (0, 0, 700)
+        for x in (inputs, bent)
     )
     noise = truth + np.random.default_rng(0).normal(0, 5, truth.shape)
     watched: list[tuple[str, int, int]] = []
@@ -172,13 +210,27 @@ def test_angles_of_methods() -> None:
         yield done.append
         watched.append((what, total, sum(done)))
 
-    found = compare_angles(SKELETON, truth, {"same": truth, "beyond": beyond, "noise": noise}, watch)
-    fits = ("annotation", "same", "same, no limits", "same, exactly", "beyond", "beyond, no limits", "beyond, exactly",
-            "noise", "noise, no limits")
+    found = compare_angles(
+        SKELETON, truth, {"same": truth, "beyond": beyond, "noise": noise}, watch
+    )
+    fits = (
+        "annotation",
+        "same",
+        "same, no limits",
+        "same, exactly",
+        "beyond",
+        "beyond, no limits",
+        "beyond, exactly",
+        "noise",
+        "noise, no limits",
+    )
     assert watched == [(what, 2, 2) for what in fits]
     assert found["same"].residual_mm < 0.1 and found["same"].free_residual_mm < 0.01
     assert [one.out_of_limits for one in found.values()] == [0, 0.5, None]
-    assert found["same"].error_deg < 8, "the ridge moves only angles that 14 joints hardly determine"
+    assert found["same"].error_deg < 8, (
+        "the ridge moves only angles that 14 joints hardly determine"
+    )
     assert found["beyond"].free_residual_mm < 0.01 < 0.1 < found["beyond"].residual_mm
-    assert found["noise"].free_residual_mm < found["noise"].residual_mm < 8  # mm; noise of 5 mm per axis
+    # mm; noise of 5 mm per axis
+    assert found["noise"].free_residual_mm < found["noise"].residual_mm < 8
     assert 0 < found["beyond"].error_deg < found["noise"].error_deg < 60

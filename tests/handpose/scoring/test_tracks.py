@@ -30,9 +30,14 @@ def hand(id: int, place: Array, side: str = "right", time: float = 0.0) -> Track
     return TrackedHand(id, side, 1.0, 0.0, np.zeros(47), np.zeros(31), nothing, xyz, nothing, 300.0)
 
 
-def frames(hands: Sequence[Sequence[TrackedHand]], lost: Sequence[Sequence[LostHand]] = ()) -> list[TrackedFrame]:
+def frames(
+    hands: Sequence[Sequence[TrackedHand]], lost: Sequence[Sequence[LostHand]] = ()
+) -> list[TrackedFrame]:
     """Frames 0, 1, ... with these hands, at 30 frames/s."""
-    return [TrackedFrame(n, n / 30, tuple(own), tuple(lost[n]) if lost else ()) for n, own in enumerate(hands)]
+    return [
+        TrackedFrame(n, n / 30, tuple(own), tuple(lost[n]) if lost else ())
+        for n, own in enumerate(hands)
+    ]
 
 
 def moved(one: TrackedHand, *by: float) -> TrackedHand:
@@ -40,7 +45,9 @@ def moved(one: TrackedHand, *by: float) -> TrackedHand:
     return replace(one, xyz=one.xyz + np.array(by))
 
 
-TRUTH = frames([[hand(0, RIGHT, "right", n / 30), hand(1, OTHER, "left", n / 30)] for n in range(90)])
+TRUTH = frames(
+    [[hand(0, RIGHT, "right", n / 30), hand(1, OTHER, "left", n / 30)] for n in range(90)]
+)
 
 
 def test_the_truth_is_without_fault() -> None:
@@ -54,18 +61,27 @@ def test_the_truth_is_without_fault() -> None:
 
 def test_errors() -> None:
     """A shift by 3, 4 and 0 mm is an error of 5 mm; one of 31 joints contributes a 31st to the mean."""
-    tracked = [frame._replace(hands=tuple(moved(one, 3, 4, 0) for one in frame.hands)) for frame in TRUTH]
+    tracked = [
+        frame._replace(hands=tuple(moved(one, 3, 4, 0) for one in frame.hands)) for frame in TRUTH
+    ]
     assert score(HEADER, tracked, TRUTH).hands[0].error_mm == pytest.approx(5)
     off = np.zeros((31, 3))
     off[1, 0] = 31
-    tracked = [frame._replace(hands=tuple(replace(one, xyz=one.xyz + off) for one in frame.hands)) for frame in TRUTH]
+    tracked = [
+        frame._replace(hands=tuple(replace(one, xyz=one.xyz + off) for one in frame.hands))
+        for frame in TRUTH
+    ]
     assert score(HEADER, tracked, TRUTH).hands[0].error_mm == pytest.approx(1)
 
 
 def test_ids_may_have_any_number_but_must_not_change() -> None:
     """Ids swapped halfway are two switches; the order of the hands within a frame does not matter."""
     tracked = [
-        frame._replace(hands=tuple(replace(one, id=7 + (one.id + (frame.number >= 40)) % 2) for one in frame.hands))
+        frame._replace(
+            hands=tuple(
+                replace(one, id=7 + (one.id + (frame.number >= 40)) % 2) for one in frame.hands
+            )
+        )
         for frame in TRUTH
     ]
     reversed_ = [frame._replace(hands=frame.hands[::-1]) for frame in tracked]
@@ -92,9 +108,16 @@ def test_a_hand_far_from_all_is_invented() -> None:
 
 def test_hands_partly_in_sight_are_not_scored() -> None:
     here, reasons = hand(0, RIGHT), ["", "", PARTLY, LEFT, PARTLY, "", ""]
-    truth = frames([[] if why else [here] for why in reasons],
-                   [[LostHand(0, "right", 1 / 30, why)] if why else [] for why in reasons])
-    tracked = frames([[hand(5, RIGHT)] if there else [] for there in (True, True, True, True, False, False, True)])
+    truth = frames(
+        [[] if why else [here] for why in reasons],
+        [[LostHand(0, "right", 1 / 30, why)] if why else [] for why in reasons],
+    )
+    tracked = frames(
+        [
+            [hand(5, RIGHT)] if there else []
+            for there in (True, True, True, True, False, False, True)
+        ]
+    )
     scores = score(HEADER, tracked, truth)
     assert (scores.hands[0].in_sight, scores.hands[0].found) == (4, 3)
     assert scores.invented == 1  # in frame 3, not in frame 2
@@ -112,13 +135,23 @@ def test_no_hands_at_all() -> None:
 SHORT = [TRUTH[0]._replace(hands=(replace(TRUTH[0].hands[0], xyz=BASE[:21]),))]
 
 
-@bad_inputs(DataError, {
-    "missing": (lambda: score(HEADER, TRUTH, TRUTH[:30]),
-                "frame 30 of the track is not in the truth; expected a track of the same recording"),
-    "twice": (lambda: score(HEADER, [TRUTH[0], TRUTH[0]], TRUTH), "the track has two frames 0; expected one"),
-    "21 joints": (lambda: score(HEADER, SHORT, TRUTH),
-                  "a track of joints (21, 3), its truth has (31, 3); expected one skeleton"),
-})
+@bad_inputs(
+    DataError,
+    {
+        "missing": (
+            lambda: score(HEADER, TRUTH, TRUTH[:30]),
+            "frame 30 of the track is not in the truth; expected a track of the same recording",
+        ),
+        "twice": (
+            lambda: score(HEADER, [TRUTH[0], TRUTH[0]], TRUTH),
+            "the track has two frames 0; expected one",
+        ),
+        "21 joints": (
+            lambda: score(HEADER, SHORT, TRUTH),
+            "a track of joints (21, 3), its truth has (31, 3); expected one skeleton",
+        ),
+    },
+)
 def test_what_cannot_be_compared(given: Callable[[], object], rejected: Any) -> None:
     """Frames missing in the truth, repeated frames and other skeletons raise errors."""
     with rejected:
@@ -147,7 +180,9 @@ def test_lag_with_noise_and_holes() -> None:
     """The lag is also found with noise, and with missing frames, which split the track."""
     kept = np.r_[0:120, 130:300]
     late = moving(TIMES - 0.04) + np.random.default_rng(1).normal(0, 2, (300, 31, 3))
-    assert lag_s(NUMBERS[kept], TIMES[kept], late[kept], moving(TIMES)[kept]) == pytest.approx(0.04, abs=5e-4)
+    assert lag_s(NUMBERS[kept], TIMES[kept], late[kept], moving(TIMES)[kept]) == pytest.approx(
+        0.04, abs=5e-4
+    )
 
 
 def test_nothing_moves_nothing_lags() -> None:

@@ -15,7 +15,9 @@ FINGERS = ("little", "ring", "middle", "index")
 STEP = 1 / 60
 
 
-def played(*acts: Act, seconds: float, seed: int = 1, side: str = "right", outward: float = 0.0) -> Movement:
+def played(
+    *acts: Act, seconds: float, seed: int = 1, side: str = "right", outward: float = 0.0
+) -> Movement:
     """The movement of one person's hand."""
     rng = np.random.default_rng(seed)
     person = Person.draw(rng, SAMPLER)
@@ -37,7 +39,10 @@ def test_a_moving_hand_is_a_hand_that_moves() -> None:
     assert 300 < speed.max() <= HAND_SPEED * 1.001
     assert 1 < np.abs(np.diff(fingers, axis=0)).max() / STEP <= FINGER_SPEED * 1.001
     depth = movement.person.penetration_mm(whole)
-    assert np.percentile(depth, 95) <= SAMPLER.prior.penetration and depth.max() < 2 * SAMPLER.prior.penetration
+    assert (
+        np.percentile(depth, 95) <= SAMPLER.prior.penetration
+        and depth.max() < 2 * SAMPLER.prior.penetration
+    )
     still = (np.abs(np.diff(whole, axis=0)).max(axis=1) < 1e-9) & (speed < 1e-6)
     assert still.sum() * STEP > 1.5 and (~still).sum() * STEP > 6
 
@@ -68,7 +73,9 @@ def test_away(first: bool) -> None:
 def test_a_wave_turns_the_palm_to_and_fro() -> None:
     movement = played(Act("wave", 4), seconds=4)
     start = movement.palm.at(0.0)
-    turned = [float((movement.palm.at(t) * start.inv()).as_rotvec()[2]) for t in np.arange(0, 4, 0.05)]
+    turned = [
+        float((movement.palm.at(t) * start.inv()).as_rotvec()[2]) for t in np.arange(0, 4, 0.05)
+    ]
     assert max(turned) > 0.38 and min(turned) < -0.38
 
 
@@ -91,7 +98,9 @@ def test_gestures_as_poses_by_name() -> None:
         assert len(inputs) == 20 and not any(name.startswith("palm") for name in inputs)
         for name, value in inputs.items():
             d = skeleton.dof_names.index(name)
-            assert skeleton.lower[d] - 1e-4 <= value <= skeleton.upper[d] + 1e-4 and value == round(value, 4)
+            assert skeleton.lower[d] - 1e-4 <= value <= skeleton.upper[d] + 1e-4 and value == round(
+                value, 4
+            )
     for finger in FINGERS:
         assert found["fist"][f"{finger}_base_rot_x"] < found["open"][f"{finger}_base_rot_x"] - 0.5
 
@@ -115,7 +124,10 @@ def test_places_are_in_the_image(camera: Camera) -> None:
         place = volume.place(rng)
         u, v, d = camera.project(place)
         across, down = MARGIN_MM * camera.fx / d - 1e-6, MARGIN_MM * camera.fy / d - 1e-6
-        assert 0.5 * camera.width + across < u < camera.width - across and down < v < camera.height - down
+        assert (
+            0.5 * camera.width + across < u < camera.width - across
+            and down < v < camera.height - down
+        )
         assert volume.near <= d <= volume.far
         np.testing.assert_allclose(volume.kept(place), place)
         assert not 0 < camera.project(volume.outside(place))[0] < camera.width

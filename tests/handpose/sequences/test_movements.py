@@ -29,7 +29,11 @@ def test_a_stroke() -> None:
     np.testing.assert_array_equal(eased(np.array([-1.0, 2.0])), [0, 1])
 
 
-@given(st.lists(st.tuples(st.floats(0.1, 2), st.floats(-0.9, 1), st.floats(-3, 3)), min_size=1, max_size=6))
+@given(
+    st.lists(
+        st.tuples(st.floats(0.1, 2), st.floats(-0.9, 1), st.floats(-3, 3)), min_size=1, max_size=6
+    )
+)
 def test_values_stay_among_their_poses(strokes: list[tuple[float, float, float]]) -> None:
     """Values stay within their poses for any overlap of strokes, and end at the last pose."""
     values = Values(np.array([0.0]))

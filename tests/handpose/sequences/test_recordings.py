@@ -42,7 +42,9 @@ def test_the_hands_are_those_of_people() -> None:
 def test_a_camera_keeps_its_noise_and_its_background() -> None:
     """The noise level is drawn once per recording, so that all frames of a still hand are equally noisy."""
     recording = SyntheticRecording("rest", ICVL, seconds=0.4)
-    assert recording.sensor and recording.sensor.depth_noise[0] == recording.sensor.depth_noise[1] > 0
+    assert (
+        recording.sensor and recording.sensor.depth_noise[0] == recording.sensor.depth_noise[1] > 0
+    )
     clean = SyntheticRecording("rest", ICVL, seconds=0.4, clean=True)
     truth = clean.frame(0).depth
     off = np.abs(np.stack([frame.depth for frame in recording]) - truth)[:, truth > 0]
@@ -58,21 +60,33 @@ def test_the_truth_is_what_is_seen() -> None:
         header = recording.header
         for frame, truth in zip(recording, recording.truths()):
             (hand,) = truth.hands
-            assert hand.hand == ("left" if script == "left" else "right") and hand.confidence == 1 and hand.capsules
+            assert (
+                hand.hand == ("left" if script == "left" else "right")
+                and hand.confidence == 1
+                and hand.capsules
+            )
             alone = render_image(in_front(hand.capsules), NYU, np.inf)[0]
             seen = np.isfinite(alone)
             near = np.abs(frame.depth - alone)[seen] <= 0.5  # except for the sleeve
             assert near.mean() > 0.6 and (frame.depth[seen] <= alone[seen] + 0.5).all()
-            xyz = joints_of(header.skeleton, header.unit_mm, hand.hand, hand.inputs, hand.bones, hand.origin_mm)
+            xyz = joints_of(
+                header.skeleton, header.unit_mm, hand.hand, hand.inputs, hand.bones, hand.origin_mm
+            )
             np.testing.assert_allclose(xyz, hand.xyz, atol=1e-9)
             np.testing.assert_allclose(hand.center_uvd, NYU.project(hand.origin_mm))
             surface = hand.capsules
-            ends, radii = np.hstack([surface.a, surface.b])[0], np.hstack([surface.radius_a, surface.radius_b])[0]
-            assert (np.linalg.norm(xyz[:, None] - ends, axis=2) < radii + 15).any(axis=1).all()  # also of a left hand
+            ends, radii = (
+                np.hstack([surface.a, surface.b])[0],
+                np.hstack([surface.radius_a, surface.radius_b])[0],
+            )
+            # also of a left hand
+            assert (np.linalg.norm(xyz[:, None] - ends, axis=2) < radii + 15).any(axis=1).all()
 
 
 def test_rate_and_length_do_not_change_the_movement() -> None:
-    slow, fast = (SyntheticRecording("moving", ICVL, rate=rate, seconds=1, clean=True) for rate in (10, 60))
+    slow, fast = (
+        SyntheticRecording("moving", ICVL, rate=rate, seconds=1, clean=True) for rate in (10, 60)
+    )
     longer = SyntheticRecording("moving", ICVL, rate=10, seconds=3, clean=True)
     np.testing.assert_array_equal(slow.frame(8).depth, fast.frame(48).depth)
     np.testing.assert_array_equal(slow.frame(8).depth, longer.frame(8).depth)
@@ -100,12 +114,15 @@ def test_two_hands() -> None:
         np.testing.assert_array_equal(right.bones, left.bones)
         assert right.center_uvd[0] < 160 < left.center_uvd[0]
     other = SyntheticRecording("two_hands", ICVL, rate=2, seconds=1, mirrored=True).truth(0).hands
-    assert [hand.hand for hand in other] == ["left", "right"] and other[0].center_uvd[0] > other[1].center_uvd[0]
+    assert [hand.hand for hand in other] == ["left", "right"] and other[0].center_uvd[0] > other[
+        1
+    ].center_uvd[0]
 
 
 def test_a_body_stands_behind() -> None:
     body, arms = (
-        SyntheticRecording(replace(SCRIPTS["rest"], body=own), NYU, rate=1, clean=True) for own in (True, False)
+        SyntheticRecording(replace(SCRIPTS["rest"], body=own), NYU, rate=1, clean=True)
+        for own in (True, False)
     )
     seen = body.frame(0).depth
     assert ((seen > 700) & (seen < 1100)).mean() > 0.1

@@ -58,13 +58,18 @@ def test_generate_cuts_anywhere(generator: Generator, frames: Frames) -> None:
     pieces = list(generate(BLOCK, generator, start=BLOCK // 2))
     assert [len(piece) for piece in pieces] == [BLOCK // 2, BLOCK // 2]
     np.testing.assert_array_equal(pieces[0].depth, frames.depth[BLOCK // 2 :])
-    np.testing.assert_array_equal(np.concatenate([p.index for p in pieces]), np.arange(BLOCK // 2, BLOCK * 3 // 2))
+    np.testing.assert_array_equal(
+        np.concatenate([p.index for p in pieces]), np.arange(BLOCK // 2, BLOCK * 3 // 2)
+    )
     (few,) = generate(3, generator)
     np.testing.assert_array_equal(few.joint, frames.joint[:3])
     assert not list(generate(0, generator))
 
 
-@pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="waiting for a process that is not a child needs pidfd_open")
+@pytest.mark.skipif(
+    not hasattr(os, "pidfd_open"),
+    reason="waiting for a process that is not a child needs pidfd_open",
+)
 def test_workers_do_not_outlive_their_parent(tmp_path: Path) -> None:
     script = tmp_path / "parent.py"
     script.write_text(
@@ -77,7 +82,9 @@ def test_workers_do_not_outlive_their_parent(tmp_path: Path) -> None:
     )
     own = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[3])}
     command = [sys.executable, str(script)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=own) as parent:
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=own
+    ) as parent:
         assert parent.stdout is not None
         worker = os.pidfd_open(int(parent.stdout.readline()))
         try:

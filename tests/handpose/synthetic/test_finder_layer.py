@@ -17,11 +17,16 @@ NET = Path(__file__).parents[3] / "prototxt" / "finder_train_test.prototxt"
 def test_votes_lead_to_palms_and_heat_is_highest_there() -> None:
     scenes = SceneGenerator(1).block(0)
     _, heat, vote, own, right = targets_of(scenes)
-    points = np.concatenate([scenes.slopes, np.ones((*scenes.depth.shape, 1))], axis=-1) * scenes.depth[..., None]
+    points = (
+        np.concatenate([scenes.slopes, np.ones((*scenes.depth.shape, 1))], axis=-1)
+        * scenes.depth[..., None]
+    )
     reached = points[:, ::4, ::4] + VOTE_MM * np.moveaxis(vote, 1, -1)
     for n, k in np.argwhere(scenes.present):
         pixels = (scenes.which[n, ::4, ::4] == k + 1) & (own[n, 0] > 0)
-        np.testing.assert_allclose(reached[n][pixels], np.tile(scenes.middle[n, k], (pixels.sum(), 1)), atol=1e-2)
+        np.testing.assert_allclose(
+            reached[n][pixels], np.tile(scenes.middle[n, k], (pixels.sum(), 1)), atol=1e-2
+        )
         assert (right[n, 0][pixels] == (scenes.side[n, k] > 0)).all()
         column, row = np.round(scenes.middle_px[n, k] / 4).astype(int)
         if row < heat.shape[2] and column < heat.shape[3]:
@@ -34,10 +39,14 @@ def test_the_net_trains_on_the_scenes_of_its_number() -> None:
     assert sum(blob.count for layer in net.layers for blob in layer.blobs) < 800000
     net.forward()
     net.backward()
-    np.testing.assert_array_equal(net.blobs["frame"].data, channels_of(SceneGenerator(1).block(0).depth))
+    np.testing.assert_array_equal(
+        net.blobs["frame"].data, channels_of(SceneGenerator(1).block(0).depth)
+    )
     assert len(net.blobs["frame"].data) == BLOCK and net.layers[0].state() == {"number": 1}
     net.layers[0].restore({"number": 5})
     net.forward()
-    np.testing.assert_array_equal(net.blobs["frame"].data, channels_of(SceneGenerator(1).block(5).depth))
+    np.testing.assert_array_equal(
+        net.blobs["frame"].data, channels_of(SceneGenerator(1).block(5).depth)
+    )
     learned = [blob for layer in net.layers if layer.type != "BatchNorm" for blob in layer.blobs]
     assert all(np.abs(blob.diff).max() > 0 for blob in learned)

@@ -23,8 +23,12 @@ from netlib.files.paths import ROOT
 
 def test_arrays(generator: Generator, frames: Frames) -> None:
     """They have the shapes and types of the columns, and values in their ranges."""
-    for (name, array), empty in zip(frames.arrays().items(), generator.columns().values(), strict=True):
-        assert (array.shape, array.dtype) == ((BLOCK, *empty.shape[1:]), empty.dtype) and len(empty) == 0
+    for (name, array), empty in zip(
+        frames.arrays().items(), generator.columns().values(), strict=True
+    ):
+        assert (array.shape, array.dtype) == ((BLOCK, *empty.shape[1:]), empty.dtype) and len(
+            empty
+        ) == 0
         assert np.isfinite(array).all()
         if name in ("depth", "joint"):
             assert array.min() >= -1 and array.max() == 1
@@ -57,7 +61,9 @@ def test_joints_are_inside_the_surface() -> None:
 def test_nothing_is_seen_outside_the_image() -> None:
     """For hands at the image border, crop pixels without an image pixel are background."""
     at_the_border = prior_file.load().but(
-        lateral_x=NormalParameter(-0.5, 0.02), lateral_y=NormalParameter(0.38, 0.02), depth=RangeParameter(550, 560)
+        lateral_x=NormalParameter(-0.5, 0.02),
+        lateral_y=NormalParameter(0.38, 0.02),
+        depth=RangeParameter(550, 560),
     )
     frames = Generator(recipe=Recipe(at_the_border)).block(0)
     picked = window(frames.center_uvd, 300.0)
@@ -71,14 +77,18 @@ def test_nothing_is_seen_outside_the_image() -> None:
 def test_recipes() -> None:
     """All differ, and each draws bodies in sight."""
     generators = [Generator(3, "test", recipes.recipe(name)) for name in recipes.NAMES]
-    assert len({json.dumps(generator.made_from()) for generator in generators}) == len(recipes.NAMES)
+    assert len({json.dumps(generator.made_from()) for generator in generators}) == len(
+        recipes.NAMES
+    )
     for depth in (generator.scene(1).depth for generator in generators):
         assert np.isfinite(depth).all() and (depth < 1).any(axis=(1, 2)).all()
 
 
 def test_every_roll_and_every_camera() -> None:
     """The recipe "cameras" uses all views, all rolls, and near and far hands."""
-    scenes = [Generator(3, "train", recipes.recipe("cameras")).scene(number) for number in range(12)]
+    scenes = [
+        Generator(3, "train", recipes.recipe("cameras")).scene(number) for number in range(12)
+    ]
     assert len({scene.camera.name for scene in scenes}) == 4
     depth = np.concatenate([scene.center_uvd[:, 2] for scene in scenes])
     assert depth.min() < 300 and depth.max() > 1100
@@ -99,11 +109,16 @@ def test_real_hands(nyu_data: Path, generator: Generator, frame: int) -> None:
     joints = NYU.unproject(uvd[list(ANNOTATION_OF_JOINT)])[None]
     surface = generator.sampler.surface
     palm = palm_frame(joints[0], generator.sampler.skeleton)[None]
-    joints = np.concatenate([joints, np.zeros((1, len(surface.whole.joint_names) - 31, 3))], axis=1) / 150
+    joints = (
+        np.concatenate([joints, np.zeros((1, len(surface.whole.joint_names) - 31, 3))], axis=1)
+        / 150
+    )
     ends = surface.ends_at(joints, dict.fromkeys(surface.offsets, palm)) * 150
     own = ~surface.limbs  # without the forearm, whose direction is not annotated
     radii = surface.radii[None, own] * 150
-    hand = Capsules(ends[:, surface.start[own]], ends[:, surface.end[own]], radii[..., 0], radii[..., 1])
+    hand = Capsules(
+        ends[:, surface.start[own]], ends[:, surface.end[own]], radii[..., 0], radii[..., 1]
+    )
     center = uvd[None, CENTER_JOINT]
     made = normalise_depth(render_crop(hand, center, 300.0), center[:, 2], 300.0)[0]
     wrist = int(crop_pixels(uvd[None, 30:32], center, 300.0)[0, :, 1].min())

@@ -24,7 +24,9 @@ def test_bones_vary_within_reason(sampler: BodySampler, hands: Bodies) -> None:
     """Bone lengths are those of the frame, which vary by a factor per hand and one per bone."""
     skeleton = sampler.skeleton
     child = np.flatnonzero(skeleton.parents >= 0)
-    lengths = np.linalg.norm(hands.joints[:, child] - hands.joints[:, skeleton.parents[child]], axis=2)
+    lengths = np.linalg.norm(
+        hands.joints[:, child] - hands.joints[:, skeleton.parents[child]], axis=2
+    )
     np.testing.assert_allclose(lengths, np.abs(hands.bones[:, child]), atol=1e-12)
     own = lengths / np.abs(skeleton.bones[child]) / hands.scale[:, None]
     assert own.std() == pytest.approx(0.04, rel=0.1)
@@ -35,10 +37,14 @@ def test_bones_vary_within_reason(sampler: BodySampler, hands: Bodies) -> None:
 def test_parameters_are_the_models(sampler: BodySampler, hands: Bodies) -> None:
     """``dof`` is within the limits, 0 where fixed, and poses the packaged hand within a few mm of the labels."""
     skeleton = sampler.skeleton
-    assert (hands.inputs >= skeleton.lower - 1e-12).all() and (hands.inputs <= skeleton.upper + 1e-12).all()
+    assert (hands.inputs >= skeleton.lower - 1e-12).all() and (
+        hands.inputs <= skeleton.upper + 1e-12
+    ).all()
     assert (hands.inputs[:, skeleton.fixed] == 0).all()
     kinematics = kinematics_of(skeleton)
-    np.testing.assert_allclose(kinematics.joints(hands.inputs, hands.bones[:, :31]), hands.joints, atol=1e-12)
+    np.testing.assert_allclose(
+        kinematics.joints(hands.inputs, hands.bones[:, :31]), hands.joints, atol=1e-12
+    )
     nearly = np.linalg.norm(kinematics.joints(hands.inputs) - hands.joints, axis=2) * 150
     assert 1 < nearly.mean() < 6
 
@@ -55,8 +61,13 @@ def test_fingers_rarely_run_through_each_other(sampler: BodySampler, hands: Bodi
 def test_center_is_in_the_palm(sampler: BodySampler, hands: Bodies) -> None:
     """The prior's crop centre is NYU's joint 34; the hands lie about it, up to the jitter."""
     np.testing.assert_allclose(sampler.center * 150, CENTER_IN_PALM, atol=1e-12)
-    distance = np.linalg.norm(hands.joints[:, sampler.skeleton.joint_names.index("palm")], axis=1) * 150
-    assert np.median(distance) == pytest.approx(np.linalg.norm(CENTER_IN_PALM), abs=2) and distance.max() < 70
+    distance = (
+        np.linalg.norm(hands.joints[:, sampler.skeleton.joint_names.index("palm")], axis=1) * 150
+    )
+    assert (
+        np.median(distance) == pytest.approx(np.linalg.norm(CENTER_IN_PALM), abs=2)
+        and distance.max() < 70
+    )
 
 
 def test_bones_of_a_group_differ_together() -> None:
@@ -77,7 +88,9 @@ def test_people_are_seen_from_every_side() -> None:
     """The directions of palms and fingers are distributed evenly over the eight octants."""
     sampler = BodySampler(prior_file.load(prior_file.PEOPLE_PRIOR))
     everywhere = tuple(schema.changed(turn, any=1.0) for turn in sampler.prior.turn)
-    angles = BodySampler(sampler.prior.but(turn=everywhere)).rotations(np.random.default_rng(0), 4000)
+    angles = BodySampler(sampler.prior.but(turn=everywhere)).rotations(
+        np.random.default_rng(0), 4000
+    )
     for axis in np.eye(3):
         pointing = Rotation.from_euler("ZXY", angles).apply(axis) > 0
         octant = np.bincount(pointing @ [1, 2, 4], minlength=8)

@@ -13,7 +13,12 @@ from handpose.synthetic.sensor import NOISY_KINECT, Sensor, sense
 
 FAR = np.array([950.0, 950.0])
 PERFECT = Sensor(
-    pixel_shift=(0, 0), block_shift=(0, 0), disparity_noise=(0, 0), disparity_step=0.125, dropout=(0, 0), holes=(0, 0)
+    pixel_shift=(0, 0),
+    block_shift=(0, 0),
+    disparity_noise=(0, 0),
+    disparity_step=0.125,
+    dropout=(0, 0),
+    holes=(0, 0),
 )
 
 
@@ -37,7 +42,9 @@ def test_sensor_without_faults_is_exact_to_its_step() -> None:
 def edges(depth: np.ndarray) -> np.ndarray:
     """Pixels with a neighbour that differs by more than a sensor's 15 mm."""
     cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
-    return np.stack([(cv2.dilate(one, cross) - one > 15) | (one - cv2.erode(one, cross) > 15) for one in depth])
+    return np.stack(
+        [(cv2.dilate(one, cross) - one > 15) | (one - cv2.erode(one, cross) > 15) for one in depth]
+    )
 
 
 def test_dropped_pixels() -> None:
@@ -45,10 +52,18 @@ def test_dropped_pixels() -> None:
     at_edge = edges(whole) & (whole < 950)
     assert at_edge.sum() == 2 * (4 * 60 - 4)  # the outline of the plate
     for dropout in (0, 1 / 3, 1):
-        read = sense(np.random.default_rng(0), slope(), FAR, replace(PERFECT, dropout=(dropout, dropout)), NYU)
+        read = sense(
+            np.random.default_rng(0),
+            slope(),
+            FAR,
+            replace(PERFECT, dropout=(dropout, dropout)),
+            NYU,
+        )
         dropped = read != whole
         assert (read[dropped] == 950).all() and not (dropped & ~at_edge).any()
-        assert dropped.sum() / at_edge.sum() == pytest.approx(dropout, abs=0.1 if 0 < dropout < 1 else 0)
+        assert dropped.sum() / at_edge.sum() == pytest.approx(
+            dropout, abs=0.1 if 0 < dropout < 1 else 0
+        )
 
 
 def test_holes() -> None:
@@ -56,7 +71,12 @@ def test_holes() -> None:
     whole = sense(np.random.default_rng(0), slope(), FAR, PERFECT, NYU)
     far = np.array([950.0, 1200.0])
     read = sense(np.random.default_rng(0), slope(), far, replace(PERFECT, holes=(1.0, 1.0)), NYU)
-    around = cv2.dilate(edges(whole).transpose(1, 2, 0).astype(np.uint8), np.ones((3, 3))).transpose(2, 0, 1) > 0
+    around = (
+        cv2.dilate(edges(whole).transpose(1, 2, 0).astype(np.uint8), np.ones((3, 3))).transpose(
+            2, 0, 1
+        )
+        > 0
+    )
     np.testing.assert_array_equal(read[0][around[0]], 950)
     np.testing.assert_array_equal(read[0][~around[0]], whole[0][~around[0]])
     assert (read[1][around[1]] == 1200).all()

@@ -15,7 +15,9 @@ from tests.handpose.drawn_hands import capsules_of
 EXACT = replace(DEFAULT_SURFACE, thickness_std=0)
 
 
-def drawn(sampler: BodySampler, prior: SurfacePrior, count: int = 300, depth: float = 800) -> Capsules:
+def drawn(
+    sampler: BodySampler, prior: SurfacePrior, count: int = 300, depth: float = 800
+) -> Capsules:
     """The capsules of hands in front of a camera."""
     rng = np.random.default_rng(0)
     return capsules_of(sampler, rng, sampler.draw(rng, count), (0, 0, depth), prior)
@@ -38,7 +40,9 @@ def test_thickness_and_single_radii(sampler: BodySampler) -> None:
     exact = drawn(sampler, EXACT).radius_a / size[:, None]
     np.testing.assert_allclose(exact, np.broadcast_to(own, exact.shape))
     together = drawn(sampler, DEFAULT_SURFACE).radius_a / size[:, None] / own
-    assert np.ptp(together, axis=1).max() < 1e-12 and together[:, 0].std() == pytest.approx(0.08, rel=0.15)
+    assert np.ptp(together, axis=1).max() < 1e-12 and together[:, 0].std() == pytest.approx(
+        0.08, rel=0.15
+    )
     single = drawn(sampler, replace(EXACT, radius_std=0.1)).radius_a / size[:, None] / own
     assert single.std(axis=1).mean() == pytest.approx(0.1, rel=0.1)
 
@@ -47,7 +51,9 @@ def test_offsets(sampler: BodySampler) -> None:
     """With offsets of 0, capsules end at the joints."""
     own, hands = ~sampler.surface.limbs, sampler.draw(np.random.default_rng(0), 10)
     joints = hands.joints[:, sampler.surface.start[own]] * 150 + (0, 0, 800)
-    np.testing.assert_allclose(drawn(sampler, replace(EXACT, offsets=(0.0, 0.0)), 10).a[:, own], joints, atol=1e-9)
+    np.testing.assert_allclose(
+        drawn(sampler, replace(EXACT, offsets=(0.0, 0.0)), 10).a[:, own], joints, atol=1e-9
+    )
 
 
 def test_cut_forearms_and_sleeves(sampler: BodySampler) -> None:
@@ -55,7 +61,9 @@ def test_cut_forearms_and_sleeves(sampler: BodySampler) -> None:
     whole, cut = drawn(sampler, EXACT), drawn(sampler, replace(EXACT, cut=1.0, cut_at=(0.25, 0.25)))
     length = [np.linalg.norm(c.b[:, -1] - c.a[:, -1], axis=1) for c in (whole, cut)]
     np.testing.assert_allclose(length[1], length[0] / 4)
-    worn = drawn(sampler, replace(EXACT, sleeve=1.0, sleeve_from=(0.5, 0.5), sleeve_mm=(10.0, 10.0)))
+    worn = drawn(
+        sampler, replace(EXACT, sleeve=1.0, sleeve_from=(0.5, 0.5), sleeve_mm=(10.0, 10.0))
+    )
     arm, sleeve = (Capsules(*(values[:, m] for values in worn)) for m in (-2, -1))
     np.testing.assert_allclose(sleeve.a, (arm.a + arm.b) / 2)
     np.testing.assert_allclose(sleeve.b, arm.b)
@@ -76,4 +84,6 @@ def test_palms_are_thicker_than_fingers(sampler: BodySampler) -> None:
     factor = np.concatenate([thick.radius_a / thin.radius_a, thick.radius_b / thin.radius_b])
     parts = np.array(sampler.surface.parts)
     np.testing.assert_allclose(factor[:, parts == "palm"], 3.0)
-    np.testing.assert_allclose(factor[:, (parts == "thumb") | (parts == "index") | sampler.surface.limbs], 1.5)
+    np.testing.assert_allclose(
+        factor[:, (parts == "thumb") | (parts == "index") | sampler.surface.limbs], 1.5
+    )

@@ -7,7 +7,16 @@ import pytest
 
 from handpose.body.render import render
 from handpose.synthetic import whole_scenes
-from handpose.synthetic.whole_scenes import BOX, CYLINDER, ELLIPSOID, HAND, HEIGHT, WIDTH, SceneGenerator, Scenes
+from handpose.synthetic.whole_scenes import (
+    BOX,
+    CYLINDER,
+    ELLIPSOID,
+    HAND,
+    HEIGHT,
+    WIDTH,
+    SceneGenerator,
+    Scenes,
+)
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +40,10 @@ def test_the_labels_agree_with_each_other(scenes: Scenes) -> None:
         column, row = scenes.middle_px[n, k]
         assert 0 < column < WIDTH and 0 < row < HEIGHT
         pixels = (scenes.which[n] == k + 1) & (scenes.depth[n] > 0)
-        points = np.concatenate([scenes.slopes[n], np.ones((HEIGHT, WIDTH, 1))], axis=-1) * scenes.depth[n][..., None]
+        points = (
+            np.concatenate([scenes.slopes[n], np.ones((HEIGHT, WIDTH, 1))], axis=-1)
+            * scenes.depth[n][..., None]
+        )
         apart = np.linalg.norm(points[pixels] - scenes.middle[n, k], axis=1)
         assert np.median(apart) < 130
 
@@ -47,8 +59,11 @@ def test_solids_agree_with_steps_along_the_rays(kind: int) -> None:
     steps = np.arange(350.0, 650.0, 0.25)
     rays = np.stack(np.broadcast_arrays(x[None, :], -x[:, None], np.float32(1)), axis=-1)
     local = np.abs((steps[:, None] * rays[..., None, :] - center) @ axes / half)
-    size = {BOX: local.max(axis=-1), ELLIPSOID: np.linalg.norm(local, axis=-1),
-            CYLINDER: np.maximum(local[..., 1], np.hypot(local[..., 0], local[..., 2]))}[kind]
+    size = {
+        BOX: local.max(axis=-1),
+        ELLIPSOID: np.linalg.norm(local, axis=-1),
+        CYLINDER: np.maximum(local[..., 1], np.hypot(local[..., 0], local[..., 2])),
+    }[kind]
     hit, missed = (size <= 1).sum(axis=-1) > 8, size.min(axis=-1) > 1.01
     np.testing.assert_allclose(entry[hit], steps[(size <= 1).argmax(axis=-1)][hit], atol=0.5)
     assert np.isinf(entry[missed]).all() and hit.sum() > 10
@@ -56,9 +71,14 @@ def test_solids_agree_with_steps_along_the_rays(kind: int) -> None:
 
 def test_left_hands_are_mirrored_right_hands() -> None:
     sampler = SceneGenerator().sampler
-    right, left = (whole_scenes._draw_hands(np.random.default_rng(5), sampler, np.array([s])) for s in (1.0, -1.0))
+    right, left = (
+        whole_scenes._draw_hands(np.random.default_rng(5), sampler, np.array([s]))
+        for s in (1.0, -1.0)
+    )
     rays = np.linspace(-0.3, 0.3, 61)[None]
-    images = [render(hand.own.moved((0, 0, 500)), rays, rays, [np.inf])[0] for hand in (right, left)]
+    images = [
+        render(hand.own.moved((0, 0, 500)), rays, rays, [np.inf])[0] for hand in (right, left)
+    ]
     np.testing.assert_allclose(images[0][:, ::-1], images[1], rtol=1e-4)
     np.testing.assert_allclose(right.palmar * (-1, 1, 1), left.palmar, atol=1e-12)
     assert np.isfinite(images[0]).sum() > 100

@@ -106,4 +106,6 @@ def leaving(predictor: Predictor) -> Take:
 @pytest.fixture(scope="session")
 def two(predictor: Predictor) -> Take:
     """Both hands of a person, at rest."""
-    return tracked(predictor, played(Script(0.8, {"right": (Act("rest", 1),), "left": (Act("rest", 1),)}), 2))
+    return tracked(
+        predictor, played(Script(0.8, {"right": (Act("rest", 1),), "left": (Act("rest", 1),)}), 2)
+    )

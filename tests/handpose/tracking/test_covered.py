@@ -60,7 +60,9 @@ def covered(take: Take, number: int, share: float, value: float) -> DepthFrame:
     return frame._replace(depth=np.where(where, np.float32(near), frame.depth))
 
 
-def after(tracker: Tracker, take: Take, share: float, value: float, frames: int = 2) -> Iterator[TrackedFrame]:
+def after(
+    tracker: Tracker, take: Take, share: float, value: float, frames: int = 2
+) -> Iterator[TrackedFrame]:
     """Frames that are covered like this: the last one is reported without smoothing."""
     own = copied(tracker)
     for number in range(BEGUN, BEGUN + frames):
@@ -68,10 +70,16 @@ def after(tracker: Tracker, take: Take, share: float, value: float, frames: int 
         yield own.step(covered(take, number, share, value))
 
 
-@pytest.mark.parametrize(("value", "reasons"), [
-    *((value, (REASON,)) for value in NEAR), *((value, ("no depth", "only background")) for value in (0.0, np.nan)),
-])
-def test_half_of_it_or_more(begun: Tracker, resting: Take, value: float, reasons: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(
+    ("value", "reasons"),
+    [
+        *((value, (REASON,)) for value in NEAR),
+        *((value, ("no depth", "only background")) for value in (0.0, np.nan)),
+    ],
+)
+def test_half_of_it_or_more(
+    begun: Tracker, resting: Take, value: float, reasons: tuple[str, ...]
+) -> None:
     """From half of the hand to the whole view: no confident pose, and the reason; then the hand is tracked again."""
     for share in (0.5, 0.6, 0.9, 1.0, 2.0):
         for reported in after(begun, resting, share, value):
@@ -83,10 +91,17 @@ def test_half_of_it_or_more(begun: Tracker, resting: Take, value: float, reasons
     assert again.step(resting.frames[BEGUN + 1]).hands[0].id == 0
 
 
-@pytest.mark.parametrize(("value", "share", "least", "frames"), [
-    *((value, 0.1, DOUBTFUL, 5) for value in NEAR),  # a hand that is covered a little is tracked
-    *((value, 0.35, 0.0, 4) for value in (*NEAR, 0.0, np.nan)), (0.0, 0.5, 0.0, 0), (0.0, 0.75, 0.0, 0),
-])
+@pytest.mark.parametrize(
+    ("value", "share", "least", "frames"),
+    [
+        *(
+            (value, 0.1, DOUBTFUL, 5) for value in NEAR
+        ),  # a hand that is covered a little is tracked
+        *((value, 0.35, 0.0, 4) for value in (*NEAR, 0.0, np.nan)),
+        (0.0, 0.5, 0.0, 0),
+        (0.0, 0.75, 0.0, 0),
+    ],
+)
 def test_the_pose_of_a_part(
     begun: Tracker, resting: Take, value: float, share: float, least: float, frames: int
 ) -> None:
@@ -95,7 +110,9 @@ def test_the_pose_of_a_part(
     most = whole.confidence if share < 0.5 else DOUBTFUL
     reported = list(after(begun, resting, share, value, 5))
     assert sum(len(frame.hands) for frame in reported) >= frames
-    assert value not in NEAR or all(lost.reason == REASON for frame in reported[:2] for lost in frame.lost)
+    assert value not in NEAR or all(
+        lost.reason == REASON for frame in reported[:2] for lost in frame.lost
+    )
     for frame in reported:
         for hand in frame.hands:
             assert error_of(hand, resting.truth[frame.number]) < 20 and hand.id == 0
@@ -110,7 +127,10 @@ def moving(side: Side, velocity: tuple[float, float, float], seed: int) -> Take:
     at_rest = movement.pose_at
 
     def pose_at(time: float) -> TrackedHand:
-        pose, way = at_rest(time), 1000 * np.array(velocity) * np.clip(time - (BEGUN - 0.5) / 30, 0, 5 / 30)
+        pose, way = (
+            at_rest(time),
+            1000 * np.array(velocity) * np.clip(time - (BEGUN - 0.5) / 30, 0, 5 / 30),
+        )
         capsules = pose.capsules._replace(a=pose.capsules.a + way, b=pose.capsules.b + way)
         return replace(pose, xyz=pose.xyz + way, capsules=capsules)
 
@@ -118,9 +138,15 @@ def moving(side: Side, velocity: tuple[float, float, float], seed: int) -> Take:
     return Take(recording, list(recording), list(recording.truths()))
 
 
-@pytest.mark.parametrize(("side", "velocity", "seed"), [
-    ("right", (0, 0, -1.5), 5), ("right", (2, 0, 0), 5), ("left", (2, 0, 0), 6), ("left", (2, 0, 1), 5),
-])
+@pytest.mark.parametrize(
+    ("side", "velocity", "seed"),
+    [
+        ("right", (0, 0, -1.5), 5),
+        ("right", (2, 0, 0), 5),
+        ("left", (2, 0, 0), 6),
+        ("left", (2, 0, 1), 5),
+    ],
+)
 def test_a_hand_that_moves_fast_is_not_covered(
     predictor: Predictor, side: Side, velocity: tuple[float, float, float], seed: int
 ) -> None:

@@ -41,7 +41,11 @@ def frame_with(presence: float | None) -> Any:
     """A frame in which the finder sees every hand 7 mm farther right, or none."""
 
     def near(place: np.ndarray) -> FoundHand | None:
-        return None if presence is None else FoundHand(presence, place + (7, 0, 0), 0.5, np.ones((1, 1), bool))
+        return (
+            None
+            if presence is None
+            else FoundHand(presence, place + (7, 0, 0), 0.5, np.ones((1, 1), bool))
+        )
 
     return SimpleNamespace(depth=np.zeros((1, 1), np.float32), near=near)
 
@@ -50,14 +54,28 @@ SEEN, UNSEEN = frame_with(0.8), frame_with(None)
 
 
 def estimate(
-    side: Side = "right", x: float = 0.0, cost: float = 1.0, confidence: float = 1.0, error: float = 5.0,
+    side: Side = "right",
+    x: float = 0.0,
+    cost: float = 1.0,
+    confidence: float = 1.0,
+    error: float = 5.0,
     is_tracked: bool = True,
 ) -> Hand:
     """An estimate of a hand of which only the place is known, at x mm."""
     one, none, place = np.ones(1), np.zeros((1, 3)), np.array([x, 0, 600])
     fit = DepthFit(none[None], none, cost * one, cost * one, none, np.full((1, 5), 3.0), one)
-    hand = Hand(side, np.zeros((128, 128), np.float32), place, 300.0, NYU, none, fit, is_tracked=is_tracked,
-                error_mm=error, confidence=confidence)
+    hand = Hand(
+        side,
+        np.zeros((128, 128), np.float32),
+        place,
+        300.0,
+        NYU,
+        none,
+        fit,
+        is_tracked=is_tracked,
+        error_mm=error,
+        confidence=confidence,
+    )
     vars(hand).update(body=WorldPose(place, np.eye(3), np.zeros(4)), center_mm=place)
     return hand
 
@@ -82,14 +100,18 @@ def followed(one: HandTrack, estimates: list[list[Hand]], first: int = 1) -> Han
 # --------------------------------------------------------------------------------------------- which hand
 
 
-@pytest.mark.parametrize(("costs", "prior", "side", "decided"), [
-    ([(1.0, 9.0)], 0.0, "right", SECOND),
-    ([(9.0, 1.0)], 0.0, "left", SECOND),
-    ([(1e9, 1e-9)] + [(1.0, 1.3)] * 90, 0.0, "right", SECOND),  # one estimate does not decide, however low its cost
-    ([(1.01, 1.0)], 0.0, "left", 3 * SECOND),  # a small difference takes longer
-    ([(1.0, 1.0)], 1.0, "right", 3 * SECOND),  # nothing but what was known before
-    ([(1.0, 1.0)], -1.0, "left", 3 * SECOND),
-])
+@pytest.mark.parametrize(
+    ("costs", "prior", "side", "decided"),
+    [
+        ([(1.0, 9.0)], 0.0, "right", SECOND),
+        ([(9.0, 1.0)], 0.0, "left", SECOND),
+        # one estimate does not decide, however low its cost
+        ([(1e9, 1e-9)] + [(1.0, 1.3)] * 90, 0.0, "right", SECOND),
+        ([(1.01, 1.0)], 0.0, "left", 3 * SECOND),  # a small difference takes longer
+        ([(1.0, 1.0)], 1.0, "right", 3 * SECOND),  # nothing but what was known before
+        ([(1.0, 1.0)], -1.0, "left", 3 * SECOND),
+    ],
+)
 def test_the_mean_decides_which_hand_it_is(
     costs: list[tuple[float, float]], prior: float, side: Side, decided: int
 ) -> None:
@@ -124,7 +146,11 @@ def test_a_side_that_is_not_seen_says_nothing() -> None:
 def test_only_one_side_is_looked_for() -> None:
     """If only one side is tracked, it is decided from the start."""
     one = track([estimate("left")], size=1.1)
-    assert one.is_decided and one.decided == "left" and [region.size for region in one.regions(FRAME)] == [1.1]
+    assert (
+        one.is_decided
+        and one.decided == "left"
+        and [region.size for region in one.regions(FRAME)] == [1.1]
+    )
 
 
 def test_a_hand_that_returns_is_known() -> None:
@@ -133,7 +159,9 @@ def test_a_hand_that_returns_is_known() -> None:
     assert (again.id, again.size, again.decided) == (4, 1.1, "left") and again.sizes is before.sizes
     new = track([estimate("right")])
     new.identify(5)
-    assert (new.id, new.size, new.decided) == (5, None, "right") and isinstance(new.sizes, SizeKeeper)
+    assert (new.id, new.size, new.decided) == (5, None, "right") and isinstance(
+        new.sizes, SizeKeeper
+    )
 
 
 # --------------------------------------------------------------------------------------------- where next
@@ -156,15 +184,29 @@ def test_where_to_look_next() -> None:
     assert expected_x(moving([0.0]), 1) == 0
     one = moving([10.0 * n for n in range(10)])
     places = [expected_x(one, frame) for frame in (10, 12, 21, 99)]
-    assert 90 < places[0] <= 100 and places[0] < places[1] <= 120 and places[1] < places[2] == pytest.approx(places[3])
+    assert (
+        90 < places[0] <= 100
+        and places[0] < places[1] <= 120
+        and places[1] < places[2] == pytest.approx(places[3])
+    )
 
 
-@pytest.mark.parametrize(("before", "found", "least", "most"), [
-    (range(0, 100, 10), 250, 256, 260),  # too far away for a motion: the hand moves on as before
-    ([0, 0, 0], 180, 180, 180),
-    ([0, 0, 0], 50, 65, 75),  # as far as a fast hand gets
-])
-def test_a_pose_found_anew(before: Sequence[float], found: float, least: float, most: float) -> None:
+@pytest.mark.parametrize(
+    ("before", "found", "least", "most"),
+    [
+        (
+            range(0, 100, 10),
+            250,
+            256,
+            260,
+        ),  # too far away for a motion: the hand moves on as before
+        ([0, 0, 0], 180, 180, 180),
+        ([0, 0, 0], 50, 65, 75),  # as far as a fast hand gets
+    ],
+)
+def test_a_pose_found_anew(
+    before: Sequence[float], found: float, least: float, most: float
+) -> None:
     """It changes the velocity unless it is too far away, but not how the hand turns and bends."""
     one = moving([float(x) for x in before])
     hand = estimate(x=found, is_tracked=False)
@@ -189,7 +231,9 @@ def test_the_network_is_asked_now_and_then() -> None:
     assert not one.take([estimate(confidence=0.1)], [], 31 * FRAME)
     assert one.regions(32 * FRAME)[0].moved_mm is None, "it had no pose in the frame before"
     undecided = track(both())
-    assert all(region.moved_mm is None for n in range(1, 9) for region in undecided.regions(n * FRAME))
+    assert all(
+        region.moved_mm is None for n in range(1, 9) for region in undecided.regions(n * FRAME)
+    )
 
 
 def test_a_second_look() -> None:
@@ -201,13 +245,19 @@ def test_a_second_look() -> None:
     assert one.other_regions(SEEN, unsure, 1.0 + FRAME) == []
     assert [region.center_uvd[0] for region in one.other_regions(UNSEEN, unsure, 4.0)] == [22]
     assert [region.center_uvd[0] for region in one.other_regions(UNSEEN, [], 9.0)] == [5]
-    undecided = track(both(x=5))  # both sides get a second region, however certain the estimates are
+    # both sides get a second region, however certain the estimates are
+    undecided = track(both(x=5))
     regions = undecided.other_regions(SEEN, both(x=20), 1.0)
-    assert [(region.center_uvd[0], region.side) for region in regions] == [(29, "right"), (29, "left")]
+    assert [(region.center_uvd[0], region.side) for region in regions] == [
+        (29, "right"),
+        (29, "left"),
+    ]
     assert all(region.before is undecided.sides[region.side].estimate.body for region in regions)
 
 
-@pytest.mark.parametrize(("confidence", "least", "most"), [(0.6, 30, 50), (0.1, 70, 110)], ids=["unsure", "no pose"])
+@pytest.mark.parametrize(
+    ("confidence", "least", "most"), [(0.6, 30, 50), (0.1, 70, 110)], ids=["unsure", "no pose"]
+)
 def test_second_looks_are_rare(confidence: float, least: int, most: int) -> None:
     """Of 300 uncertain frames in ten seconds few get a second estimate; more if there is no pose."""
     one, seen, looks = track([estimate()]), [estimate(confidence=confidence)], 0
@@ -221,8 +271,13 @@ def test_second_looks_are_rare(confidence: float, least: int, most: int) -> None
 def test_of_several_looks_the_best_counts() -> None:
     """The estimate with the least expected error is used; a side without an estimate keeps its pose."""
     one = track(both())
-    assert one.take([estimate(x=1, error=9)], [estimate(x=2, error=4), estimate(x=3, error=6)], FRAME)
-    assert one.sides["right"].estimate.body.place[0] == 2 and one.sides["left"].estimate.body.place[0] == 0
+    assert one.take(
+        [estimate(x=1, error=9)], [estimate(x=2, error=4), estimate(x=3, error=6)], FRAME
+    )
+    assert (
+        one.sides["right"].estimate.body.place[0] == 2
+        and one.sides["left"].estimate.body.place[0] == 0
+    )
     assert one.time == one.sides["right"].time == FRAME and one.sides["left"].time == 0
     assert one.take([estimate(x=4, error=1)], [estimate(x=5)], 2 * FRAME)
     assert one.sides["right"].estimate.body.place[0] == 4
@@ -238,7 +293,11 @@ def test_losing(seen: list[Hand]) -> None:
     assert one.credit == pytest.approx(FIRST_CREDIT + 2 * FRAME)
     smooth = one.best.smooth.place[0]
     assert not one.take(seen, seen, 2 * FRAME) and one.credit == pytest.approx(FIRST_CREDIT + FRAME)
-    assert one.time == FRAME and one.best.estimate.body.place[0] == 1 and one.best.smooth.place[0] == smooth
+    assert (
+        one.time == FRAME
+        and one.best.estimate.body.place[0] == 1
+        and one.best.smooth.place[0] == smooth
+    )
     followed(one, [[estimate(x=2)]] * 60, 3)
     assert one.time == 62 * FRAME and one.credit == MOST_CREDIT
     assert not one.take(seen, seen, 63 * FRAME + MOST_CREDIT) and one.credit < 0

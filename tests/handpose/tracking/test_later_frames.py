@@ -22,7 +22,11 @@ ORIGIN = np.array([20.0, -30, 700])
 
 
 def take(
-    model: CapsuleModel, poses: np.ndarray, side: Side = "right", size: float | None = None, missing: Sequence[int] = ()
+    model: CapsuleModel,
+    poses: np.ndarray,
+    side: Side = "right",
+    size: float | None = None,
+    missing: Sequence[int] = (),
 ) -> list[TrackedFrame]:
     """A track of one hand with these variables (N, V), smoothed by a tracker; some frames are without it."""
     one, hands = PoseFilter(), {}
@@ -49,7 +53,9 @@ def variables_of(model: CapsuleModel, hand: TrackedHand) -> np.ndarray:
 
 def joints(model: CapsuleModel, frames: list[TrackedFrame]) -> tuple[np.ndarray, np.ndarray]:
     """The joints (N, K, 3) in mm of the only hand as the tracker smoothed it, and with later frames."""
-    before = np.stack([model.joints(variables_of(model, frame.hands[0]))[0] + ORIGIN for frame in frames])
+    before = np.stack(
+        [model.joints(variables_of(model, frame.hands[0]))[0] + ORIGIN for frame in frames]
+    )
     return before, np.stack([frame.hands[0].xyz for frame in smoothed(model, frames)])
 
 
@@ -58,14 +64,18 @@ def swinging(model: CapsuleModel) -> np.ndarray:
     phase = 2 * np.pi * np.arange(120) / RATE
     x = np.zeros((120, model.variables))
     x[:, 0], x[:, 5] = 0.05 / 0.15 * np.sin(phase), 0.2 * np.sin(phase)
-    x[:, model.limbs] = np.clip(0.3 + 0.3 * np.sin(phase)[:, None], model.lower[model.limbs], model.upper[model.limbs])
+    x[:, model.limbs] = np.clip(
+        0.3 + 0.3 * np.sin(phase)[:, None], model.lower[model.limbs], model.upper[model.limbs]
+    )
     return x
 
 
 def undecided(right: float) -> TrackedHand:
     """A hand that is a right one with this probability, and its other side."""
-    one, two = (replace(tracked(side), confidence=0.8 * likely, side_confidence=likely)
-                for side, likely in zip(SIDES, (right, 1 - right)))
+    one, two = (
+        replace(tracked(side), confidence=0.8 * likely, side_confidence=likely)
+        for side, likely in zip(SIDES, (right, 1 - right))
+    )
     return replace(one, other=two) if right >= 0.5 else replace(two, other=one)
 
 
@@ -97,8 +107,12 @@ def test_the_end_of_a_recording(model: CapsuleModel, right: float, side: Side | 
 @pytest.mark.parametrize("later", ["sure", "posed", "neither"])
 def test_a_hand_is_present_that_is_sure_later(model: CapsuleModel, later: str) -> None:
     """It is reported beside a hand with joints from its first frame on."""
-    doubtful = PresentHand(7, None, 0.5, 0.0, (0.0, 0.0, 700.0), "no pose was found there", None, False)
-    last = {"sure": doubtful._replace(is_sure=True), "posed": tracked(id=7), "neither": doubtful}[later]
+    doubtful = PresentHand(
+        7, None, 0.5, 0.0, (0.0, 0.0, 700.0), "no pose was found there", None, False
+    )
+    last = {"sure": doubtful._replace(is_sure=True), "posed": tracked(id=7), "neither": doubtful}[
+        later
+    ]
     one = LaterFrames[None](model, min_confidence=0.3)
     for frame in frames_of((tracked(), doubtful), (tracked(), last), step=1 / RATE):
         assert not one.add(None, frame)
@@ -110,7 +124,9 @@ def test_a_moving_hand_is_followed_without_lag(model: CapsuleModel) -> None:
     """The error of smoothing is less than half of that of the filter that knows earlier frames only."""
     x = swinging(model)
     true = model.joints(x) + ORIGIN
-    before, off = (np.linalg.norm(xyz - true, axis=2)[30:-30].mean() for xyz in joints(model, take(model, x)))
+    before, off = (
+        np.linalg.norm(xyz - true, axis=2)[30:-30].mean() for xyz in joints(model, take(model, x))
+    )
     assert off < 0.5 * before
 
 
@@ -118,7 +134,9 @@ def test_a_trembling_hand_becomes_steadier(model: CapsuleModel) -> None:
     """The deviation at rest is smaller than that of the tracker's smoothing."""
     off = np.random.default_rng(0).normal(0, 0.004, (120, model.variables))
     off[:, SIZE:] = 0
-    before, after = (xyz[30:-30].std(axis=0).mean() for xyz in joints(model, take(model, 0.1 + off)))
+    before, after = (
+        xyz[30:-30].std(axis=0).mean() for xyz in joints(model, take(model, 0.1 + off))
+    )
     assert after < 0.9 * before
 
 
@@ -128,12 +146,16 @@ def test_the_values_of_a_hand_agree(model: CapsuleModel, side: Side) -> None:
     frames = smoothed(model, take(model, swinging(model), side, size=0.9))
     for frame in frames[::40]:
         (hand,) = frame.hands
-        own = joints_of(HEADER.skeleton, HEADER.unit_mm, side, hand.inputs, hand.bones, hand.origin_mm)
+        own = joints_of(
+            HEADER.skeleton, HEADER.unit_mm, side, hand.inputs, hand.bones, hand.origin_mm
+        )
         np.testing.assert_allclose(hand.xyz, own, atol=1e-6)
         np.testing.assert_allclose(hand.bones, 0.9 * model.skeleton.bones)
         x = variables_of(model, hand)
         x[:, SIZE] = np.log(0.9)
-        expected = model.capsules(x, (ORIGIN * mirror_of(side))[None]).mirrored(mirror_of(side)[None])
+        expected = model.capsules(x, (ORIGIN * mirror_of(side))[None]).mirrored(
+            mirror_of(side)[None]
+        )
         assert hand.capsules is not None
         np.testing.assert_allclose(hand.capsules.a, expected.a, atol=1e-4)
 
@@ -163,7 +185,9 @@ def test_a_missing_hand_is_not_smoothed_across(model: CapsuleModel) -> None:
 def test_hands_that_were_not_smoothed_are_unchanged(model: CapsuleModel) -> None:
     """Raw poses, and those of other sources, pass."""
     frames = frames_of(*[(tracked(),)] * 5, step=1 / RATE)
-    assert all(found.hands[0] is given.hands[0] for found, given in zip(smoothed(model, frames), frames))
+    assert all(
+        found.hands[0] is given.hands[0] for found, given in zip(smoothed(model, frames), frames)
+    )
 
 
 def test_errors_last(model: CapsuleModel) -> None:
@@ -171,8 +195,14 @@ def test_errors_last(model: CapsuleModel) -> None:
     hands = []
     for n, frame in enumerate(take(model, np.zeros((90, model.variables)))):
         error, confidence = (40.0, 0.2) if 40 <= n < 42 else (10.0, 0.9)
-        own = replace(frame.hands[0], error_mm=error, confidence=confidence, finger_error_mm=np.full(5, 2 * error))
-        hands.append((own, replace(own, id=7, error_mm=90.0, confidence=0.0)))  # another hand changes nothing
+        own = replace(
+            frame.hands[0],
+            error_mm=error,
+            confidence=confidence,
+            finger_error_mm=np.full(5, 2 * error),
+        )
+        # another hand changes nothing
+        hands.append((own, replace(own, id=7, error_mm=90.0, confidence=0.0)))
     found = [frame.hands[0] for frame in smoothed(model, frames_of(*hands, step=1 / RATE))]
     around = round(2 * LASTING_S * RATE) + 1
     expected = {20: (10, 0.9), 38: (10 + 60 / around, 0.9 - 1.4 / around), 40: (GOOD_MM * 0.8, 0.2)}

@@ -24,7 +24,9 @@ EMPTY = np.zeros((NYU.height, NYU.width), np.float32)
 def image_of(model: CapsuleModel, side: Side = "right") -> np.ndarray:
     """The depth image of this pose as a hand of this side, in front of a wall."""
     mirror = mirror_of(side)[None]
-    capsules = model.capsules(variables(model)[None], NYU.unproject(CENTER) * mirror).mirrored(mirror)
+    capsules = model.capsules(variables(model)[None], NYU.unproject(CENTER) * mirror).mirrored(
+        mirror
+    )
     return render_image(capsules, NYU, background=1500.0)[0]
 
 
@@ -36,25 +38,44 @@ def variables(model: CapsuleModel) -> np.ndarray:
 
 
 def state(
-    model: CapsuleModel, side: Side, apart: float = 6.0, readings: np.ndarray | None = EMPTY,
+    model: CapsuleModel,
+    side: Side,
+    apart: float = 6.0,
+    readings: np.ndarray | None = EMPTY,
     time: float = 0.0,
 ) -> Any:
     """A track's state for one side: this pose, smoothed to one ``apart`` mm farther along x."""
     x, one = variables(model)[None], np.ones(1)
     signs = np.array([[30.0, 2, 0.2, 5, 10]])
     fit = DepthFit(model.joints(x), model.joints(x), one, one, x, signs, one)
-    hand = Hand(side, np.zeros((128, 128), np.float32), CENTER, 300.0, NYU, np.zeros((31, 3)), fit, model)
+    hand = Hand(
+        side, np.zeros((128, 128), np.float32), CENTER, 300.0, NYU, np.zeros((31, 3)), fit, model
+    )
     [seen] = [hand] if readings is None else judge([hand], readings)
-    return SimpleNamespace(estimate=seen, smooth=seen.body._replace(place=seen.body.place + (apart, 0, 0)), time=time)
+    return SimpleNamespace(
+        estimate=seen, smooth=seen.body._replace(place=seen.body.place + (apart, 0, 0)), time=time
+    )
 
 
 def output(
-    model: CapsuleModel, *states: Any, smooth: bool = False, surface: bool = False, size: float | None = None
+    model: CapsuleModel,
+    *states: Any,
+    smooth: bool = False,
+    surface: bool = False,
+    size: float | None = None,
 ) -> TrackedHand:
     """The output for a track with these states of its sides, the likelier one first."""
     sides = {one.estimate.hand: one for one in states}
-    track: Any = SimpleNamespace(id=4, size=size, best=states[0], hand=states[0].estimate.hand, sides=sides,
-                                 side_confidence=0.7 if len(states) > 1 else 1.0, time=0.0, presence=0.5)
+    track: Any = SimpleNamespace(
+        id=4,
+        size=size,
+        best=states[0],
+        hand=states[0].estimate.hand,
+        sides=sides,
+        side_confidence=0.7 if len(states) > 1 else 1.0,
+        time=0.0,
+        presence=0.5,
+    )
     return tracked_hand(track, model, smooth=smooth, surface=surface)
 
 
@@ -77,7 +98,8 @@ def test_a_hand(model: CapsuleModel, side: Side, apart: float | None) -> None:
         np.testing.assert_allclose(hand.raw_xyz, raw * mirror_of(side) + origin, atol=1e-4)
     assert hand.capsules is not None and (hand.capsules.radius_a > 0).all()
     ends = np.concatenate([hand.capsules.a[0], hand.capsules.b[0]])
-    assert np.median(np.linalg.norm(hand.xyz[:, None] - ends, axis=2).min(axis=1)) < 10  # the surface is around them
+    # the surface is around them
+    assert np.median(np.linalg.norm(hand.xyz[:, None] - ends, axis=2).min(axis=1)) < 10
 
 
 def test_a_known_size(model: CapsuleModel) -> None:
@@ -92,8 +114,12 @@ def test_a_hand_of_an_undecided_side(model: CapsuleModel) -> None:
     right, left = (state(model, side, readings=image_of(model)) for side in SIDES)
     alone, both = output(model, right), output(model, right, left)
     assert (both.hand, both.side_confidence, both.other.hand) == ("right", 0.7, "left")
-    assert both.confidence == pytest.approx(0.7 * alone.confidence) and both.error_mm == alone.error_mm
-    assert both.other.side_confidence == pytest.approx(0.3) and both.presence == alone.confidence > 0.5
+    assert (
+        both.confidence == pytest.approx(0.7 * alone.confidence) and both.error_mm == alone.error_mm
+    )
+    assert (
+        both.other.side_confidence == pytest.approx(0.3) and both.presence == alone.confidence > 0.5
+    )
     np.testing.assert_allclose(both.other.xyz, output(model, left).xyz)
     assert output(model, right, state(model, "left", time=-1.0)).other is None
 
@@ -105,7 +131,9 @@ def test_confidence_and_error_are_of_the_reported_pose(model: CapsuleModel) -> N
     covered[:, : int(np.median(np.argwhere(image < 1000)[:, 1]))] = 400
 
     def judged(readings: np.ndarray, apart: float | None = None) -> tuple[float, float]:
-        hand = output(model, state(model, "right", apart or 0.0, readings), smooth=apart is not None)
+        hand = output(
+            model, state(model, "right", apart or 0.0, readings), smooth=apart is not None
+        )
         return hand.confidence, hand.error_mm
 
     whole, error = judged(image)
@@ -123,7 +151,10 @@ def test_the_error_of_each_finger(model: CapsuleModel, side: Side) -> None:
     u, v, _ = np.rint(NYU.project(output(model, state(model, side)).xyz[thumb])).astype(int)
     covered = image.copy()
     covered[v - 15 : v + 15, u - 15 : u + 15] = 400
-    whole, worse = (output(model, state(model, side, readings=seen)).finger_error_mm for seen in (image, covered))
+    whole, worse = (
+        output(model, state(model, side, readings=seen)).finger_error_mm
+        for seen in (image, covered)
+    )
     assert whole.shape == (5,) and (whole > 0).all()
     assert worse[0] > 1.3 * whole[0] and (worse[1:] < 1.1 * whole[1:]).all()
 

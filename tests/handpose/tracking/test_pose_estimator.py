@@ -52,7 +52,9 @@ def error(estimate: Hand | None, shown: Take) -> float:
     return float(np.linalg.norm(estimate.xyz - shown.truth[20].hands[0].xyz, axis=1).mean())
 
 
-def test_a_hand_is_seen(estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray, shown: Take) -> None:
+def test_a_hand_is_seen(
+    estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray, shown: Take
+) -> None:
     """A hand is estimated with a small error and a high confidence, by both plans."""
     for plan in (None, ACCURATE):
         (estimate,) = estimator.estimate(depth, [SearchRegion(center, "right")], plan)
@@ -61,13 +63,19 @@ def test_a_hand_is_seen(estimator: PoseEstimator, depth: np.ndarray, center: np.
         np.testing.assert_allclose(estimate.center_mm, ICVL.unproject(center))
 
 
-def test_the_wrong_hand_is_doubted(estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray) -> None:
+def test_the_wrong_hand_is_doubted(
+    estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray
+) -> None:
     """The expected error of the wrong side is larger than that of the right one."""
-    right, left = estimator.estimate(depth, [SearchRegion(center, side) for side in ("right", "left")])
+    right, left = estimator.estimate(
+        depth, [SearchRegion(center, side) for side in ("right", "left")]
+    )
     assert right is not None and left is not None and right.error_mm < left.error_mm
 
 
-def test_places_of_all_kinds_together(estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray) -> None:
+def test_places_of_all_kinds_together(
+    estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray
+) -> None:
     """Estimates are in the order of the regions, equal those of single regions, and are None out of sight."""
     (before,) = estimator.estimate(depth, [SearchRegion(center, "right")])
     assert before is not None
@@ -92,12 +100,20 @@ def test_places_of_all_kinds_together(estimator: PoseEstimator, depth: np.ndarra
 
 def test_a_known_size(estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray) -> None:
     """Each region can have its own known size."""
-    estimates = estimator.estimate(depth, [SearchRegion(center, "right", size=size) for size in (0.9, 1.1)])
-    assert [estimate.size for estimate in estimates if estimate] == pytest.approx([0.9, 1.1], abs=5e-3)
+    estimates = estimator.estimate(
+        depth, [SearchRegion(center, "right", size=size) for size in (0.9, 1.1)]
+    )
+    assert [estimate.size for estimate in estimates if estimate] == pytest.approx(
+        [0.9, 1.1], abs=5e-3
+    )
 
 
 def test_from_the_pose_before(
-    estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray, shown: Take, monkeypatch: pytest.MonkeyPatch
+    estimator: PoseEstimator,
+    depth: np.ndarray,
+    center: np.ndarray,
+    shown: Take,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """From a previous pose, also about another centre, the network does not run if its last error is given."""
     (first,) = estimator.estimate(depth, [SearchRegion(center, "right")])
@@ -105,7 +121,8 @@ def test_from_the_pose_before(
     monkeypatch.setattr("handpose.estimate.estimator.fit_starts", None)  # any call raises an error
     where = ((0, 0, 0), (0, 0, 0), (8, -6, 20))
     regions = [
-        SearchRegion(center + by, "right", first.body, None, moved) for by, moved in zip(where, (1.0, 25.0, 25.0))
+        SearchRegion(center + by, "right", first.body, None, moved)
+        for by, moved in zip(where, (1.0, 25.0, 25.0))
     ]
     near, far, aside = estimator.estimate(depth, regions)
     assert near is not None and far is not None and aside is not None
@@ -120,8 +137,12 @@ def test_does_it_go_on(estimator: PoseEstimator, depth: np.ndarray, center: np.n
     """``is_tracked`` is true only if the previous pose wins against the network's."""
     (first,) = estimator.estimate(depth, [SearchRegion(center, "right")])
     assert first is not None
-    far = first.body._replace(others=-first.body.others, rotation=first.body.rotation @ np.diag([-1.0, 1, -1]))
-    again, anew = estimator.estimate(depth, [SearchRegion(center, "right", body) for body in (first.body, far)])
+    far = first.body._replace(
+        others=-first.body.others, rotation=first.body.rotation @ np.diag([-1.0, 1, -1])
+    )
+    again, anew = estimator.estimate(
+        depth, [SearchRegion(center, "right", body) for body in (first.body, far)]
+    )
     assert again is not None and again.is_tracked and anew is not None and not anew.is_tracked
 
 
@@ -130,23 +151,34 @@ def test_a_left_hand_is_the_mirror_image() -> None:
 
     The accurate plan gives nearly the same pose for both, although crop windows are rounded towards the left.
     """
-    recording = SyntheticRecording(Script(3, {"right": (Act("gestures", 3),)}), ASIDE, rate=15, seed=2)
+    recording = SyntheticRecording(
+        Script(3, {"right": (Act("gestures", 3),)}), ASIDE, rate=15, seed=2
+    )
     depth, center = recording.frame(20).depth, recording.truth(20).hands[0].center_uvd
     in_mirror = dataclasses.replace(ASIDE, u0=ASIDE.width - 1 - ASIDE.u0)
-    right, left = (PoseEstimator(load_predictor(own, fit="accurate"), own) for own in (ASIDE, in_mirror))
+    right, left = (
+        PoseEstimator(load_predictor(own, fit="accurate"), own) for own in (ASIDE, in_mirror)
+    )
     place = np.array([ASIDE.width - 1 - center[0], *center[1:]])
     (one,) = right.estimate(depth, [SearchRegion(center, "right")])
     (other,) = left.estimate(np.ascontiguousarray(depth[:, ::-1]), [SearchRegion(place, "left")])
     assert one is not None and other is not None
     assert np.linalg.norm(other.xyz * MIRROR - one.xyz, axis=1).mean() < 4
-    np.testing.assert_allclose(left.center_of(other.body, "left")[1:], right.center_of(one.body, "right")[1:], atol=5)
+    np.testing.assert_allclose(
+        left.center_of(other.body, "left")[1:], right.center_of(one.body, "right")[1:], atol=5
+    )
 
 
-def test_where_the_next_crop_is(estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray) -> None:
+def test_where_the_next_crop_is(
+    estimator: PoseEstimator, depth: np.ndarray, center: np.ndarray
+) -> None:
     """The next centre is near the middle of the palm, by the fit and by the network."""
     (estimate,) = estimator.estimate(depth, [SearchRegion(center + (10, 0, 0), "right")])
     assert estimate is not None
-    for found in (estimator.center_of(estimate.body, "right"), estimator.palm_at(depth, center + (10, 0, 0), "right")):
+    for found in (
+        estimator.center_of(estimate.body, "right"),
+        estimator.palm_at(depth, center + (10, 0, 0), "right"),
+    ):
         assert np.linalg.norm(ICVL.unproject(found) - ICVL.unproject(center)) < 25
     outside = np.array([-900.0, 0, 600])
     assert estimator.palm_at(depth, outside, "right") is outside
@@ -159,7 +191,9 @@ def test_crops_move_with_the_body(estimator: PoseEstimator, place: tuple[float, 
     moved = body._replace(place=body.place + (10, 20, -30))
     first, second = (ICVL.unproject(estimator.center_of(one, "right")) for one in (body, moved))
     np.testing.assert_allclose(second - first, (10, 20, -30), atol=1e-6)
-    np.testing.assert_allclose(ICVL.unproject(estimator.center_of(body, "left")), first * MIRROR, atol=1e-6)
+    np.testing.assert_allclose(
+        ICVL.unproject(estimator.center_of(body, "left")), first * MIRROR, atol=1e-6
+    )
 
 
 def test_the_network_sees_no_covering(
@@ -171,7 +205,9 @@ def test_the_network_sees_no_covering(
     half = depth.copy()
     half[: int(center[1])] = 100
     region = SearchRegion(center, "right", whole.body)
-    among, behind = (estimator.estimate(ICVL.in_range(half), [region], None, given)[0] for given in (None, half))
+    among, behind = (
+        estimator.estimate(ICVL.in_range(half), [region], None, given)[0] for given in (None, half)
+    )
     assert among is not None and behind is not None
     np.testing.assert_array_equal(among.network_mm, behind.network_mm)
     assert error(behind, shown) < error(among, shown)
@@ -190,7 +226,13 @@ def test_what_is_not_read_around_the_hand_is_unknown(
     hand = estimator._capsules(whole.body, "right").chosen(~estimator.model.surface.limbs)
     beside = (estimator._rendered(hand, center) == 1).astype(np.uint8)
     away_mm = cv2.distanceTransform(beside, cv2.DIST_L2, 5) * estimator.cube_mm / SIZE
-    is_unknown, is_unread = candidate.crop != candidate.shown, unread(half, center, estimator.cube_mm, ICVL)
+    is_unknown, is_unread = (
+        candidate.crop != candidate.shown,
+        unread(half, center, estimator.cube_mm, ICVL),
+    )
     assert (candidate.crop[is_unknown] == -1).all() and (is_unread | ~is_unknown).all()
     assert is_unknown[is_unread & (away_mm < 0.7 * AROUND_MM)].all()
-    assert not is_unknown[away_mm > 1.3 * AROUND_MM].any() and is_unread[away_mm > 1.3 * AROUND_MM].any()
+    assert (
+        not is_unknown[away_mm > 1.3 * AROUND_MM].any()
+        and is_unread[away_mm > 1.3 * AROUND_MM].any()
+    )

@@ -28,7 +28,9 @@ def test_a_hand_begins_where_it_is_present_enough_and_goes_on_with_less() -> Non
     assert places_of(hands) == [(0, 0)]
     hands.see(seen((60, 0.2), (400, 0.5)), [], STEP)
     assert places_of(hands) == [(1, 400), (0, 60)], "the most present first"
-    assert [one.presence for one in hands.there] == pytest.approx([0.5, 0.3]), "the mean of its looks"
+    assert [one.presence for one in hands.there] == pytest.approx([0.5, 0.3]), (
+        "the mean of its looks"
+    )
     hands.see([], [], 2 * STEP)
     assert places_of(hands) == [(1, 400), (0, 60)]
     hands.see([], [], 3 * STEP)
@@ -46,12 +48,16 @@ def test_a_place_that_is_taken_is_no_further_hand() -> None:
     assert places_of(hands) == []
 
 
-def test_a_place_is_sure_by_a_presence_that_it_had_once_or_by_a_hand_that_was_followed_there() -> None:
+def test_a_place_is_sure_by_a_presence_that_it_had_once_or_by_a_hand_that_was_followed_there() -> (
+    None
+):
     hands = PresentHands(0.3)
     hands.see(seen((0, SURE_PRESENCE), (400, SURE_PRESENCE - 0.05), (800, 0.4)), [], 0.0)
     hands.see(seen((0, 0.4), (400, 0.4), (800, 0.8)), [], STEP)
     assert [(one.id, one.is_sure) for one in sorted(hands.there, key=lambda one: one.id)] == [
-        (0, True), (1, False), (2, False)
+        (0, True),
+        (1, False),
+        (2, False),
     ], "the mean of its looks counts"
     (place,) = [one for one in hands.there if one.id == 1]
     place.was_followed = True
@@ -72,6 +78,10 @@ def tries(hands: PresentHands, frames: int, at_once: bool, there: int = 1) -> li
 def test_poses_are_tried_ever_more_seldom_beside_another_hand() -> None:
     tried = tries(PresentHands(0.3), 200, at_once=False)
     pauses = np.diff(tried)
-    assert tried[0] == 0 and (np.diff(pauses) >= 0).all() and pauses[0] == 2 and 40 <= pauses[-1] <= 41
-    assert len(tries(PresentHands(0.3), 200, at_once=False, there=7)) < 12, "a place that comes and goes is no new one"
+    assert (
+        tried[0] == 0 and (np.diff(pauses) >= 0).all() and pauses[0] == 2 and 40 <= pauses[-1] <= 41
+    )
+    assert len(tries(PresentHands(0.3), 200, at_once=False, there=7)) < 12, (
+        "a place that comes and goes is no new one"
+    )
     assert len(tries(PresentHands(0.3), 200, at_once=True)) > 90

@@ -17,7 +17,10 @@ from handpose.tracking.track import LostHand, PresentHand, TrackedFrame, Tracked
 from tests.handpose.tracking.conftest import frames_of
 from tests.support.tracked_hands import HEADER, tracked
 
-SURE, UNSURE = replace(tracked(confidence=0.3), presence=0.8), replace(tracked(confidence=0.299), presence=0.7)
+SURE, UNSURE = (
+    replace(tracked(confidence=0.3), presence=0.8),
+    replace(tracked(confidence=0.299), presence=0.7),
+)
 GONE = LostHand(1, "right", 1.0, "left the image")
 
 
@@ -36,10 +39,20 @@ def reported(*frames: tuple[TrackedHand | LostHand, ...]) -> list[TrackedFrame]:
 def test_a_hand_that_becomes_unsure() -> None:
     """It is present, and its joints are given again later; the tracker's reason for losing it is reported."""
     before = [(SURE,)] * (MIN_GIVEN - 2)
-    frames = reported(*before, (SURE,), (UNSURE,), (UNSURE,), (SURE,), (UNSURE,), (GONE,))[len(before) :]
+    frames = reported(*before, (SURE,), (UNSURE,), (UNSURE,), (SURE,), (UNSURE,), (GONE,))[
+        len(before) :
+    ]
     assert [frame.hands for frame in frames] == [(SURE,), (), (), (SURE,), (), ()]
-    assert [frame.present for frame in frames] == [(), *[(present(UNSURE),)] * 2, (), (present(UNSURE),), ()]
-    assert [frame.lost for frame in frames] == [()] * 5 + [(GONE._replace(since=len(before) + 4.0),)]
+    assert [frame.present for frame in frames] == [
+        (),
+        *[(present(UNSURE),)] * 2,
+        (),
+        (present(UNSURE),),
+        (),
+    ]
+    assert [frame.lost for frame in frames] == [()] * 5 + [
+        (GONE._replace(since=len(before) + 4.0),)
+    ]
 
 
 def test_a_hand_that_was_never_sure() -> None:
@@ -68,11 +81,15 @@ def test_beside_a_hand_with_joints_a_present_one_is_reported_only_if_it_is_sure(
 def test_shortly_after_a_hand_with_joints_too(later: tuple[TrackedHand | LostHand]) -> None:
     """If it had them for some frames; a hand that had them once hides others in that frame only."""
     frames = frames_of(*[(SURE, PLACE)] * MIN_GIVEN, *[(*later, PLACE)] * 8, step=RECENT_S / 4)
-    counts = [sum(one.id == PLACE.id for one in frame.present) for frame in map(SureHands(0.3), frames)]
+    counts = [
+        sum(one.id == PLACE.id for one in frame.present) for frame in map(SureHands(0.3), frames)
+    ]
     assert counts == [0] * (MIN_GIVEN + 4) + [1] * 4
 
 
-@pytest.mark.parametrize(("before", "side"), [(SURE, "right"), (replace(SURE, side_confidence=0.6), None)])
+@pytest.mark.parametrize(
+    ("before", "side"), [(SURE, "right"), (replace(SURE, side_confidence=0.6), None)]
+)
 def test_the_side_that_was_known(before: TrackedHand, side: Side | None) -> None:
     """An unsure hand of an undecided side has the side that it had, if any."""
     _, frame = reported((before,), (replace(UNSURE, side_confidence=0.6),))
@@ -83,11 +100,19 @@ def test_each_hand_by_itself() -> None:
     a, b, c = (tracked(id=id) for id in (0, 1, 2))
     other, unsure = present(tracked(id=7)), replace(b, confidence=0.4)
     sure = SureHands(0.5)
-    *before, last = frames_of(*[(a, b, c)] * MIN_GIVEN, (unsure, c, LostHand(0, "right", 0.0, "x"), other))
+    *before, last = frames_of(
+        *[(a, b, c)] * MIN_GIVEN, (unsure, c, LostHand(0, "right", 0.0, "x"), other)
+    )
     assert [*map(sure, before)] == before and not sure.note
     found = sure(last)
-    assert found.hands == (c,) and [one.id for one in found.lost] == [0] and found.present == (other, present(unsure))
-    assert sure.frames == 1 and sure.note.startswith("1 frames have a hand with a confidence below 50%")
+    assert (
+        found.hands == (c,)
+        and [one.id for one in found.lost] == [0]
+        and found.present == (other, present(unsure))
+    )
+    assert sure.frames == 1 and sure.note.startswith(
+        "1 frames have a hand with a confidence below 50%"
+    )
 
 
 def test_a_confidence_that_is_unknown_is_not_below() -> None:
@@ -103,7 +128,10 @@ def test_nothing_is_changed_by_0() -> None:
 
 def test_no_output_has_the_joints(tmp_path: Path) -> None:
     """Files and messages have the reason in their place."""
-    frames, reason = reported((SURE,), (UNSURE,), (replace(UNSURE, id=2),)), "the pose is uncertain (confidence 30%)"
+    frames, reason = (
+        reported((SURE,), (UNSURE,), (replace(UNSURE, id=2),)),
+        "the pose is uncertain (confidence 30%)",
+    )
     values = FrameValues(HEADER)
     hands = [hand for frame in frames for hand in values.values(frame)["hands"]]
     assert [hand["positions_mm"] is None for hand in hands] == [False, True, True]
@@ -112,5 +140,8 @@ def test_no_output_has_the_joints(tmp_path: Path) -> None:
         for frame in frames:
             writer.write(frame)
     rows = list(csv.DictReader((tmp_path / "t.csv").read_text().splitlines()))
-    empty = [{value for key, value in row.items() if key.endswith(("_mm", "_rad"))} == {""} for row in rows]
+    empty = [
+        {value for key, value in row.items() if key.endswith(("_mm", "_rad"))} == {""}
+        for row in rows
+    ]
     assert [row["lost"] for row in rows] == ["", reason, reason] and empty == [False, True, True]

@@ -28,27 +28,46 @@ Poses = tuple[np.ndarray, np.ndarray]
 @pytest.fixture(scope="module")
 def poses(model: CapsuleModel) -> Poses:
     """Variables (N, V) of right hands, and the centres (N, 3) of their crops."""
-    away = EXACT.but(depth=RangeParameter(550.0, 1000.0))  # enlarged hands are in front of the camera, too
+    # enlarged hands are in front of the camera, too
+    away = EXACT.but(depth=RangeParameter(550.0, 1000.0))
     drawn = Generator(5, "train", Recipe(prior=away, views=(View(NYU, None),))).scene(0)
     return model.variables_of(drawn.bodies.inputs[:60]), drawn.center_uvd[:60]
 
 
 def estimates(
-    model: CapsuleModel, poses: Poses, size: float = 0.93, side: Side = "right", fitted: float = 1.0,
+    model: CapsuleModel,
+    poses: Poses,
+    size: float = 0.93,
+    side: Side = "right",
+    fitted: float = 1.0,
     confidence: float = 1.0,
 ) -> list[Hand]:
     """Estimates of hands of this size, or of their mirror images, with small errors and sizes about ``fitted``."""
     x, uvd = poses[0].copy(), poses[1]
     x[:, SIZE] = np.log(size)
-    crops = normalise_depth(render_crop(model.capsules(x, NYU.unproject(uvd)), uvd, 300.0), uvd[:, 2], 300.0)
+    crops = normalise_depth(
+        render_crop(model.capsules(x, NYU.unproject(uvd)), uvd, 300.0), uvd[:, 2], 300.0
+    )
     x += np.random.default_rng(0).normal(0, 0.03, x.shape)
     x[:, SIZE] = np.log(fitted) + np.random.default_rng(1).normal(0, 0.05, len(x))
     if side == "left":
         crops, uvd = crops[:, :, ::-1], uvd * (-1, 1, 1) + (2 * NYU.u0, 0, 0)
     fits: Any = [SimpleNamespace(x=row[None], uncertainty=np.ones(1)) for row in x]
-    return [Hand(side, crop, center, 300.0, NYU, np.zeros((31, 3)), fit, model, error_mm=1.0,
-                 confidence=confidence)
-            for crop, center, fit in zip(crops, uvd, fits)]
+    return [
+        Hand(
+            side,
+            crop,
+            center,
+            300.0,
+            NYU,
+            np.zeros((31, 3)),
+            fit,
+            model,
+            error_mm=1.0,
+            confidence=confidence,
+        )
+        for crop, center, fit in zip(crops, uvd, fits)
+    ]
 
 
 def kept(model: CapsuleModel, hands: Sequence[Hand], every: float = 0.2) -> list[tuple[int, float]]:
@@ -78,11 +97,14 @@ def test_a_size_far_from_what_was_expected(
     assert found == pytest.approx(size, abs=0.015)
 
 
-def test_most_people_have_a_typical_size(model: CapsuleModel, poses: Poses, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_most_people_have_a_typical_size(
+    model: CapsuleModel, poses: Poses, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The prior pulls to it; its deviation is that of the recipe of the packaged weights."""
     hands, prior, found = estimates(model, poses, 0.99), recipe("people").prior, []
     assert prior.scale_std / prior.scale_mean == pytest.approx(POPULATION, abs=0.001)
-    assert [size for _, size in kept(model, hands)] == [pytest.approx(0.99, abs=0.02)]  # it counts as one frame
+    # it counts as one frame
+    assert [size for _, size in kept(model, hands)] == [pytest.approx(0.99, abs=0.02)]
     for deviation in (0.01, 0.3, np.inf):
         monkeypatch.setattr(sizing, "POPULATION", deviation)
         found += [size for _, size in kept(model, hands)]
@@ -90,16 +112,25 @@ def test_most_people_have_a_typical_size(model: CapsuleModel, poses: Poses, monk
     assert (found[0], found[2]) == pytest.approx((TYPICAL_SIZE, 0.99), abs=0.015)
 
 
-@pytest.mark.parametrize(("costs", "step"), [
-    ([2.0, 1.0, 2.0], 0.0),
-    ([1.0, 1.0, 2.0], -0.05),  # the minimum of a parabola
-    ([1.0, 3.0, 4.0], -0.1), ([4.0, 3.0, 1.0], 0.1),  # the first or last size if the costs decrease towards it
-    ([1.0, 1.5, 2.1], -0.1),
-])
+@pytest.mark.parametrize(
+    ("costs", "step"),
+    [
+        ([2.0, 1.0, 2.0], 0.0),
+        ([1.0, 1.0, 2.0], -0.05),  # the minimum of a parabola
+        # the first or last size if the costs decrease towards it
+        ([1.0, 3.0, 4.0], -0.1),
+        ([4.0, 3.0, 1.0], 0.1),
+        ([1.0, 1.5, 2.1], -0.1),
+    ],
+)
 def test_the_least_of_few_costs(costs: list[float], step: float) -> None:
     assert lowest(np.exp([-0.1, 0.0, 0.1]), np.array(costs)) == pytest.approx(np.exp(step))
 
 
-@pytest.mark.parametrize(("confidence", "every"), [(0.3, 0.2), (1.0, 0.001)], ids=["uncertain", "too soon"])
-def test_frames_that_say_nothing(model: CapsuleModel, poses: Poses, confidence: float, every: float) -> None:
+@pytest.mark.parametrize(
+    ("confidence", "every"), [(0.3, 0.2), (1.0, 0.001)], ids=["uncertain", "too soon"]
+)
+def test_frames_that_say_nothing(
+    model: CapsuleModel, poses: Poses, confidence: float, every: float
+) -> None:
     assert kept(model, estimates(model, poses, confidence=confidence), every) == []

@@ -37,7 +37,9 @@ def by_the_paper(values: np.ndarray, times: np.ndarray, cutoff: Cutoff) -> list[
     return out
 
 
-def with_noise(values: np.ndarray, times: np.ndarray, cutoff: Cutoff, trust: np.ndarray) -> list[float]:
+def with_noise(
+    values: np.ndarray, times: np.ndarray, cutoff: Cutoff, trust: np.ndarray
+) -> list[float]:
     """The paper's filter with a bounded noise floor of the speed, the geometric mean of its deviations, and gaps."""
 
     out, speed, scatter = [values[0]], 0.0, 1.0
@@ -60,8 +62,12 @@ def uneven(rng: np.random.Generator, count: int = 30) -> np.ndarray:
 
 
 def filtered(
-    cutoff: Cutoff, times: np.ndarray, place: np.ndarray | None = None, rotation: np.ndarray | None = None,
-    others: np.ndarray | None = None, errors_mm: np.ndarray | None = None,
+    cutoff: Cutoff,
+    times: np.ndarray,
+    place: np.ndarray | None = None,
+    rotation: np.ndarray | None = None,
+    others: np.ndarray | None = None,
+    errors_mm: np.ndarray | None = None,
 ) -> WorldPose:
     """Places (N, 3), rotations (N, 3, 3) and other variables (N, n), filtered; what is not given rests."""
     count = len(times)
@@ -71,7 +77,10 @@ def filtered(
     others = np.zeros((count, 1)) if others is None else others
     one = PoseFilter((cutoff, cutoff, cutoff))
     poses = zip(place, rotation, others)
-    found = [one(WorldPose(*pose), float(time), error) for pose, time, error in zip(poses, times, errors_mm)]
+    found = [
+        one(WorldPose(*pose), float(time), error)
+        for pose, time, error in zip(poses, times, errors_mm)
+    ]
     return WorldPose(*(np.array(values) for values in zip(*found)))
 
 
@@ -102,18 +111,31 @@ def test_a_point_has_no_axes(seed: int) -> None:
     R = Rotation.random(random_state=rng).as_matrix()
     once = filtered(CUTOFF, times, values).place
     np.testing.assert_allclose(filtered(CUTOFF, times, values @ R.T).place, once @ R.T, atol=1e-9)
-    assert not np.allclose(of_values(CUTOFF, values @ R.T, times), of_values(CUTOFF, values, times) @ R.T)
+    assert not np.allclose(
+        of_values(CUTOFF, values @ R.T, times), of_values(CUTOFF, values, times) @ R.T
+    )
 
 
-@given(seed=SEEDS, noise=st.floats(0, 3), most=st.sampled_from([2.0, 30.0, math.inf]), gap=st.sampled_from([0.0, 2.0]))
+@given(
+    seed=SEEDS,
+    noise=st.floats(0, 3),
+    most=st.sampled_from([2.0, 30.0, math.inf]),
+    gap=st.sampled_from([0.0, 2.0]),
+)
 def test_trembling_is_no_movement(seed: int, noise: float, most: float, gap: float) -> None:
     """The deviation of the speed is subtracted from it, up to a bound, gaps add to it, and large errors count less."""
     rng = np.random.default_rng(seed)
-    times, values, errors = uneven(rng), np.cumsum(rng.normal(0, 2, (30, 3)), axis=0), rng.uniform(10, 100, 30)
+    times, values, errors = (
+        uneven(rng),
+        np.cumsum(rng.normal(0, 2, (30, 3)), axis=0),
+        rng.uniform(10, 100, 30),
+    )
     cutoff = Cutoff(0.8, 0.5, 1.5, noise, most, gap, least_gap=1.0)
     trust = np.clip((GOOD_MM / errors) ** 3, 0.1, 1)
     expected = np.transpose([with_noise(own, times, cutoff, trust) for own in values.T])
-    np.testing.assert_allclose(filtered(cutoff, times, others=values, errors_mm=errors).others, expected, atol=1e-9)
+    np.testing.assert_allclose(
+        filtered(cutoff, times, others=values, errors_mm=errors).others, expected, atol=1e-9
+    )
 
 
 def test_steadier_at_rest_and_as_quick_in_motion() -> None:
@@ -124,7 +146,9 @@ def test_steadier_at_rest_and_as_quick_in_motion() -> None:
     shaken = [of_values(cutoff, still, times)[60:].std() for cutoff in (plain, floored)]
     assert shaken[1] < 0.7 * shaken[0] and shaken[1] < 0.5
     moving = 300 * times[:, None] + still
-    behind = [np.abs(moving - of_values(cutoff, moving, times))[60:].mean() for cutoff in (plain, floored)]
+    behind = [
+        np.abs(moving - of_values(cutoff, moving, times))[60:].mean() for cutoff in (plain, floored)
+    ]
     assert behind[1] < behind[0] + 0.1
 
 
@@ -172,7 +196,9 @@ def test_turns_about_one_axis_are_angles(seed: int) -> None:
     axis /= np.linalg.norm(axis)
     cutoff = Cutoff(0.8, 1.0, 1.5)
     expected = of_values(cutoff, angles, times)
-    found = filtered(cutoff, times, rotation=Rotation.from_rotvec(angles * axis).as_matrix()).rotation
+    found = filtered(
+        cutoff, times, rotation=Rotation.from_rotvec(angles * axis).as_matrix()
+    ).rotation
     np.testing.assert_allclose(found, Rotation.from_rotvec(expected * axis).as_matrix(), atol=1e-6)
 
 
@@ -187,7 +213,9 @@ def test_rotations_have_no_axes(seed: int) -> None:
     once = filtered(CUTOFF, times, rotation=np.array(values)).rotation
     twice = filtered(CUTOFF, times, rotation=A @ np.array(values) @ B).rotation
     np.testing.assert_allclose(twice, A @ once @ B, atol=1e-6)
-    np.testing.assert_allclose(once @ once.swapaxes(1, 2), np.tile(np.eye(3), (30, 1, 1)), atol=1e-9)
+    np.testing.assert_allclose(
+        once @ once.swapaxes(1, 2), np.tile(np.eye(3), (30, 1, 1)), atol=1e-9
+    )
     np.testing.assert_allclose(np.linalg.det(once), 1)
 
 
@@ -196,7 +224,10 @@ def test_rotations_have_no_axes(seed: int) -> None:
 
 def test_at_rest_it_stays() -> None:
     """Constant poses are unchanged."""
-    values, R = np.tile([3.3, -1e5, 0], (60, 1)), np.tile(Rotation.from_rotvec([2, 1, -2]).as_matrix(), (60, 1, 1))
+    values, R = (
+        np.tile([3.3, -1e5, 0], (60, 1)),
+        np.tile(Rotation.from_rotvec([2, 1, -2]).as_matrix(), (60, 1, 1)),
+    )
     found = filtered(CUTOFF, FRAMES, values, R, values)
     np.testing.assert_array_equal(found.place, values)
     np.testing.assert_allclose(found.rotation, R, atol=1e-7)
@@ -222,7 +253,8 @@ def smoothed(model: CapsuleModel, poses: np.ndarray) -> np.ndarray:
     """Smoothed joints (N, K, 3) in mm, from variables (N, V)."""
     one = PoseFilter()
     found = [
-        crop_variables(model, one(world_pose(model, x, CENTER), float(time)), CENTER) for x, time in zip(poses, TIMES)
+        crop_variables(model, one(world_pose(model, x, CENTER), float(time)), CENTER)
+        for x, time in zip(poses, TIMES)
     ]
     return model.joints(np.array(found))
 
@@ -248,7 +280,9 @@ def test_a_trembling_hand_becomes_steady(model: CapsuleModel, trembling: np.ndar
     np.testing.assert_allclose(found[0], raw[0], atol=1e-6)
     assert found[15:].std(axis=0).max() < 0.5 * raw.std(axis=0).max()
     np.testing.assert_allclose(found[15:].mean(axis=0), raw.mean(axis=0), atol=1)
-    np.testing.assert_allclose(bones(model, found), np.tile(bones(model, raw[:1]), (len(found), 1)), atol=1e-9)
+    np.testing.assert_allclose(
+        bones(model, found), np.tile(bones(model, raw[:1]), (len(found), 1)), atol=1e-9
+    )
 
 
 def test_a_moving_hand_is_not_left_behind(model: CapsuleModel) -> None:

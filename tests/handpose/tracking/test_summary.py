@@ -62,19 +62,33 @@ def test_how_sure() -> None:
 
 def test_why_nothing_was_found() -> None:
     """The hands without a sure pose are counted by reason, without the figures in it."""
-    cold, colder, late = (PresentHand(0, None, 0.5, 0.1, (0, 0, 700), said)
-                          for said in ("cold (12%)", "cold (3%)", "late"))
+    cold, colder, late = (
+        PresentHand(0, None, 0.5, 0.1, (0, 0, 700), said)
+        for said in ("cold (12%)", "cold (3%)", "late")
+    )
     assert summed().nothing_found == "no hand was found: no place looked like one"
     assert summed((cold, late), (colder,)).nothing_found.endswith(": cold (2); late (1)")
 
 
-@pytest.mark.parametrize(("size", "confidence", "frames", "doubt"), [
-    (0.8, 0.5, 40, ""), (0.95, 0.97, 40, ""), (0.95, 0.8, 14, ""),
-    (0.95, 0.8, 40, "206 mm from the wrist to the tip of the middle finger, longer ... 20% or more too small"),
-    (1.1, 0.97, 40, "239 mm ... longer ... too small"),
-    (0.66, 0.97, 40, "143 mm ... shorter ... too large"),
-])
-def test_a_size_that_shows_wrong_focal_lengths(size: float, confidence: float, frames: int, doubt: str) -> None:
+@pytest.mark.parametrize(
+    ("size", "confidence", "frames", "doubt"),
+    [
+        (0.8, 0.5, 40, ""),
+        (0.95, 0.97, 40, ""),
+        (0.95, 0.8, 14, ""),
+        (
+            0.95,
+            0.8,
+            40,
+            "206 mm from the wrist to the tip of the middle finger, longer ... 20% or more too small",
+        ),
+        (1.1, 0.97, 40, "239 mm ... longer ... too small"),
+        (0.66, 0.97, 40, "143 mm ... shorter ... too large"),
+    ],
+)
+def test_a_size_that_shows_wrong_focal_lengths(
+    size: float, confidence: float, frames: int, doubt: str
+) -> None:
     hand = replace(tracked(confidence=confidence), bones=HEADER.skeleton.bones * size)
     found = summed(*[(hand,)] * frames).doubts
     assert len(found) == bool(doubt)

@@ -94,9 +94,16 @@ def test_raw_and_smoothed(shown: Take, raw: Take) -> None:
             assert (own.id, own.hand) == (same.id, same.hand) and same.raw_xyz is None
             np.testing.assert_array_equal(own.center_uvd, same.center_uvd)
             np.testing.assert_allclose(own.raw_xyz, same.xyz, atol=1e-6)
-    moves = [np.linalg.norm(np.diff([frame.hands[0].xyz for frame in take.reported], 2, axis=0), axis=2).mean()
-             for take in (shown, raw)]
-    assert moves[0] < 0.95 * moves[1] and shown.score().hands[0].error_mm < raw.score().hands[0].error_mm + 2
+    moves = [
+        np.linalg.norm(
+            np.diff([frame.hands[0].xyz for frame in take.reported], 2, axis=0), axis=2
+        ).mean()
+        for take in (shown, raw)
+    ]
+    assert (
+        moves[0] < 0.95 * moves[1]
+        and shown.score().hands[0].error_mm < raw.score().hands[0].error_mm + 2
+    )
 
 
 def test_it_goes_frame_by_frame(shown: Take, predictor: Predictor) -> None:
@@ -112,10 +119,15 @@ def test_unsure_hands_are_followed_without_their_joints(predictor: Predictor, sh
     for minimum, options in ((MIN_CONFIDENCE, {}), (least, {"min_confidence": least})):
         for frame, same in zip(again(predictor, shown, 12, **options), shown.reported):
             (hand,) = same.hands
-            assert [one.confidence for one in frame.hands] == [hand.confidence] * (hand.confidence >= minimum)
+            assert [one.confidence for one in frame.hands] == [hand.confidence] * (
+                hand.confidence >= minimum
+            )
             assert len(frame.present) == (hand.confidence < minimum)
-            assert all(np.array_equal(getattr(one, name), getattr(hand, name))
-                       for one in frame.hands for name in ("xyz", "raw_xyz", "inputs", "bones", "finger_error_mm"))
+            assert all(
+                np.array_equal(getattr(one, name), getattr(hand, name))
+                for one in frame.hands
+                for name in ("xyz", "raw_xyz", "inputs", "bones", "finger_error_mm")
+            )
 
 
 # --------------------------------------------------------------------------------------- lost and found
@@ -129,11 +141,18 @@ def test_a_hand_that_leaves_and_returns(leaving: Take) -> None:
     assert len(told) > 5 and sum(bool(lost) for lost in told) >= len(told) - 3
     assert sum(lost[0].reason.startswith(LEFT) for lost in told if lost) >= len(told) - 5
     hand = scores.hands[0]
-    assert scores.found > 0.75 and hand.id_switches == 0 and hand.wrong_side <= 3 and hand.error_mm < 20
+    assert (
+        scores.found > 0.75
+        and hand.id_switches == 0
+        and hand.wrong_side <= 3
+        and hand.error_mm < 20
+    )
     for frame in leaving.reported:
         assert [one.id for one in (*frame.hands, *frame.lost)] == [0]
         since = frame.time if frame.hands else since
-        assert all((lost.hand, lost.since) == ("left", since) and lost.reason for lost in frame.lost)
+        assert all(
+            (lost.hand, lost.since) == ("left", since) and lost.reason for lost in frame.lost
+        )
     gone = [frame.lost[0] for frame in leaving.reported if frame.lost]
     assert gone[0].reason.startswith(LEFT) and leaving.reported[-1].hands
 
@@ -162,7 +181,9 @@ def test_after_a_gap_in_time(shown: Take, begun: Callable[[], Tracker]) -> None:
     tracker = begun()
     reported = tracker.step(plain(6, 0))
     assert not reported.hands and len(tracker.tracks) == 1
-    assert reported.lost == (LostHand(0, reported.lost[0].hand, 5 / RATE, "no depth in this frame"),)
+    assert reported.lost == (
+        LostHand(0, reported.lost[0].hand, 5 / RATE, "no depth in this frame"),
+    )
     reported = tracker.step(plain(99, 1500))
     assert not reported.hands and not tracker.tracks
     assert reported.lost[0].reason.startswith("only background at its last position")
@@ -176,7 +197,9 @@ def test_after_a_gap_in_time(shown: Take, begun: Callable[[], Tracker]) -> None:
 def seeing(tracker: Tracker, *places: tuple[float, ...]) -> Tracker:
     """The tracker with a finder that sees a hand at each place (x, y, z, presence)."""
     mask = np.ones((240, 320), bool)
-    tracker.finder = Said(*(FoundHand(presence, np.array(place), 0.5, mask) for *place, presence in places))
+    tracker.finder = Said(
+        *(FoundHand(presence, np.array(place), 0.5, mask) for *place, presence in places)
+    )
     return tracker
 
 
@@ -186,17 +209,25 @@ def test_what_only_the_finder_takes_for_a_hand(shown: Take, predictor: Predictor
     for n in range(12):
         found = tracker.step(plain(n))
         [present] = found.present
-        assert not found.hands and present.place == (0, 60, 1400) and present.presence == pytest.approx(0.7)
+        assert (
+            not found.hands
+            and present.place == (0, 60, 1400)
+            and present.presence == pytest.approx(0.7)
+        )
     seeing(tracker)
     for n in range(12, 17):
         found = tracker.step(plain(n))
     assert found == TrackedFrame(16, 16 / RATE, (), ()) and not tracker.tracks
 
 
-def test_a_place_out_of_sight(shown: Take, predictor: Predictor, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_place_out_of_sight(
+    shown: Take, predictor: Predictor, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Where no crop can be taken, no hand is followed; the finder's is reported."""
     tracker = Tracker(predictor)
-    monkeypatch.setattr(tracker.estimator, "estimate", lambda depth, regions, *others: [None] * len(regions))
+    monkeypatch.setattr(
+        tracker.estimator, "estimate", lambda depth, regions, *others: [None] * len(regions)
+    )
     frame = tracker.step(shown.frames[0])
     assert not frame.hands and not frame.lost and [hand.id for hand in frame.present] == [0]
 
@@ -211,11 +242,17 @@ def test_a_hand_that_is_more_present_takes_the_place_of_a_doubtful_one(
     monkeypatch.setattr(HandTrack, "evidence", 0.5)
     monkeypatch.setattr("handpose.tracking.tracker.SURE", 2.0)
     reported = seeing(tracker, (250.0, 60, 1400, 0.4)).step(frame._replace(time=1.0))
-    assert reported.hands and track.is_tracked and not reported.present, "no more hands than are wanted"
+    assert reported.hands and track.is_tracked and not reported.present, (
+        "no more hands than are wanted"
+    )
     seeing(tracker, (0.0, 60, 1400, 0.6), (250.0, 60, 1400, 0.9))
-    assert tracker.step(frame._replace(time=2.0)).hands and track.is_tracked, "the mean of its looks is 0.65"
+    assert tracker.step(frame._replace(time=2.0)).hands and track.is_tracked, (
+        "the mean of its looks is 0.65"
+    )
     reported = tracker.step(frame._replace(time=3.0))
-    assert [lost.reason for lost in reported.lost] == ["another hand is more present"] and not track.is_tracked
+    assert [lost.reason for lost in reported.lost] == [
+        "another hand is more present"
+    ] and not track.is_tracked
     assert [one.place for one in reported.present] == [(250, 60, 1400)]
 
 
@@ -228,15 +265,24 @@ def test_two_hands(two: Take) -> None:
     assert scores.found > 0.6 and scores.invented == 0
     assert not any(hand.id_switches for hand in scores.hands.values())
     last = two.reported[-1].hands
-    assert [hand.id for hand in last] == [0, 1] and {hand.hand for hand in last} == {"right", "left"}
+    assert [hand.id for hand in last] == [0, 1] and {hand.hand for hand in last} == {
+        "right",
+        "left",
+    }
     assert all(error_of(hand, two.truth[-1]) < 25 for hand in last)
 
 
 @pytest.mark.parametrize("apart", [0.2, 0.5])
 def test_both_hands_are_found_at_once(two: Take, predictor: Predictor, apart: float) -> None:
     """Both hands are found in the first frame, and in every frame after a long gap."""
-    first = next(n for n, frame in enumerate(two.truth) if len(frame.hands) == 2 and len(two.reported[n].hands) == 2)
-    frames = [frame._replace(time=apart * n) for n, frame in enumerate(two.frames[first : first + 6 : 2])]
+    first = next(
+        n
+        for n, frame in enumerate(two.truth)
+        if len(frame.hands) == 2 and len(two.reported[n].hands) == 2
+    )
+    frames = [
+        frame._replace(time=apart * n) for n, frame in enumerate(two.frames[first : first + 6 : 2])
+    ]
     for reported in Tracker(predictor).follow(frames):
         assert {hand.hand for hand in reported.hands} == {"right", "left"}
 
@@ -244,7 +290,9 @@ def test_both_hands_are_found_at_once(two: Take, predictor: Predictor, apart: fl
 def test_no_more_hands_than_are_wanted(two: Take, predictor: Predictor) -> None:
     """Only one of two hands is reported, always the same."""
     reported = again(predictor, two, 5, hands=1)
-    assert {len(frame.hands) for frame in reported[1:]} == {1} and not any(frame.lost for frame in reported)
+    assert {len(frame.hands) for frame in reported[1:]} == {1} and not any(
+        frame.lost for frame in reported
+    )
     places = np.array([frame.hands[0].origin_mm for frame in reported[1:]])
     assert np.ptp(places, axis=0).max() < 60
 
@@ -258,7 +306,9 @@ def doubled(tracker: Tracker, time: float) -> HandTrack:
 
 
 @pytest.mark.parametrize(("begun_s", "id"), [(-1.0, 1), (5 / RATE, 0)])
-def test_one_hand_is_not_two(shown: Take, begun: Callable[[], Tracker], begun_s: float, id: int) -> None:
+def test_one_hand_is_not_two(
+    shown: Take, begun: Callable[[], Tracker], begun_s: float, id: int
+) -> None:
     """Of two tracks of one hand the better one goes on, with the older one's id; the other is not lost."""
     tracker = begun()
     double = doubled(tracker, 5 / RATE)
@@ -311,7 +361,9 @@ def seen_beside(tracker: Tracker, shown: Take, *presences: float) -> list[int]:
     return counts
 
 
-def test_beside_a_hand_with_joints_a_doubtful_place_is_not_present(shown: Take, following: Tracker) -> None:
+def test_beside_a_hand_with_joints_a_doubtful_place_is_not_present(
+    shown: Take, following: Tracker
+) -> None:
     assert not any(seen_beside(following, shown, *[0.7] * 12))
 
 
@@ -338,11 +390,15 @@ def test_a_hand_that_was_followed_remains_present(
     monkeypatch.setattr(tracker, "_seen_at", lambda *_: [])
     seeing(tracker, (*ended.place, 0.4))
     *_, last = (tracker.step(frame) for frame in two.frames[6:])
-    assert [hand.id for hand in last.hands] == [kept.id] and np.allclose(last.present[0].place, ended.place)
+    assert [hand.id for hand in last.hands] == [kept.id] and np.allclose(
+        last.present[0].place, ended.place
+    )
 
 
 @pytest.mark.parametrize("still", [False, True])
-def test_a_second_hand_of_another_recording_is_found(shown: Take, predictor: Predictor, still: bool) -> None:
+def test_a_second_hand_of_another_recording_is_found(
+    shown: Take, predictor: Predictor, still: bool
+) -> None:
     """Laid into the frames, the nearest depth in front: it is there in nearly all frames, and nothing else is."""
     tracker, other = Tracker(predictor), shown.frames[20:]
     counts = []
@@ -358,7 +414,10 @@ def test_nobody(begun: Callable[[], Tracker], predictor: Predictor, mm: float) -
     """A second without readings, or of a plane, as of a covered lens, has no hand, whether or not one was there."""
     new, tracker = Tracker(predictor), begun()
     for n in range(6, 21):
-        assert new.step(plain(n, mm)) == TrackedFrame(n, n / RATE, (), ()) and not tracker.step(plain(n, mm)).hands
+        assert (
+            new.step(plain(n, mm)) == TrackedFrame(n, n / RATE, (), ())
+            and not tracker.step(plain(n, mm)).hands
+        )
 
 
 def test_what_is_masked_was_not_read(shown: Take, predictor: Predictor) -> None:
@@ -393,10 +452,21 @@ def test_another_unit(shown: Take, begun: Callable[[], Tracker], predictor: Pred
     begun().step(DepthFrame(6, 6 / RATE, np.eye(240, 320, dtype=np.float32)))
 
 
-@pytest.mark.parametrize(("name", "value"), [
-    ("hands", 0), ("hands", 101), ("hands", 1.5), ("hands", True), ("size", 0.6),
-    *((name, value) for name in ("min_confidence", "min_presence") for value in (-0.1, 1.1, np.nan, "0.3", None)),
-])
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("hands", 0),
+        ("hands", 101),
+        ("hands", 1.5),
+        ("hands", True),
+        ("size", 0.6),
+        *(
+            (name, value)
+            for name in ("min_confidence", "min_presence")
+            for value in (-0.1, 1.1, np.nan, "0.3", None)
+        ),
+    ],
+)
 def test_options_that_are_none(predictor: Predictor, name: str, value: Any) -> None:
     with pytest.raises(NetlibError, match=f"^{name}[= ]{value!r}.* expected "):
         Tracker(predictor, **{name: value})
@@ -411,5 +481,10 @@ def test_in_five_lines() -> None:
     """The tracker is loaded with the packaged weights and options."""
     tracker = load_tracker(ICVL, fit="fast", seed=3, hands=1, smooth=False)
     header = tracker.header("a recording")
-    assert (header.source, header.camera, header.unit_mm, header.smoothed) == ("a recording", ICVL, 150, False)
+    assert (header.source, header.camera, header.unit_mm, header.smoothed) == (
+        "a recording",
+        ICVL,
+        150,
+        False,
+    )
     assert tracker.limit == 1 and tracker.predictor.fitter.seed == 3

@@ -5,17 +5,25 @@ import pytest
 
 
 def test_by_hand(by_hand):
-    by_hand("Filter", [[[1, 2], [3, 4], [5, 6], [7, 8]], [10, 20, 30, 40], [0, 1, 0, -0.5]],
-            [[[3, 4], [7, 8]], [20, 40]], [[[1, 2], [3, 4]], [5, 6]],
-            [[[0, 0], [1, 2], [0, 0], [3, 4]], [0, 5, 0, 6], None])
+    by_hand(
+        "Filter",
+        [[[1, 2], [3, 4], [5, 6], [7, 8]], [10, 20, 30, 40], [0, 1, 0, -0.5]],
+        [[[3, 4], [7, 8]], [20, 40]],
+        [[[1, 2], [3, 4]], [5, 6]],
+        [[[0, 0], [1, 2], [0, 0], [3, 4]], [0, 5, 0, 6], None],
+    )
 
 
-@pytest.mark.parametrize(("selector", "passed"), [([[1], [1], [1]], 3), ([[[0]], [[0]], [[2]]], 1), ([0, 0, 0], 0)])
+@pytest.mark.parametrize(
+    ("selector", "passed"), [([[1], [1], [1]], 3), ([[[0]], [[0]], [[2]]], 1), ([0, 0, 0], 0)]
+)
 def test_all_some_or_none(run, rng, selector, passed):
     """The selector may have further axes of size 1; if no item passes, the gradient is 0."""
     done = run('type: "Filter"', rng.normal(size=(3, 2, 2)), selector)
     assert done.y.shape == (passed, 2, 2)
-    assert (done.backward(np.ones((passed, 2, 2)), wanted=[True, False])[0] != 0).sum() == 4 * passed
+    assert (
+        done.backward(np.ones((passed, 2, 2)), wanted=[True, False])[0] != 0
+    ).sum() == 4 * passed
 
 
 def test_in_a_net_the_number_of_items_follows_the_selector(net_of, rng):

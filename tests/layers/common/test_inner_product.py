@@ -12,8 +12,15 @@ def text(options=""):
 
 
 def test_by_hand(by_hand):
-    by_hand("InnerProduct inner_product_param { num_output: 3 }", [[[1, 2]]], [[[11, 22, 31]]], [[[1, 0, 2]]],
-            [[[7, -2]]], [[[1, 2], [0, 0], [2, 4]], [1, 0, 2]], params=[[[1, 0], [0, 1], [3, -1]], [10, 20, 30]])
+    by_hand(
+        "InnerProduct inner_product_param { num_output: 3 }",
+        [[[1, 2]]],
+        [[[11, 22, 31]]],
+        [[[1, 0, 2]]],
+        [[[7, -2]]],
+        [[[1, 2], [0, 0], [2, 4]], [1, 0, 2]],
+        params=[[[1, 0], [0, 1], [3, -1]], [10, 20, 30]],
+    )
 
 
 def test_a_transposed_weight(run, rng):
@@ -45,7 +52,9 @@ def test_more_rows_than_a_block(run, rng, keep_threads):
     found = []
     for threads in (1, 3):
         netlib.set_threads(threads)
-        done = run(text("bias_term: false").replace("num_output: 3", "num_output: 300"), x, params=[w])
+        done = run(
+            text("bias_term: false").replace("num_output: 3", "num_output: 300"), x, params=[w]
+        )
         [dx] = done.backward(dy)
         assert np.allclose(done.y, x @ w.T)
         assert np.allclose(dx, dy @ w)

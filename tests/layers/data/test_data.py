@@ -14,7 +14,10 @@ from tests.support.caffe_messages import datum, write_blob
 
 def write(folder, entries, subdir=True):
     """Write a database of entries ``00000000 -> bytes``."""
-    with lmdb.open(str(folder), map_size=1 << 20, subdir=subdir) as database, database.begin(write=True) as change:
+    with (
+        lmdb.open(str(folder), map_size=1 << 20, subdir=subdir) as database,
+        database.begin(write=True) as change,
+    ):
         for i, entry in enumerate(entries):
             change.put(f"{i:08}".encode(), entry)
     return folder
@@ -58,7 +61,12 @@ def test_pictures_in_colour_or_in_grey(tmp_path, rng, net_of, force, channels):
     pictures = [rng.integers(0, 256, size).astype(np.uint8) for size in ((4, 5, 3), (4, 5))]
     entries = [datum(cv2.imencode(".png", picture)[1].tobytes(), 0) for picture in pictures]
     path = write(tmp_path / "lmdb", entries)
-    assert net_of(text(path, more=f"transform_param {{ {force}: true }}")).forward()["x"].shape == (2, channels, 4, 5)
+    assert net_of(text(path, more=f"transform_param {{ {force}: true }}")).forward()["x"].shape == (
+        2,
+        channels,
+        4,
+        5,
+    )
 
 
 def test_transformed(database, images, net_of, tmp_path, rng):
@@ -110,7 +118,10 @@ def test_a_database_in_one_file_and_beside_the_prototxt(tmp_path, images, monkey
 
 
 def test_what_is_accepted_and_ignored(database, net_of, caplog):
-    layer = text(database, "batch_size: 2 prefetch: 9 cache: true rand_skip: 3 force_encoded_color: true crop_size: 2")
+    layer = text(
+        database,
+        "batch_size: 2 prefetch: 9 cache: true rand_skip: 3 force_encoded_color: true crop_size: 2",
+    )
     net = net_of(layer)
     assert labels(net) == [10, 11]
     assert net.layer_dict["d"].notes == [f"5 images in {database}"]
@@ -125,7 +136,9 @@ def test_what_is_accepted_and_ignored(database, net_of, caplog):
 
 def test_a_database_that_is_cut_under_a_running_net(tmp_path, net_of):
     """If the file is truncated, the position is kept, and a net on the restored file continues with the same batch."""
-    database = write(tmp_path / "lmdb", [datum(np.ones((1, 100, 100), np.uint8), i) for i in range(20)])
+    database = write(
+        tmp_path / "lmdb", [datum(np.ones((1, 100, 100), np.uint8), i) for i in range(20)]
+    )
     content = (database / "data.mdb").read_bytes()
     layer = text(database, "batch_size: 4")
     net = net_of(layer)
@@ -134,7 +147,8 @@ def test_a_database_that_is_cut_under_a_running_net(tmp_path, net_of):
     states = netlib.snapshots.snapshot.as_plain(net.layer_states())
     for _ in range(2):
         with pytest.raises(
-            netlib.DataError, match=r"data\.mdb: was cut to 24576 of \d+ bytes while in use; restore the"
+            netlib.DataError,
+            match=r"data\.mdb: was cut to 24576 of \d+ bytes while in use; restore the",
         ):
             net.forward()
         net.restore_layer_states(states)  # as a solver does before writing a snapshot
@@ -155,32 +169,73 @@ def truncated(path, pages):
     os.truncate(file, file.stat().st_size - 4096 if pages < 0 else pages * 4096)
 
 
-@bad_inputs(netlib.DataError, {
-    "missing": (("gone", lambda path: None, ""), "...gone: cannot read the database: No such file or directory"),
-    "empty folder": (("folder", lambda path: path.mkdir(), ""),
-                     "...folder/data.mdb: cannot read the database: No such file or directory"),
-    "text": (("text", lambda path: path.write_text("text" * 5000), ""), "...text: not an LMDB database"),
-    "empty": (("empty", lambda path: write(path, []), ""), "...empty: the database has no entries"),
-    **{f"{pages} pages": (("lmdb", lambda path, pages=pages: truncated(path, pages), ""),
-                          f"...data.mdb: truncated: it has {size} bytes, expected at least ...")
-       for pages, size in ((-1, 253952), (31, 126976), (2, 8192))},
-    "no Datum": (("lmdb", lambda path: write(path, [b"\xff"]), "batch_size: 1"),
-                 "...lmdb: entry '00000000': byte 0: truncated: the message ends within a number; expected a Datum"),
-    "LevelDB": (("lmdb", lambda path: write(path, SMALL), "batch_size: 1 backend: LEVELDB"), netlib.LayerError,
-                f"net.prototxt:1:...: {LEVELDB}"),
-    "LevelDB, by default": (("lmdb", lambda path: write(path, SMALL), "batch_size: 1 "), netlib.LayerError,
-                            f"net.prototxt:1:...: {LEVELDB}"),
-    "batch_size 0": (("lmdb", lambda path: write(path, SMALL), "batch_size: 0"), netlib.LayerError,
-                     "net.prototxt:1:...: error: layer 'd': batch_size must be at least 1"),
-    "no batch_size": (("lmdb", lambda path: write(path, SMALL), " "), netlib.PrototxtError,
-                      "net.prototxt:1:...: error: missing required field 'batch_size' in data_param"),
-    "another size": (("lmdb", lambda path: write(path, [datum(np.zeros((c, 4, 5), np.uint8), 0) for c in (3, 1)]), ""),
-        netlib.LayerError, "...: layer 'd': ...lmdb: entry '00000001': the image (C, H, W) (1, 4, 5) "
-        "gives (1, 4, 5), the first of its batch (3, 4, 5); expected the same number of channels, ..."),
-})
+@bad_inputs(
+    netlib.DataError,
+    {
+        "missing": (
+            ("gone", lambda path: None, ""),
+            "...gone: cannot read the database: No such file or directory",
+        ),
+        "empty folder": (
+            ("folder", lambda path: path.mkdir(), ""),
+            "...folder/data.mdb: cannot read the database: No such file or directory",
+        ),
+        "text": (
+            ("text", lambda path: path.write_text("text" * 5000), ""),
+            "...text: not an LMDB database",
+        ),
+        "empty": (
+            ("empty", lambda path: write(path, []), ""),
+            "...empty: the database has no entries",
+        ),
+        **{
+            f"{pages} pages": (
+                ("lmdb", lambda path, pages=pages: truncated(path, pages), ""),
+                f"...data.mdb: truncated: it has {size} bytes, expected at least ...",
+            )
+            for pages, size in ((-1, 253952), (31, 126976), (2, 8192))
+        },
+        "no Datum": (
+            ("lmdb", lambda path: write(path, [b"\xff"]), "batch_size: 1"),
+            "...lmdb: entry '00000000': byte 0: truncated: the message ends within a number; expected a Datum",
+        ),
+        "LevelDB": (
+            ("lmdb", lambda path: write(path, SMALL), "batch_size: 1 backend: LEVELDB"),
+            netlib.LayerError,
+            f"net.prototxt:1:...: {LEVELDB}",
+        ),
+        "LevelDB, by default": (
+            ("lmdb", lambda path: write(path, SMALL), "batch_size: 1 "),
+            netlib.LayerError,
+            f"net.prototxt:1:...: {LEVELDB}",
+        ),
+        "batch_size 0": (
+            ("lmdb", lambda path: write(path, SMALL), "batch_size: 0"),
+            netlib.LayerError,
+            "net.prototxt:1:...: error: layer 'd': batch_size must be at least 1",
+        ),
+        "no batch_size": (
+            ("lmdb", lambda path: write(path, SMALL), " "),
+            netlib.PrototxtError,
+            "net.prototxt:1:...: error: missing required field 'batch_size' in data_param",
+        ),
+        "another size": (
+            (
+                "lmdb",
+                lambda path: write(path, [datum(np.zeros((c, 4, 5), np.uint8), 0) for c in (3, 1)]),
+                "",
+            ),
+            netlib.LayerError,
+            "...: layer 'd': ...lmdb: entry '00000001': the image (C, H, W) (1, 4, 5) "
+            "gives (1, 4, 5), the first of its batch (3, 4, 5); expected the same number of channels, ...",
+        ),
+    },
+)
 def test_mistakes(tmp_path, net_of, given, rejected):
     name, make, options = given
     make(tmp_path / name)
     layer = text(tmp_path / name, options or "batch_size: 2")
     with rejected:
-        net_of(layer.replace("backend: LMDB", "") if "batch_size: 1 " in options else layer).forward()
+        net_of(
+            layer.replace("backend: LMDB", "") if "batch_size: 1 " in options else layer
+        ).forward()

@@ -46,16 +46,27 @@ def test_a_grey_picture_stays_grey_or_becomes_colour(rng):
 WHOLE = datum(np.arange(6, dtype=np.uint8).reshape(1, 2, 3), 3)
 
 
-@bad_inputs(netlib.DataError, {
-    "cut": (WHOLE[:-1], "d: byte 15: truncated: the message ends within a number; expected a Datum"),
-    "no data": (WHOLE[:6], "d: a Datum with channels, height, width (1, 2, 3) has 0 values"),
-    "empty": (b"", "d: a Datum with channels, height, width (0, 0, 0) has 0 values"),
-    "a number as data": (number(4, 5), "d: a Datum with channels, height, width (0, 0, 0) has 0 values"),
-    "text": (datum(b"text", 0), "d: not an image that OpenCV can decode (4 bytes)"),
-    "nothing": (datum(b"", 0), "d: not an image that OpenCV can decode (0 bytes)"),
-    "16 bits": (datum(cv2.imencode(".png", np.zeros((2, 2), np.uint16))[1].tobytes(), 0),
-                "d: image of type uint16, expected 8 bits per value"),
-})
+@bad_inputs(
+    netlib.DataError,
+    {
+        "cut": (
+            WHOLE[:-1],
+            "d: byte 15: truncated: the message ends within a number; expected a Datum",
+        ),
+        "no data": (WHOLE[:6], "d: a Datum with channels, height, width (1, 2, 3) has 0 values"),
+        "empty": (b"", "d: a Datum with channels, height, width (0, 0, 0) has 0 values"),
+        "a number as data": (
+            number(4, 5),
+            "d: a Datum with channels, height, width (0, 0, 0) has 0 values",
+        ),
+        "text": (datum(b"text", 0), "d: not an image that OpenCV can decode (4 bytes)"),
+        "nothing": (datum(b"", 0), "d: not an image that OpenCV can decode (0 bytes)"),
+        "16 bits": (
+            datum(cv2.imencode(".png", np.zeros((2, 2), np.uint16))[1].tobytes(), 0),
+            "d: image of type uint16, expected 8 bits per value",
+        ),
+    },
+)
 def test_mistakes(given, rejected):
     with rejected:
         decode_datum(given, None, "d")

@@ -56,7 +56,10 @@ def test_transform_param_is_ignored_with_a_warning(net_of, data, caplog):
     net = net_of(NET[:-1] + "transform_param { scale: 2 } }")
     net.layer_dict["d"].set_input_arrays(*data)
     assert np.array_equal(net.forward()["x"], data[0][:2])
-    assert "MemoryData does not transform arrays; transform_param is ignored, as in Caffe" in caplog.text
+    assert (
+        "MemoryData does not transform arrays; transform_param is ignored, as in Caffe"
+        in caplog.text
+    )
 
 
 def giving(shape, labels):
@@ -65,24 +68,55 @@ def giving(shape, labels):
     return lambda net: net.layer_dict["d"].set_input_arrays(np.zeros(shape), labels)
 
 
-@bad_inputs(netlib.LayerError, {
-    name: (act, f"net.prototxt:1:7: error: layer 'd': {line}") for name, act, line in (
-        ("three items", giving((3, 3, 1, 2), 3), "found 3 items, expected a multiple of batch_size 2"),
-        ("no items", giving((0, 3, 1, 2), 0), "found 0 items, expected a multiple of batch_size 2"),
-        ("four labels", giving((2, 3, 1, 2), 4), "found 2 items of data, but 4 labels"),
-        ("upright", giving((2, 3, 2, 1), 2), "the data have shape (2, 3, 2, 1), expected (N, 3, 1, 2)"),
-        ("two axes", giving((2, 6), 2), "the data have shape (2, 6), expected (N, 3, 1, 2)"),
-        ("pairs of labels", giving((2, 3, 1, 2), (2, 2)), "the labels have shape (2, 2), expected (N, 1, 1, 1)"),
-        ("texts", giving((2, 3, 1, 2), ["a", "b"]), "the labels must be numbers, found an array of <U1"),
-        ("none", lambda net: net.forward(), "has no data; call set_input_arrays(data, labels) before forward"))
-})
+@bad_inputs(
+    netlib.LayerError,
+    {
+        name: (act, f"net.prototxt:1:7: error: layer 'd': {line}")
+        for name, act, line in (
+            (
+                "three items",
+                giving((3, 3, 1, 2), 3),
+                "found 3 items, expected a multiple of batch_size 2",
+            ),
+            (
+                "no items",
+                giving((0, 3, 1, 2), 0),
+                "found 0 items, expected a multiple of batch_size 2",
+            ),
+            ("four labels", giving((2, 3, 1, 2), 4), "found 2 items of data, but 4 labels"),
+            (
+                "upright",
+                giving((2, 3, 2, 1), 2),
+                "the data have shape (2, 3, 2, 1), expected (N, 3, 1, 2)",
+            ),
+            ("two axes", giving((2, 6), 2), "the data have shape (2, 6), expected (N, 3, 1, 2)"),
+            (
+                "pairs of labels",
+                giving((2, 3, 1, 2), (2, 2)),
+                "the labels have shape (2, 2), expected (N, 1, 1, 1)",
+            ),
+            (
+                "texts",
+                giving((2, 3, 1, 2), ["a", "b"]),
+                "the labels must be numbers, found an array of <U1",
+            ),
+            (
+                "none",
+                lambda net: net.forward(),
+                "has no data; call set_input_arrays(data, labels) before forward",
+            ),
+        )
+    },
+)
 def test_mistakes_of_memory_data(net_of, given, rejected):
     with rejected:
         given(net_of(NET))
 
 
 def test_a_size_of_0(net_of):
-    with pytest.raises(netlib.LayerError, match=r"^net.prototxt:2:64: error: layer 'd': height must be at least 1$"):
+    with pytest.raises(
+        netlib.LayerError, match=r"^net.prototxt:2:64: error: layer 'd': height must be at least 1$"
+    ):
         net_of(NET.replace("height: 1", "height: 0"))
 
 
@@ -91,13 +125,16 @@ def dummy(options, tops=1):
     return f'layer {{ name: "d" type: "DummyData" {names} dummy_data_param {{ {options} }} }}'
 
 
-@pytest.mark.parametrize(("options", "values"), [
-    ("shape { dim: 2 dim: 3 } data_filler { value: 1.5 }", [[[1.5] * 3] * 2] * 2),
-    ("shape { dim: 2 } data_filler { value: 1 } data_filler { value: 2 }", [[1, 1], [2, 2]]),
-    ("shape { dim: 1 } shape { dim: 2 }", [[0], [0, 0]]),
-    ("num: 1 channels: 2 height: 1 width: 1", [[[[[0]], [[0]]]]] * 2),
-    ("num: 1 num: 2 channels: 1 height: 1 width: 1", [[[[[0]]]], [[[[0]]], [[[0]]]]]),
-])
+@pytest.mark.parametrize(
+    ("options", "values"),
+    [
+        ("shape { dim: 2 dim: 3 } data_filler { value: 1.5 }", [[[1.5] * 3] * 2] * 2),
+        ("shape { dim: 2 } data_filler { value: 1 } data_filler { value: 2 }", [[1, 1], [2, 2]]),
+        ("shape { dim: 1 } shape { dim: 2 }", [[0], [0, 0]]),
+        ("num: 1 channels: 2 height: 1 width: 1", [[[[[0]], [[0]]]]] * 2),
+        ("num: 1 num: 2 channels: 1 height: 1 width: 1", [[[[[0]]]], [[[[0]]], [[[0]]]]]),
+    ],
+)
 def test_dummy_shapes_and_values_for_each_top_or_for_all(net_of, options, values):
     """Shapes and fillers apply to one top each or to all; the default is 0, and four sizes may replace a shape."""
     net = net_of(dummy(options, tops=2))
@@ -106,25 +143,30 @@ def test_dummy_shapes_and_values_for_each_top_or_for_all(net_of, options, values
 
 
 def test_dummy_random_values_are_new_in_every_batch(net_of):
-    net = net_of(dummy('shape { dim: 50 } data_filler { type: "gaussian" } data_filler { value: 3 }', tops=2))
+    net = net_of(
+        dummy('shape { dim: 50 } data_filler { type: "gaussian" } data_filler { value: 3 }', tops=2)
+    )
     first = net.forward()["a"].copy()
     assert not np.array_equal(net.forward()["a"], first)
     assert (net.blobs["b"].data == 3).all()
 
 
-@bad_inputs(netlib.LayerError, {
-    "": "net.prototxt:1:7: error: layer 'd': has 3 tops, but 0 of shape",
-    "shape { } shape { }": "net.prototxt:1:...: error: layer 'd': has 3 tops, but 2 of shape",
-    "shape { } data_filler { } data_filler { }":
-        "net.prototxt:1:...: error: layer 'd': has 3 tops, but 2 of data_filler",
-    "num: 1 num: 2 channels: 1 height: 1 width: 1": "net.prototxt:1:...: error: layer 'd': has 3 tops, but 2 of num",
-    "num: 1 channels: 1 width: 1": "net.prototxt:1:7: error: layer 'd': has 3 tops, but 0 of height",
-    "shape { } num: 1 channels: 1 height: 1 width: 1":
-        "net.prototxt:1:...: error: layer 'd': has both shape and the older num, channels, height, width; expected one",
-})
+@bad_inputs(
+    netlib.LayerError,
+    {
+        "": "net.prototxt:1:7: error: layer 'd': has 3 tops, but 0 of shape",
+        "shape { } shape { }": "net.prototxt:1:...: error: layer 'd': has 3 tops, but 2 of shape",
+        "shape { } data_filler { } data_filler { }": "net.prototxt:1:...: error: layer 'd': has 3 tops, but 2 of data_filler",
+        "num: 1 num: 2 channels: 1 height: 1 width: 1": "net.prototxt:1:...: error: layer 'd': has 3 tops, but 2 of num",
+        "num: 1 channels: 1 width: 1": "net.prototxt:1:7: error: layer 'd': has 3 tops, but 0 of height",
+        "shape { } num: 1 channels: 1 height: 1 width: 1": "net.prototxt:1:...: error: layer 'd': has both shape and the older num, channels, height, width; expected one",
+    },
+)
 def test_mistakes_of_dummy_data(net_of, given, rejected):
     with rejected:
-        net_of(f'layer {{ name: "d" type: "DummyData" top: "a" top: "b" top: "c" dummy_data_param {{ {given} }} }}')
+        net_of(
+            f'layer {{ name: "d" type: "DummyData" top: "a" top: "b" top: "c" dummy_data_param {{ {given} }} }}'
+        )
 
 
 def test_input_has_one_shape_for_all_tops_or_one_for_each(net_of):
@@ -136,12 +178,19 @@ def test_input_has_one_shape_for_all_tops_or_one_for_each(net_of):
     assert net.forward()["a"].tolist() == [5, 5]
 
 
-@bad_inputs(netlib.LayerError, {
-    "two shapes": ('top: "a" top: "b" top: "c" input_param { shape { } shape { } }',
-                   "net.prototxt:1:75: error: layer 'in': has 3 tops, but 2 shapes"),
-    "negative": ('top: "a" input_param { shape { dim: -2 } }',
-                 "net.prototxt:1:57: error: layer 'in': shape (-2,) has a negative size"),
-})
+@bad_inputs(
+    netlib.LayerError,
+    {
+        "two shapes": (
+            'top: "a" top: "b" top: "c" input_param { shape { } shape { } }',
+            "net.prototxt:1:75: error: layer 'in': has 3 tops, but 2 shapes",
+        ),
+        "negative": (
+            'top: "a" input_param { shape { dim: -2 } }',
+            "net.prototxt:1:57: error: layer 'in': shape (-2,) has a negative size",
+        ),
+    },
+)
 def test_mistakes_of_input(net_of, given, rejected):
     with rejected:
         net_of(f'layer {{ name: "in" type: "Input" {given} }}')

@@ -21,10 +21,14 @@ def data(tmp_path, net_of):
             (tmp_path / f"{i}.h5").unlink(missing_ok=True)  # keeps the files of an earlier net
             with h5py.File(tmp_path / f"{i}.h5", "w") as file:
                 rows = np.arange(number, number + count)
-                file.create_dataset("x", data=np.repeat(rows[:, None], 2, 1).astype(dtype), chunks=chunks)
+                file.create_dataset(
+                    "x", data=np.repeat(rows[:, None], 2, 1).astype(dtype), chunks=chunks
+                )
                 file.create_dataset("t", data=rows.astype(np.float64))
             number += count
-        (tmp_path / "list.txt").write_text("".join(f"{tmp_path}/{i}.h5\n" for i in range(len(counts))))
+        (tmp_path / "list.txt").write_text(
+            "".join(f"{tmp_path}/{i}.h5\n" for i in range(len(counts)))
+        )
         return net_of(layer(tmp_path / "list.txt", batch, shuffle), **options)
 
     return make
@@ -59,7 +63,9 @@ def test_rows_come_in_order_over_file_ends_and_start_again(data, counts, batch):
 def test_the_order_depends_on_the_seed_only(data):
     one, two = data([5, 6], 2, shuffle=True, seed=4), data([5, 6], 11, shuffle=True, seed=4)
     assert numbers(one, 11) == numbers(two, 2)
-    assert numbers(data([5, 6], 11, shuffle=True, seed=5), 2) != numbers(data([5, 6], 11, shuffle=True, seed=4), 2)
+    assert numbers(data([5, 6], 11, shuffle=True, seed=5), 2) != numbers(
+        data([5, 6], 11, shuffle=True, seed=4), 2
+    )
 
 
 @pytest.mark.parametrize("shuffle", [False, True])
@@ -83,7 +89,9 @@ def test_other_data_start_from_their_first_row(data):
     assert numbers(other, 1) == [0, 1, 2, 3]
 
 
-@pytest.mark.parametrize("options", [{}, {"chunks": (2, 2)}, {"dtype": np.uint8}, {"dtype": ">i2"}], ids=str)
+@pytest.mark.parametrize(
+    "options", [{}, {"chunks": (2, 2)}, {"dtype": np.uint8}, {"dtype": ">i2"}], ids=str
+)
 @pytest.mark.parametrize("shuffle", [False, True])
 def test_any_storage_is_read(data, options, shuffle):
     net = data([5, 6], 4, shuffle, **options)
@@ -134,11 +142,15 @@ def test_a_batch_of_more_rows_than_there_are_is_a_warning(data, caplog):
     assert "layer 'd': batch_size 4 is more than the 3 rows of " in caplog.text
 
 
-@pytest.mark.parametrize("options", ["", "scale: 0.5", "mirror: true", 'mean_file: "absent"', "crop_size: 1"])
+@pytest.mark.parametrize(
+    "options", ["", "scale: 0.5", "mirror: true", 'mean_file: "absent"', "crop_size: 1"]
+)
 def test_transform_param_is_rejected(tmp_path, net_of, options):
     """HDF5Data does not transform data; transform_param is an error, as in Caffe, even if it is empty."""
     text = layer(tmp_path / "list.txt", 2)[:-1] + f"transform_param {{ {options} }} }}"
-    with pytest.raises(netlib.LayerError, match="layer 'd': HDF5Data does not transform data, as in Caffe"):
+    with pytest.raises(
+        netlib.LayerError, match="layer 'd': HDF5Data does not transform data, as in Caffe"
+    ):
         net_of(text)
 
 
@@ -176,34 +188,78 @@ def of_two_shapes(folder):
     listed(folder, "a.h5", "b.h5", x=np.zeros((3, 2)), t=np.zeros(3))
 
 
-@bad_inputs(netlib.DataError, {
-    "no t": (lambda at: listed(at, "a.h5", x=np.zeros(3)), "...a.h5: no data set 't'; it has x"),
-    "nothing": (lambda at: listed(at, "a.h5"), "...a.h5: no data set 'x'; it has none"),
-    "lengths": (lambda at: listed(at, "a.h5", x=np.zeros(3), t=np.zeros(4)),
-                "...a.h5: data sets of different length: x 3, t 4"),
-    "no rows": (lambda at: listed(at, "a.h5", x=np.zeros((0, 2)), t=np.zeros(0)), "...a.h5: data set 'x' has no rows"),
-    "texts": (lambda at: listed(at, "a.h5", x=np.zeros(3), t=["a", "b", "c"]),
-              "...a.h5: data set '/t' holds object, expected numbers"),
-    "a number": (lambda at: listed(at, "a.h5", x=np.zeros(3), t=np.zeros(())),
-                 "...a.h5: data sets of different length: x 3, t 0"),
-    "never written": (unwritten, "...a.h5: cannot read the HDF5 file: data set '/x' claims 4000000000000 bytes, but "
-                      "only 0 are stored; expected data"),
-    "other rows": (of_two_shapes, "...b.h5: rows of 'x' have shape (4,), those in ...a.h5 (2,)"),
-    "no rest": (lambda at: with_rest(at, "gone.h5"),
-                "...gone.h5: cannot read the rest of ...a.h5: No such file or directory"),
-    "a rest without x": (lambda at: with_rest(at, y=np.zeros(3)), "...a.h5: no data set 'x'; it has t, y"),
-    "a text as rest": (lambda at: with_rest(at, "text.h5"),
-                       "...text.h5: cannot read the rest of ...a.h5: damaged or truncated: ...signature not found..."),
-    "no list": (lambda at: None, "...list.txt: cannot read the list of HDF5 files: No such file or directory"),
-    "an empty list": (lambda at: listed(at), "...list.txt: the list of HDF5 files is empty"),
-    "no file": (lambda at: listed(at, "gone.h5"),
-                "...list.txt: names 'gone.h5', which does not exist; expected a path relative to the working ..."),
-    "a text": (lambda at: listed(at, "list.txt"), "...list.txt: cannot read the HDF5 file: damaged or truncated: ..."),
-    **{f"cut to {keep}": (lambda at, keep=keep: cut_to(at, keep), "...a.h5: cannot read the HDF5 file: damaged or ...")
-       for keep in (0.3, 0.6, 0.95)},
-    "batch_size 0": (lambda at: listed(at, "a.h5", x=np.zeros(3), t=np.zeros(3)), netlib.LayerError,
-                     "net.prototxt:1:...: error: layer 'd': batch_size must be at least 1"),
-})
+@bad_inputs(
+    netlib.DataError,
+    {
+        "no t": (
+            lambda at: listed(at, "a.h5", x=np.zeros(3)),
+            "...a.h5: no data set 't'; it has x",
+        ),
+        "nothing": (lambda at: listed(at, "a.h5"), "...a.h5: no data set 'x'; it has none"),
+        "lengths": (
+            lambda at: listed(at, "a.h5", x=np.zeros(3), t=np.zeros(4)),
+            "...a.h5: data sets of different length: x 3, t 4",
+        ),
+        "no rows": (
+            lambda at: listed(at, "a.h5", x=np.zeros((0, 2)), t=np.zeros(0)),
+            "...a.h5: data set 'x' has no rows",
+        ),
+        "texts": (
+            lambda at: listed(at, "a.h5", x=np.zeros(3), t=["a", "b", "c"]),
+            "...a.h5: data set '/t' holds object, expected numbers",
+        ),
+        "a number": (
+            lambda at: listed(at, "a.h5", x=np.zeros(3), t=np.zeros(())),
+            "...a.h5: data sets of different length: x 3, t 0",
+        ),
+        "never written": (
+            unwritten,
+            "...a.h5: cannot read the HDF5 file: data set '/x' claims 4000000000000 bytes, but "
+            "only 0 are stored; expected data",
+        ),
+        "other rows": (
+            of_two_shapes,
+            "...b.h5: rows of 'x' have shape (4,), those in ...a.h5 (2,)",
+        ),
+        "no rest": (
+            lambda at: with_rest(at, "gone.h5"),
+            "...gone.h5: cannot read the rest of ...a.h5: No such file or directory",
+        ),
+        "a rest without x": (
+            lambda at: with_rest(at, y=np.zeros(3)),
+            "...a.h5: no data set 'x'; it has t, y",
+        ),
+        "a text as rest": (
+            lambda at: with_rest(at, "text.h5"),
+            "...text.h5: cannot read the rest of ...a.h5: damaged or truncated: ...signature not found...",
+        ),
+        "no list": (
+            lambda at: None,
+            "...list.txt: cannot read the list of HDF5 files: No such file or directory",
+        ),
+        "an empty list": (lambda at: listed(at), "...list.txt: the list of HDF5 files is empty"),
+        "no file": (
+            lambda at: listed(at, "gone.h5"),
+            "...list.txt: names 'gone.h5', which does not exist; expected a path relative to the working ...",
+        ),
+        "a text": (
+            lambda at: listed(at, "list.txt"),
+            "...list.txt: cannot read the HDF5 file: damaged or truncated: ...",
+        ),
+        **{
+            f"cut to {keep}": (
+                lambda at, keep=keep: cut_to(at, keep),
+                "...a.h5: cannot read the HDF5 file: damaged or ...",
+            )
+            for keep in (0.3, 0.6, 0.95)
+        },
+        "batch_size 0": (
+            lambda at: listed(at, "a.h5", x=np.zeros(3), t=np.zeros(3)),
+            netlib.LayerError,
+            "net.prototxt:1:...: error: layer 'd': batch_size must be at least 1",
+        ),
+    },
+)
 def test_files_with_something_wrong_in_them(tmp_path, net_of, request, given, rejected):
     given(tmp_path)
     with rejected:
@@ -213,13 +269,22 @@ def test_files_with_something_wrong_in_them(tmp_path, net_of, request, given, re
 OUTSIDE = "rest_in is '%s'; expected a relative name of a file in the same"
 
 
-@pytest.mark.parametrize(("rest", "link", "is_near"), [
-    ("/etc/hostname", "", False), ("../../private.h5", "", False), ("../near/below/private.h5", "", False),
-    ("../../set/a/../../private.h5", "", False), ("link.h5", "../../private.h5", False),
-    ("link/private.h5", "../..", False),
-    ("rest.h5", "", True), ("below/rest.h5", "", True), ("../rest.h5", "", True), ("../near/rest.h5", "", True),
-    ("link.h5", "../near/rest.h5", True),
-])
+@pytest.mark.parametrize(
+    ("rest", "link", "is_near"),
+    [
+        ("/etc/hostname", "", False),
+        ("../../private.h5", "", False),
+        ("../near/below/private.h5", "", False),
+        ("../../set/a/../../private.h5", "", False),
+        ("link.h5", "../../private.h5", False),
+        ("link/private.h5", "../..", False),
+        ("rest.h5", "", True),
+        ("below/rest.h5", "", True),
+        ("../rest.h5", "", True),
+        ("../near/rest.h5", "", True),
+        ("link.h5", "../near/rest.h5", True),
+    ],
+)
 def test_where_the_rest_may_be(tmp_path, net_of, rest, link, is_near):
     """In the folder of the data file, below it or in a neighbouring folder, also by a link; nowhere else."""
     for folder in ("set/a/below", "set/near/below"):
@@ -255,7 +320,10 @@ def test_a_file_that_is_cut_under_a_running_net(data, tmp_path, shuffle, done):
     for path in (tmp_path / "0.h5", tmp_path / "1.h5"):
         cut(path)
     for _ in range(2):
-        with pytest.raises(netlib.DataError, match=r"[01]\.h5: was cut to \d+ of \d+ bytes while in use; restore the"):
+        with pytest.raises(
+            netlib.DataError,
+            match=r"[01]\.h5: was cut to \d+ of \d+ bytes while in use; restore the",
+        ):
             net.forward()
     again = data([6, 5], 2, shuffle, seed=9)
     again.restore_layer_states(net.layer_states())
@@ -286,7 +354,9 @@ def test_data_that_are_overwritten_in_place(tmp_path, net_of, row):
         file.seek(size // 2)
         file.write(bytes(100))
     os.utime(tmp_path / "a.h5", ns=(0, 1))  # also for file systems with a coarse clock
-    with pytest.raises(netlib.DataError, match=r"a\.h5: was changed while in use; restore the file and run again"):
+    with pytest.raises(
+        netlib.DataError, match=r"a\.h5: was changed while in use; restore the file and run again"
+    ):
         net.forward()
 
 

@@ -11,9 +11,11 @@ from tests.support.hdf5_files import write_hdf5
 
 def text(path, x="dim: 2 dim: 3", t="dim: 2"):
     """Return a net of two inputs that are written to ``path``."""
-    return (f'force_backward: true layer {{ name: "in" type: "Input" top: "x" top: "t" input_param {{ shape {{ {x} }} '
-            f'shape {{ {t} }} }} }} layer {{ name: "out" type: "HDF5Output" bottom: "x" bottom: "t" '
-            f'hdf5_output_param {{ file_name: "{path}" }} }}')
+    return (
+        f'force_backward: true layer {{ name: "in" type: "Input" top: "x" top: "t" input_param {{ shape {{ {x} }} '
+        f'shape {{ {t} }} }} }} layer {{ name: "out" type: "HDF5Output" bottom: "x" bottom: "t" '
+        f'hdf5_output_param {{ file_name: "{path}" }} }}'
+    )
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
@@ -36,7 +38,9 @@ def test_the_first_batch_is_written_with_four_axes(tmp_path, net_of, rng, dtype)
 def test_a_second_batch_is_a_mistake(tmp_path, net_of):
     net = net_of(text(tmp_path / "out.h5"))
     net.forward(x=np.ones((2, 3)))
-    with pytest.raises(netlib.LayerError, match=r"layer 'out': .*out.h5 holds the batch of the first forward"):
+    with pytest.raises(
+        netlib.LayerError, match=r"layer 'out': .*out.h5 holds the batch of the first forward"
+    ):
         net.forward(x=np.zeros((2, 3)))
     with h5py.File(tmp_path / "out.h5") as file:
         assert (file["data"][...] == 1).all()
@@ -55,23 +59,39 @@ def test_a_file_that_is_read_is_not_replaced(tmp_path, net_of, name):
     (tmp_path / "link.h5").symlink_to("in.h5")
     (tmp_path / "list.txt").write_text("in.h5")
     before = (tmp_path / "in.h5").read_bytes()
-    data = (f'layer {{ name: "d" type: "HDF5Data" top: "x" top: "t" hdf5_data_param {{ source: "{tmp_path}/list.txt" '
-            'batch_size: 4 } }')
-    out = (f'layer {{ name: "out" type: "HDF5Output" bottom: "x" bottom: "t" hdf5_output_param {{ '
-           f'file_name: "{tmp_path}/{name}" }} }}')
-    with pytest.raises(netlib.LayerError, match=rf"layer 'out': file_name '.*{name}' is read by a net; write to"):
+    data = (
+        f'layer {{ name: "d" type: "HDF5Data" top: "x" top: "t" hdf5_data_param {{ source: "{tmp_path}/list.txt" '
+        "batch_size: 4 } }"
+    )
+    out = (
+        f'layer {{ name: "out" type: "HDF5Output" bottom: "x" bottom: "t" hdf5_output_param {{ '
+        f'file_name: "{tmp_path}/{name}" }} }}'
+    )
+    with pytest.raises(
+        netlib.LayerError, match=rf"layer 'out': file_name '.*{name}' is read by a net; write to"
+    ):
         net_of(data + out)
     assert (tmp_path / "in.h5").read_bytes() == before
 
 
-@bad_inputs(netlib.LayerError, {
-    "no folder": (("gone/out.h5", {}), "...: error: layer 'out': file_name '...gone/out.h5': ...gone is not a folder"),
-    "a folder": (("", {}), "...: error: layer 'out': file_name '...' is not a file name"),
-    "items": (("out.h5", {"t": "dim: 3"}),
-              "...: error: layer 'out': bottoms 'x' (2, 3) and 't' (3,) must have the same number of items"),
-    "axes": (("out.h5", {"x": "dim: 2 " * 5}),
-             "...: error: layer 'out': bottom 'x' (2, 2, 2, 2, 2) has more than four axes"),
-})
+@bad_inputs(
+    netlib.LayerError,
+    {
+        "no folder": (
+            ("gone/out.h5", {}),
+            "...: error: layer 'out': file_name '...gone/out.h5': ...gone is not a folder",
+        ),
+        "a folder": (("", {}), "...: error: layer 'out': file_name '...' is not a file name"),
+        "items": (
+            ("out.h5", {"t": "dim: 3"}),
+            "...: error: layer 'out': bottoms 'x' (2, 3) and 't' (3,) must have the same number of items",
+        ),
+        "axes": (
+            ("out.h5", {"x": "dim: 2 " * 5}),
+            "...: error: layer 'out': bottom 'x' (2, 2, 2, 2, 2) has more than four axes",
+        ),
+    },
+)
 def test_mistakes(tmp_path, net_of, given, rejected):
     with rejected:
         net_of(text(f"{tmp_path}/{given[0]}", **given[1]))
@@ -81,5 +101,7 @@ def test_a_file_that_cannot_be_written(tmp_path, net_of):
     (tmp_path / "folder").mkdir()
     net = net_of(text(tmp_path / "folder/o"))
     (tmp_path / "folder").rmdir()
-    with pytest.raises(netlib.DataError, match=r"folder/o: cannot write the HDF5 file: .*No such file or directory"):
+    with pytest.raises(
+        netlib.DataError, match=r"folder/o: cannot write the HDF5 file: .*No such file or directory"
+    ):
         net.forward()

@@ -26,8 +26,10 @@ def write_list(folder, numbers):
 
 
 def text(folder, options="", more=""):
-    return (f'layer {{ name: "d" type: "ImageData" top: "x" top: "t" image_data_param '
-            f'{{ source: "{folder}/list.txt" {options} }} {more} }}')
+    return (
+        f'layer {{ name: "d" type: "ImageData" top: "x" top: "t" image_data_param '
+        f'{{ source: "{folder}/list.txt" {options} }} {more} }}'
+    )
 
 
 def labels(net, count=1):
@@ -49,7 +51,9 @@ def test_pictures_come_in_order_and_go_round(tmp_path, pictures, net_of):
 def test_resized(tmp_path, pictures, net_of, color):
     """Images are resized by linear interpolation, so that a batch may contain different sizes."""
     write_list(tmp_path, range(5))
-    net = net_of(text(tmp_path, f"batch_size: 5 new_height: 7 new_width: 9 is_color: {str(color).lower()}"))
+    net = net_of(
+        text(tmp_path, f"batch_size: 5 new_height: 7 new_width: 9 is_color: {str(color).lower()}")
+    )
     x = net.forward()["x"]
     assert x.shape == (5, 3 if color else 1, 7, 9)
     for i in range(5):
@@ -67,7 +71,10 @@ def test_a_batch_has_the_size_of_its_first_picture(tmp_path, pictures, net_of):
 
 def test_cropped(tmp_path, pictures, net_of):
     write_list(tmp_path, range(5))
-    net = net_of(text(tmp_path, "batch_size: 5", "transform_param { crop_size: 3 mean_value: 4 }"), netlib.TEST)
+    net = net_of(
+        text(tmp_path, "batch_size: 5", "transform_param { crop_size: 3 mean_value: 4 }"),
+        netlib.TEST,
+    )
     x = net.forward()["x"]
     assert np.array_equal(x[3], pictures[3].transpose(2, 0, 1)[:, 1:4, 2:5] - 4.0)
     assert np.array_equal(x[4], pictures[4].transpose(2, 0, 1) - 4.0)
@@ -95,7 +102,9 @@ def test_rand_skip(tmp_path, pictures, net_of):
 @pytest.mark.parametrize("done", [0, 1, 2, 5])
 def test_a_resume_goes_on_with_the_next_picture(tmp_path, pictures, net_of, done):
     options = text(
-        tmp_path, "batch_size: 2 shuffle: true rand_skip: 3", "transform_param { crop_size: 2 mirror: true }"
+        tmp_path,
+        "batch_size: 2 shuffle: true rand_skip: 3",
+        "transform_param { crop_size: 2 mirror: true }",
     )
     net = net_of(options, seed=1)
     labels(net, done)
@@ -142,41 +151,94 @@ def test_lines(tmp_path, pictures, net_of, content, found):
 def test_notes(tmp_path, pictures, net_of, caplog):
     net = net_of(text(tmp_path, "mirror: true")[:-1] + "transform_param { force_gray: true } }")
     assert net.layer_dict["d"].notes == [f"3 images in {tmp_path}/list.txt"]
-    assert "ImageData ignores mirror in image_data_param, as Caffe does; write it in transform_param" in caplog.text
-    assert "ImageData ignores force_gray in transform_param, as Caffe does; write is_color" in caplog.text
+    assert (
+        "ImageData ignores mirror in image_data_param, as Caffe does; write it in transform_param"
+        in caplog.text
+    )
+    assert (
+        "ImageData ignores force_gray in transform_param, as Caffe does; write is_color"
+        in caplog.text
+    )
 
 
 AT = "net.prototxt:1:...: error: layer 'd': "
 
 
-@bad_inputs(netlib.DataError, {
-    "no list": ((None, ""), "...list.txt: cannot read the list of images: No such file or directory"),
-    "empty list": ((b"\n", ""), "...list.txt: the list of images is empty"),
-    "bytes": ((b"\xff\xfe", ""), "...list.txt: cannot read the list of images: not a text file (byte 0 is not UTF-8)"),
-    "no label": ((b"picture 0.png 1\na.png", ""), "...list.txt:2: 'a.png' has no label; expected 'path label'"),
-    "a space for a label": ((b"a.png ", ""), "...list.txt:1: 'a.png' has no label; expected 'path label'"),
-    "a label cat": ((b"picture 0.png 1\npicture 1.png cat", ""),
-                    "...list.txt:2: the label 'cat' is not a whole number; expected 'path label'"),
-    "a tab": ((b"picture0.png\t4", ""),
-              "...list.txt:1: found a tab between path and label; expected a space, as in Caffe"),
-    "a label 1.5": ((b"picture 0.png 1.5", ""),
-                    "...list.txt:1: the label '1.5' is not a whole number; expected 'path label'"),
-    "a long label": ((b"picture 0.png 4294967295", ""),
-                     "...list.txt:1: the label 4294967295 does not fit into 32 bits, as Caffe's labels do"),
-    "no image": ((b"gone.png 1", ""), "gone.png: cannot read the image: No such file or directory"),
-    "a text": ((b"list.txt 1", ""), "...list.txt: not an image that OpenCV can decode (10 bytes)"),
-    "empty image": ((b"empty 1", ""), "...empty: not an image that OpenCV can decode (0 bytes)"),
-    "too large": ((b"picture 0.png 1", "new_height: 99999 new_width: 99999"),
-                  "images resized to 99999 x 99999 pixels; expected at most 268435456"),
-    "batch_size": ((b"picture 0.png 1", "batch_size: 0"), netlib.LayerError, f"{AT}batch_size must be at least 1"),
-    "width alone": ((b"picture 0.png 1", "new_width: 3"), netlib.LayerError,
-                    f"{AT}new_height 0 and new_width 3 must be given together"),
-    "rand_skip": ((b"picture 0.png 1", "rand_skip: 900"), netlib.LayerError,
-                  f"{AT}rand_skip 900 would skip all 1 images of ...list.txt"),
-    "another size": ((b"picture 0.png 1\npicture 3.png 1", "batch_size: 2"), netlib.LayerError,
-                     "...: layer 'd': picture 3.png: the image (C, H, W) (3, 5, 8) gives (3, 5, 8), "
-                     "the first of its batch (3, 4, 6); expected the same number of channels, and without ..."),
-})
+@bad_inputs(
+    netlib.DataError,
+    {
+        "no list": (
+            (None, ""),
+            "...list.txt: cannot read the list of images: No such file or directory",
+        ),
+        "empty list": ((b"\n", ""), "...list.txt: the list of images is empty"),
+        "bytes": (
+            (b"\xff\xfe", ""),
+            "...list.txt: cannot read the list of images: not a text file (byte 0 is not UTF-8)",
+        ),
+        "no label": (
+            (b"picture 0.png 1\na.png", ""),
+            "...list.txt:2: 'a.png' has no label; expected 'path label'",
+        ),
+        "a space for a label": (
+            (b"a.png ", ""),
+            "...list.txt:1: 'a.png' has no label; expected 'path label'",
+        ),
+        "a label cat": (
+            (b"picture 0.png 1\npicture 1.png cat", ""),
+            "...list.txt:2: the label 'cat' is not a whole number; expected 'path label'",
+        ),
+        "a tab": (
+            (b"picture0.png\t4", ""),
+            "...list.txt:1: found a tab between path and label; expected a space, as in Caffe",
+        ),
+        "a label 1.5": (
+            (b"picture 0.png 1.5", ""),
+            "...list.txt:1: the label '1.5' is not a whole number; expected 'path label'",
+        ),
+        "a long label": (
+            (b"picture 0.png 4294967295", ""),
+            "...list.txt:1: the label 4294967295 does not fit into 32 bits, as Caffe's labels do",
+        ),
+        "no image": (
+            (b"gone.png 1", ""),
+            "gone.png: cannot read the image: No such file or directory",
+        ),
+        "a text": (
+            (b"list.txt 1", ""),
+            "...list.txt: not an image that OpenCV can decode (10 bytes)",
+        ),
+        "empty image": (
+            (b"empty 1", ""),
+            "...empty: not an image that OpenCV can decode (0 bytes)",
+        ),
+        "too large": (
+            (b"picture 0.png 1", "new_height: 99999 new_width: 99999"),
+            "images resized to 99999 x 99999 pixels; expected at most 268435456",
+        ),
+        "batch_size": (
+            (b"picture 0.png 1", "batch_size: 0"),
+            netlib.LayerError,
+            f"{AT}batch_size must be at least 1",
+        ),
+        "width alone": (
+            (b"picture 0.png 1", "new_width: 3"),
+            netlib.LayerError,
+            f"{AT}new_height 0 and new_width 3 must be given together",
+        ),
+        "rand_skip": (
+            (b"picture 0.png 1", "rand_skip: 900"),
+            netlib.LayerError,
+            f"{AT}rand_skip 900 would skip all 1 images of ...list.txt",
+        ),
+        "another size": (
+            (b"picture 0.png 1\npicture 3.png 1", "batch_size: 2"),
+            netlib.LayerError,
+            "...: layer 'd': picture 3.png: the image (C, H, W) (3, 5, 8) gives (3, 5, 8), "
+            "the first of its batch (3, 4, 6); expected the same number of channels, and without ...",
+        ),
+    },
+)
 def test_mistakes(tmp_path, pictures, net_of, given, rejected):
     content, options = given
     (tmp_path / "list.txt").unlink()

@@ -15,7 +15,9 @@ from layers.data.lmdb_file import BRANCH, LEAF, OVERFLOW, Cursor, Database
 from netlib.errors import DataError
 from tests.support.bad_input import bad_inputs
 
-lmdb = pytest.importorskip("lmdb", reason="the package lmdb, which writes the databases, is not installed")
+lmdb = pytest.importorskip(
+    "lmdb", reason="the package lmdb, which writes the databases, is not installed"
+)
 
 Entries = dict[bytes, bytes]
 
@@ -61,10 +63,21 @@ def only_file(path: Path) -> Path:
         ({b"%06d" % i: b"x" * (i * 37 % 9000) for i in range(1000)}, 2),
         ({bytes([i]) * (1 + i * 13 % 511): b"%d" % i for i in range(256)}, 3),
     ],
-    ids=["none", "of no bytes", "of many pages", "three", "thousands", "long keys", "values of all sizes", "any bytes"],
+    ids=[
+        "none",
+        "of no bytes",
+        "of many pages",
+        "three",
+        "thousands",
+        "long keys",
+        "values of all sizes",
+        "any bytes",
+    ],
 )
 @pytest.mark.parametrize("subdir", [True, False], ids=["folder", "file"])
-def test_entries_in_the_order_of_their_keys(tmp_path: Path, entries: Entries, depth: int, subdir: bool) -> None:
+def test_entries_in_the_order_of_their_keys(
+    tmp_path: Path, entries: Entries, depth: int, subdir: bool
+) -> None:
     """Entries are read in order for any depth, with values in leaves or in separate pages, from a folder or a file."""
     path = write(tmp_path / "a", entries, subdir=subdir)
     database = Database(path)
@@ -87,7 +100,9 @@ def test_whatever_has_been_written_and_deleted(tmp_path: Path, seed: int) -> Non
                         kept.pop(key, None)
                         change.delete(key)
                     else:
-                        kept[key] = rng.randbytes(rng.choice((0, 1, 5, 100, 1000, 2030, 2040, 4080, 4081, 20_000)))
+                        kept[key] = rng.randbytes(
+                            rng.choice((0, 1, 5, 100, 1000, 2030, 2040, 4080, 4081, 20_000))
+                        )
                         change.put(key, kept[key])
             assert list(walked(path)) == sorted(kept.items())
         (tmp_path / "b").mkdir()
@@ -96,7 +111,11 @@ def test_whatever_has_been_written_and_deleted(tmp_path: Path, seed: int) -> Non
     cursor = Cursor(Database(path))
     for key in rng.sample(sorted(kept), min(len(kept), 50)):
         assert cursor.set_key(key) and (cursor.key, cursor.value()) == (key, kept[key])
-        assert not cursor.set_key(key + b"\0") and not cursor.set_key(key[:-1] + b"\xff") and cursor.key == key
+        assert (
+            not cursor.set_key(key + b"\0")
+            and not cursor.set_key(key[:-1] + b"\xff")
+            and cursor.key == key
+        )
 
 
 def test_several_cursors(tmp_path: Path) -> None:
@@ -104,7 +123,11 @@ def test_several_cursors(tmp_path: Path) -> None:
     database = Database(path)
     cursors = [Cursor(database), Cursor(database), Cursor(Database(path))]
     assert all(cursor.set_key(b"%08d" % (100 * i)) for i, cursor in enumerate(cursors))
-    assert [cursor.next() and cursor.key for cursor in cursors] == [b"00000001", b"00000101", b"00000201"]
+    assert [cursor.next() and cursor.key for cursor in cursors] == [
+        b"00000001",
+        b"00000101",
+        b"00000201",
+    ]
 
 
 def page(kind: int, number: int, nodes: list[bytes], size: int) -> bytes:
@@ -135,13 +158,25 @@ def overflow(number: int, count: int, value: bytes, size: int) -> bytes:
     return (struct.pack("<QHHI", number, 0, OVERFLOW, count) + value).ljust(count * size, b"\0")
 
 
-def database_of(path: Path, *pages: bytes, depth: int, entries: int, size: int = 512, **changes: int) -> Path:
+def database_of(
+    path: Path, *pages: bytes, depth: int, entries: int, size: int = 512, **changes: int
+) -> Path:
     """Write a database of these pages, numbered from 2; the first one is the root."""
     content = b""
     for number in (0, 1):
-        meta = {"version": 1, "flags": 0, "counted": 0, "root": 2, "last": 1 << 40, "transaction": number, **changes}
+        meta = {
+            "version": 1,
+            "flags": 0,
+            "counted": 0,
+            "root": 2,
+            "last": 1 << 40,
+            "transaction": number,
+            **changes,
+        }
         free = struct.pack("<IHHQQQQQ", size, 8, 0, 0, 0, 0, 0, (1 << 64) - 1)
-        tree = struct.pack("<IHHQQQQQ", 0, meta["flags"], depth, 0, meta["counted"], 0, entries, meta["root"])
+        tree = struct.pack(
+            "<IHHQQQQQ", 0, meta["flags"], depth, 0, meta["counted"], 0, entries, meta["root"]
+        )
         said = struct.pack("<4sIQQ", b"\xde\xc0\xef\xbe", meta["version"], 0, 1 << 30) + free + tree
         said += struct.pack("<QQ", meta["last"], meta["transaction"])
         content += (struct.pack("<QHHHH", number, 0, 8, 0, 0) + said).ljust(size, b"\0")
@@ -158,7 +193,9 @@ def test_pages_of_any_size(tmp_path: Path, size: int) -> None:
         page(LEAF, 3, [node(b"a", b"first"), node(b"b", (5, len(value)))], size),
         page(LEAF, 4, [node(b"m", b""), node(b"mm", b"last")], size),
         overflow(5, 3, value, size),
-        depth=2, entries=4, size=size,
+        depth=2,
+        entries=4,
+        size=size,
     )
     assert list(walked(path)) == [(b"a", b"first"), (b"b", value), (b"m", b""), (b"mm", b"last")]
 
@@ -166,37 +203,103 @@ def test_pages_of_any_size(tmp_path: Path, size: int) -> None:
 WHOLE = page(LEAF, 2, [node(b"a", b"1"), node(b"b", b"2")], 512)
 
 
-DAMAGED, UNSORTED = "; the database is damaged", "its keys are out of order, or belong to another page"
+DAMAGED, UNSORTED = (
+    "; the database is damaged",
+    "its keys are out of order, or belong to another page",
+)
 
 
-@bad_inputs(DataError, {
-    f"{i}: {line}": ((pages, header), f".../a: {line}") for i, (pages, header, line) in enumerate((
-        ([WHOLE], {"version": 999}, "version 999 of LMDB's format, expected 1"),
-        ([WHOLE], {"flags": 4}, "a database with flags 0x4, expected none, as Caffe writes it: one value per key, ..."),
-        ([WHOLE], {"size": 12}, f"page 0: pages of 12 bytes, expected a power of two from 512 to 32768{DAMAGED}"),
-        ([WHOLE], {"depth": 33}, f"page 1: a depth of 33, expected at most 32{DAMAGED}"),
-        ([WHOLE], {"depth": 2}, f"page 2: expected a branch, found page 2 of kind 0x2{DAMAGED}"),
-        ([WHOLE], {"entries": 3}, f"page 1: 3 entries, but there are 2{DAMAGED}"),
-        ([WHOLE], {"root": 1 << 40}, f"page 1099511627776: the file ends at byte 1536{DAMAGED}"),
-        ([WHOLE], {"counted": 7}, "truncated: it has 1536 bytes, expected at least 4608"),
-        ([page(BRANCH, 2, [pointer(b"", 2)] * 2, 512)], {"depth": 9}, f"page 2: {UNSORTED}{DAMAGED}"),
-        ([page(BRANCH, 2, [pointer(b"", 2)], 512)], {"depth": 32},
-         f"page 2: expected a leaf, found page 2 of kind 0x1{DAMAGED}"),
-        ([page(BRANCH, 2, [pointer(b"", 3), pointer(b"c", 3)], 512), page(LEAF, 3, [node(b"b", b"")], 512)],
-         {"depth": 2}, f"page 3: {UNSORTED}{DAMAGED}"),
-        ([page(LEAF, 2, [], 512)], {}, f"page 2: offsets up to byte 16, nodes from byte 512 on{DAMAGED}"),
-        ([WHOLE[:16] + b"\xff\xff" + WHOLE[18:]], {}, f"page 2: its nodes are outside the page{DAMAGED}"),
-        ([page(LEAF, 2, [node(b"b", b""), node(b"a", b"")], 512)], {}, f"page 2: {UNSORTED}{DAMAGED}"),
-        ([page(LEAF, 2, [node(b"a", b"")[:4] + b"\2\0\1\0a"], 512)], {}, "page 2: b'a' is not an entry but a database "
-         "within this one (flags 0x2), which Caffe never writes, or the file is damaged"),
-        ([page(LEAF, 2, [node(b"a", (3, 2**32 - 1))], 512)], {}, f"page 3: the file ends at byte 1536{DAMAGED}"),
-        ([page(LEAF, 2, [node(b"a", (2, 9))], 512)], {},
-         f"page 2: expected a value of 9 bytes, found page 2 of kind 0x2{DAMAGED}"),
-        ([page(LEAF, 2, [node(b"a", (3, 900))], 512), overflow(3, 1, b"", 512), WHOLE], {},
-         f"page 3: expected a value of 900 bytes, found page 3 of kind 0x4{DAMAGED}"),
-    ))
-})
-def test_nothing_is_believed(tmp_path: Path, given: tuple[list[bytes], dict[str, int]], rejected: Any) -> None:
+@bad_inputs(
+    DataError,
+    {
+        f"{i}: {line}": ((pages, header), f".../a: {line}")
+        for i, (pages, header, line) in enumerate(
+            (
+                ([WHOLE], {"version": 999}, "version 999 of LMDB's format, expected 1"),
+                (
+                    [WHOLE],
+                    {"flags": 4},
+                    "a database with flags 0x4, expected none, as Caffe writes it: one value per key, ...",
+                ),
+                (
+                    [WHOLE],
+                    {"size": 12},
+                    f"page 0: pages of 12 bytes, expected a power of two from 512 to 32768{DAMAGED}",
+                ),
+                ([WHOLE], {"depth": 33}, f"page 1: a depth of 33, expected at most 32{DAMAGED}"),
+                (
+                    [WHOLE],
+                    {"depth": 2},
+                    f"page 2: expected a branch, found page 2 of kind 0x2{DAMAGED}",
+                ),
+                ([WHOLE], {"entries": 3}, f"page 1: 3 entries, but there are 2{DAMAGED}"),
+                (
+                    [WHOLE],
+                    {"root": 1 << 40},
+                    f"page 1099511627776: the file ends at byte 1536{DAMAGED}",
+                ),
+                ([WHOLE], {"counted": 7}, "truncated: it has 1536 bytes, expected at least 4608"),
+                (
+                    [page(BRANCH, 2, [pointer(b"", 2)] * 2, 512)],
+                    {"depth": 9},
+                    f"page 2: {UNSORTED}{DAMAGED}",
+                ),
+                (
+                    [page(BRANCH, 2, [pointer(b"", 2)], 512)],
+                    {"depth": 32},
+                    f"page 2: expected a leaf, found page 2 of kind 0x1{DAMAGED}",
+                ),
+                (
+                    [
+                        page(BRANCH, 2, [pointer(b"", 3), pointer(b"c", 3)], 512),
+                        page(LEAF, 3, [node(b"b", b"")], 512),
+                    ],
+                    {"depth": 2},
+                    f"page 3: {UNSORTED}{DAMAGED}",
+                ),
+                (
+                    [page(LEAF, 2, [], 512)],
+                    {},
+                    f"page 2: offsets up to byte 16, nodes from byte 512 on{DAMAGED}",
+                ),
+                (
+                    [WHOLE[:16] + b"\xff\xff" + WHOLE[18:]],
+                    {},
+                    f"page 2: its nodes are outside the page{DAMAGED}",
+                ),
+                (
+                    [page(LEAF, 2, [node(b"b", b""), node(b"a", b"")], 512)],
+                    {},
+                    f"page 2: {UNSORTED}{DAMAGED}",
+                ),
+                (
+                    [page(LEAF, 2, [node(b"a", b"")[:4] + b"\2\0\1\0a"], 512)],
+                    {},
+                    "page 2: b'a' is not an entry but a database "
+                    "within this one (flags 0x2), which Caffe never writes, or the file is damaged",
+                ),
+                (
+                    [page(LEAF, 2, [node(b"a", (3, 2**32 - 1))], 512)],
+                    {},
+                    f"page 3: the file ends at byte 1536{DAMAGED}",
+                ),
+                (
+                    [page(LEAF, 2, [node(b"a", (2, 9))], 512)],
+                    {},
+                    f"page 2: expected a value of 9 bytes, found page 2 of kind 0x2{DAMAGED}",
+                ),
+                (
+                    [page(LEAF, 2, [node(b"a", (3, 900))], 512), overflow(3, 1, b"", 512), WHOLE],
+                    {},
+                    f"page 3: expected a value of 900 bytes, found page 3 of kind 0x4{DAMAGED}",
+                ),
+            )
+        )
+    },
+)
+def test_nothing_is_believed(
+    tmp_path: Path, given: tuple[list[bytes], dict[str, int]], rejected: Any
+) -> None:
     path = database_of(tmp_path / "a", *given[0], **{"depth": 1, "entries": 2, **given[1]})
     with rejected:
         list(walked(path))
@@ -204,24 +307,30 @@ def test_nothing_is_believed(tmp_path: Path, given: tuple[list[bytes], dict[str,
 
 def test_pages_do_not_come_up_twice(tmp_path: Path) -> None:
     """A page that is referenced twice raises an error; a tree of such branches would have 2^31 leaves."""
-    branches = [page(BRANCH, i, [pointer(b"", i + 1), pointer(b"%02d" % i, i + 1)], 512) for i in range(2, 33)]
-    path = database_of(tmp_path / "a", *branches, page(LEAF, 33, [node(b"0", b"")], 512), depth=32, entries=1 << 31)
+    branches = [
+        page(BRANCH, i, [pointer(b"", i + 1), pointer(b"%02d" % i, i + 1)], 512)
+        for i in range(2, 33)
+    ]
+    path = database_of(
+        tmp_path / "a", *branches, page(LEAF, 33, [node(b"0", b"")], 512), depth=32, entries=1 << 31
+    )
     with pytest.raises(DataError, match="its keys are out of order, or belong to another page"):
         list(walked(path))
 
 
-ORDER = (
-    "...: written on a machine of 32 bits or of another byte order, expected 64 bits, little endian; copy it with ..."
+ORDER = "...: written on a machine of 32 bits or of another byte order, expected 64 bits, little endian; copy it with ..."
+
+
+@bad_inputs(
+    DataError,
+    {
+        "empty": (b"", ".../a: not an LMDB database"),
+        "text": (b"text" * 1000, ".../a: not an LMDB database"),
+        "cut": (bytes(16) + b"\xde\xc0\xef\xbe", ".../a: ends at byte 20, expected 152"),
+        "32 bits": (bytes(12) + b"\xde\xc0\xef\xbe" + bytes(9000), f".../a{ORDER[3:]}"),
+        "byte order": (bytes(16) + b"\xbe\xef\xc0\xde" + bytes(9000), f".../a{ORDER[3:]}"),
+    },
 )
-
-
-@bad_inputs(DataError, {
-    "empty": (b"", ".../a: not an LMDB database"),
-    "text": (b"text" * 1000, ".../a: not an LMDB database"),
-    "cut": (bytes(16) + b"\xde\xc0\xef\xbe", ".../a: ends at byte 20, expected 152"),
-    "32 bits": (bytes(12) + b"\xde\xc0\xef\xbe" + bytes(9000), f".../a{ORDER[3:]}"),
-    "byte order": (bytes(16) + b"\xbe\xef\xc0\xde" + bytes(9000), f".../a{ORDER[3:]}"),
-})
 def test_what_is_no_such_database(tmp_path: Path, given: bytes, rejected: Any) -> None:
     (tmp_path / "a").write_bytes(given)
     with rejected:
@@ -261,10 +370,14 @@ def cut(content: bytearray, rng: random.Random) -> int:
 @pytest.fixture(scope="module")
 def good(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, Entries]:
     """A tree of three levels, with values of all sizes and free pages: its content and its entries."""
-    entries = {b"%0200d" % i: b"%04d" % i * (20 if i % 5 else 400 * (1 + i % 4)) for i in range(400)}
+    entries = {
+        b"%0200d" % i: b"%04d" % i * (20 if i % 5 else 400 * (1 + i % 4)) for i in range(400)
+    }
     gone = dict.fromkeys([*entries][100:200])
     path = write(tmp_path_factory.mktemp("good") / "a", entries, gone, {})  # type: ignore[arg-type]
-    return only_file(path).read_bytes(), {key: value for key, value in entries.items() if key not in gone}
+    return only_file(path).read_bytes(), {
+        key: value for key, value in entries.items() if key not in gone
+    }
 
 
 @pytest.mark.parametrize("damage", [flipped_bit, zeros, swapped_pages, cut])
@@ -280,7 +393,11 @@ def test_damage(tmp_path: Path, good: tuple[bytes, Entries], damage: Damage) -> 
         try:
             found = list(walked(path))
         except DataError as error:
-            assert str(error).startswith(f"{path}: ") and str(error).isprintable() and len(str(error)) < 500
+            assert (
+                str(error).startswith(f"{path}: ")
+                and str(error).isprintable()
+                and len(str(error)) < 500
+            )
             refused += 1
         else:
             assert len(found) == len(entries)
@@ -292,15 +409,23 @@ def test_damage(tmp_path: Path, good: tuple[bytes, Entries], damage: Damage) -> 
 def test_a_database_that_is_cut_under_way(tmp_path: Path) -> None:
     """A file that is truncated or changed in use raises an error on the next access, even for pages in memory."""
     path = only_file(write(tmp_path / "a", numbered(300, 5000)))
-    for change, message in ((lambda: os.truncate(path, 20_000), "was cut to 20000 of"),
-                            (lambda: os.utime(path, ns=(0, 1)), "was changed")):
+    for change, message in (
+        (lambda: os.truncate(path, 20_000), "was cut to 20000 of"),
+        (lambda: os.utime(path, ns=(0, 1)), "was changed"),
+    ):
         cursor = Cursor(Database(path))
         assert cursor.first() and cursor.next()
         size = path.stat().st_size
         content = path.read_bytes()
         change()
-        for act in (cursor.value, lambda cursor=cursor: cursor.set_key(b"00000299") and cursor.value()):
-            with pytest.raises(DataError, match=rf"^{path}: {message}.* while in use; restore the file and run again"):
+        for act in (
+            cursor.value,
+            lambda cursor=cursor: cursor.set_key(b"00000299") and cursor.value(),
+        ):
+            with pytest.raises(
+                DataError,
+                match=rf"^{path}: {message}.* while in use; restore the file and run again",
+            ):
                 act()
         path.write_bytes(content)
         assert path.stat().st_size == size

@@ -61,8 +61,11 @@ def test_scale_comes_after_the_mean(image):
 def test_crop_mirror_and_mean_image_together(tmp_path, image, rng, phase, mirror):
     mean = rng.normal(size=image.shape).astype(np.float32)
     write_blob(tmp_path / "mean.binaryproto", mean[None])
-    options = f'crop_size: 3 scale: 0.25 mean_file: "mean.binaryproto" mirror: {str(mirror).lower()}'
-    made = transformer(options, phase, source=tmp_path / "net.prototxt")  # the mean file is in the same folder
+    options = (
+        f'crop_size: 3 scale: 0.25 mean_file: "mean.binaryproto" mirror: {str(mirror).lower()}'
+    )
+    # the mean file is in the same folder
+    made = transformer(options, phase, source=tmp_path / "net.prototxt")
     possible = {
         (top, left, flip): by_loops(image, mean, 0.25, top, left, 3, flip)
         for top in range(3)
@@ -92,17 +95,27 @@ def test_float32_is_computed_in_float32(image):
     assert np.array_equal(y, (image.astype(np.float32) - np.float32(104.3)) * np.float32(0.1))
 
 
-@bad_inputs(netlib.LayerError, {
-    "crop_size: 6": "...:1:48: error: layer 'it': x: the image (C, H, W) (3, 5, 7) is smaller than crop_size 6",
-    "mean_value: 1 mean_value: 2":
-        "...:1:48: error: layer 'it': x: 3 channels, but 2 mean_value; expected one for all, or one per channel",
-    'mean_file: "m"': "...:1:48: error: layer 'it': x: the image (C, H, W) is (3, 5, 7), mean_file 'm' (3, 5, 6); ...",
-    'mean_file: "m" mean_value: 1': "...:1:63: error: layer 'it': mean_file and mean_value cannot both be given",
-    'mean_file: "flat"': "...:1:48: error: layer 'it': mean_file 'flat' has shape (3,), expected (1, C, H, W)",
-    "force_color: true force_gray: true": "...:1:66: error: layer 'it': force_color and force_gray cannot both be set",
-    "no mean": ('mean_file: "none"', netlib.DataError, "none: cannot read the blob: No such file or directory"),
-    "unknown": ("crop: 3", netlib.PrototxtError, "...:1:48: error: unknown field 'crop' (did you mean 'crop_size'?)"),
-})
+@bad_inputs(
+    netlib.LayerError,
+    {
+        "crop_size: 6": "...:1:48: error: layer 'it': x: the image (C, H, W) (3, 5, 7) is smaller than crop_size 6",
+        "mean_value: 1 mean_value: 2": "...:1:48: error: layer 'it': x: 3 channels, but 2 mean_value; expected one for all, or one per channel",
+        'mean_file: "m"': "...:1:48: error: layer 'it': x: the image (C, H, W) is (3, 5, 7), mean_file 'm' (3, 5, 6); ...",
+        'mean_file: "m" mean_value: 1': "...:1:63: error: layer 'it': mean_file and mean_value cannot both be given",
+        'mean_file: "flat"': "...:1:48: error: layer 'it': mean_file 'flat' has shape (3,), expected (1, C, H, W)",
+        "force_color: true force_gray: true": "...:1:66: error: layer 'it': force_color and force_gray cannot both be set",
+        "no mean": (
+            'mean_file: "none"',
+            netlib.DataError,
+            "none: cannot read the blob: No such file or directory",
+        ),
+        "unknown": (
+            "crop: 3",
+            netlib.PrototxtError,
+            "...:1:48: error: unknown field 'crop' (did you mean 'crop_size'?)",
+        ),
+    },
+)
 def test_mistakes(tmp_path, image, given, rejected):
     write_blob(tmp_path / "m", np.zeros((1, 3, 5, 6)))
     write_blob(tmp_path / "flat", np.zeros(3))
@@ -110,11 +123,20 @@ def test_mistakes(tmp_path, image, given, rejected):
         transformed(transformer(given, source=tmp_path / "net.prototxt"), image)
 
 
-@bad_inputs(netlib.LayerError, {
-    f"{options} {first}": ((options, first), f"<test>:1:...: error: layer 'it': x: the image (C, H, W) (3, 5, 7) gives "
-                           f"{found}, the first of its batch {first}; expected the same number of channels, and ...")
-    for options, first, found in (("", (3, 5, 8), (3, 5, 7)), ("crop_size: 2", (1, 2, 2), (3, 2, 2)))
-})
+@bad_inputs(
+    netlib.LayerError,
+    {
+        f"{options} {first}": (
+            (options, first),
+            f"<test>:1:...: error: layer 'it': x: the image (C, H, W) (3, 5, 7) gives "
+            f"{found}, the first of its batch {first}; expected the same number of channels, and ...",
+        )
+        for options, first, found in (
+            ("", (3, 5, 8), (3, 5, 7)),
+            ("crop_size: 2", (1, 2, 2), (3, 2, 2)),
+        )
+    },
+)
 def test_an_image_that_does_not_fit_its_batch(image, given, rejected):
     """Without crop_size all images of a batch must have the same size; the number of channels must always agree."""
     with rejected:
@@ -125,9 +147,17 @@ def test_options_in_their_old_place_are_pointed_out(caplog):
     """Transformation options in the layer's own block are a warning; Caffe ignores them silently."""
     text = 'name: "it" type: "ImageData" image_data_param { source: "s" scale: 2 mirror: false }'
     spec = schema.read(prototxt.parse(text, "net"), LayerParameter)
-    warn_of_misplaced(ImageData(spec, "TRAIN", np.random.default_rng(0), np.float32), "scale", "mean_file", "mirror")
+    warn_of_misplaced(
+        ImageData(spec, "TRAIN", np.random.default_rng(0), np.float32),
+        "scale",
+        "mean_file",
+        "mirror",
+    )
     assert [record.message for record in caplog.records] == [
         f"net:1:{column}: layer 'it': ImageData ignores {name} in image_data_param, as Caffe does; "
         "write it in transform_param"
-        for name, column in (("scale", text.index("scale") + 1), ("mirror", text.index("mirror") + 1))
+        for name, column in (
+            ("scale", text.index("scale") + 1),
+            ("mirror", text.index("mirror") + 1),
+        )
     ]

@@ -27,27 +27,45 @@ def rows(run, options, *arrays, **more):
     return y[0, 0]
 
 
-@pytest.mark.parametrize(("code", "location", "box"), [
-    ("CORNER", [1, 2, -1, 3], [0.3, 0.8, 0.3, 2.0]),  # corner + variance x location
-    ("CORNER_SIZE", [1, 2, -1, 3], [0.24, 0.56, 0.48, 1.28]),  # corner + variance x location x 0.4
-    ("CENTER_SIZE", [1, 2, math.log(2) / 0.3, math.log(3) / 0.4], [0.04, 0.16, 0.84, 1.36]),  # at (0.44, 0.76)
-])
+@pytest.mark.parametrize(
+    ("code", "location", "box"),
+    [
+        ("CORNER", [1, 2, -1, 3], [0.3, 0.8, 0.3, 2.0]),  # corner + variance x location
+        (
+            "CORNER_SIZE",
+            [1, 2, -1, 3],
+            [0.24, 0.56, 0.48, 1.28],
+        ),  # corner + variance x location x 0.4
+        # at (0.44, 0.76)
+        ("CENTER_SIZE", [1, 2, math.log(2) / 0.3, math.log(3) / 0.4], [0.04, 0.16, 0.84, 1.36]),
+    ],
+)
 def test_decoding_by_hand(run, code, location, box):
     """A prior of 0.4 x 0.4 at (0.2, 0.4) with variances 0.1 to 0.4, by hand for each code type."""
     priors = np.array([[0.2, 0.4, 0.6, 0.8], [0.1, 0.2, 0.3, 0.4]]).reshape(1, 2, 4)
     found = rows(run, text(more=f"code_type: {code}"), [location], [[0.1, 0.9]], priors)
     assert np.allclose(found, [[0, 1, 0.9, *box]])
     scaled = np.array(location) * [0.1, 0.2, 0.3, 0.4]
-    encoded = rows(run, text(more=f"code_type: {code} variance_encoded_in_target: true"), [scaled], [[0, 0.9]], priors)
+    encoded = rows(
+        run,
+        text(more=f"code_type: {code} variance_encoded_in_target: true"),
+        [scaled],
+        [[0, 0.9]],
+        priors,
+    )
     assert np.allclose(encoded, found)
-    clipped = rows(run, text(more=f"code_type: {code} clip: true"), [location], [[0.1, 0.9]], priors)
+    clipped = rows(
+        run, text(more=f"code_type: {code} clip: true"), [location], [[0.1, 0.9]], priors
+    )
     assert np.allclose(clipped[0, 3:], np.clip(box, 0, 1))
 
 
 def test_a_location_for_each_class(run):
     """Without share_location class c of a prior has its own four numbers."""
     locations = np.array([[[9, 9, 9, 9], [1, 0, 0, 0], [0, 2, 0, 0]]]).reshape(1, -1)
-    found = rows(run, text(3, "share_location: false"), locations, [[0.2, 0.4, 0.6]], bottoms([WIDE], [0])[2])
+    found = rows(
+        run, text(3, "share_location: false"), locations, [[0.2, 0.4, 0.6]], bottoms([WIDE], [0])[2]
+    )
     assert np.allclose(found, [[0, 1, 0.4, 0.1, 0, 1, 1], [0, 2, 0.6, 0, 0.2, 1, 1]])
 
 
@@ -63,40 +81,62 @@ APART = (0, 10, 20), [0.5, 0.51, -3]
 ALIKE = (0, 10, 20, 30), [0.5, 0.5, 0.7, 0.5]
 
 
-@pytest.mark.parametrize(("options", "boxes", "kept"), [
-    (NMS % 0.5, OVERLAPPING, [0, 2]), (NMS % 0.65, OVERLAPPING, [0, 1, 2]), (NMS % 0.3, OVERLAPPING, [0]),
-    ("", OVERLAPPING, [0]), (NMS % 0, OVERLAPPING, [0]),  # the default is 0.3; dropped boxes suppress none
-    (NMS % 0, ((0, 4), [1, 1]), [0, 4]),  # touching boxes do not overlap
-    # 0.8 is multiplied by 0.5 after the first kept box, but not again, as it is then below 0.5
-    ("nms_param { nms_threshold: 0.8 eta: 0.5 }", PAIRS, [0, 20, 40, 41.8]), (NMS % 0.8, PAIRS, list(PAIRS[0])),
-    # only confidences above the threshold count; without one all do, also negative ones
-    ("confidence_threshold: 0.5", APART, [10]), ("", APART, [10, 0, 20]),
-    # equal confidences keep the sequence of the priors, also where top_k and keep_top_k cut
-    ("", ALIKE, [20, 0, 10, 30]), ("nms_param { top_k: 3 }", ALIKE, [20, 0, 10]), ("keep_top_k: 3", ALIKE, [20, 0, 10]),
-])
+@pytest.mark.parametrize(
+    ("options", "boxes", "kept"),
+    [
+        (NMS % 0.5, OVERLAPPING, [0, 2]),
+        (NMS % 0.65, OVERLAPPING, [0, 1, 2]),
+        (NMS % 0.3, OVERLAPPING, [0]),
+        # the default is 0.3; dropped boxes suppress none
+        ("", OVERLAPPING, [0]),
+        (NMS % 0, OVERLAPPING, [0]),
+        (NMS % 0, ((0, 4), [1, 1]), [0, 4]),  # touching boxes do not overlap
+        # 0.8 is multiplied by 0.5 after the first kept box, but not again, as it is then below 0.5
+        ("nms_param { nms_threshold: 0.8 eta: 0.5 }", PAIRS, [0, 20, 40, 41.8]),
+        (NMS % 0.8, PAIRS, list(PAIRS[0])),
+        # only confidences above the threshold count; without one all do, also negative ones
+        ("confidence_threshold: 0.5", APART, [10]),
+        ("", APART, [10, 0, 20]),
+        # equal confidences keep the sequence of the priors, also where top_k and keep_top_k cut
+        ("", ALIKE, [20, 0, 10, 30]),
+        ("nms_param { top_k: 3 }", ALIKE, [20, 0, 10]),
+        ("keep_top_k: 3", ALIKE, [20, 0, 10]),
+    ],
+)
 def test_selection(run, options, boxes, kept):
-    found = rows(run, text(more=options), *bottoms(strips(*boxes[0]), [[0, score] for score in boxes[1]]))
+    found = rows(
+        run, text(more=options), *bottoms(strips(*boxes[0]), [[0, score] for score in boxes[1]])
+    )
     assert found[:, 3].tolist() == kept
 
 
 def test_an_overlap_equal_to_the_threshold_is_kept(run):
     """Boxes with overlap 1/3 are both kept with the threshold 1/3 of the same rounding."""
     arrays = bottoms(strips(0, 2), [[0, 0.9], [0, 0.8]])
-    assert len(rows(run, text(more=NMS % repr(float(np.float32(1 / 3)))), *arrays, dtype=np.float32)) == 2
+    assert (
+        len(rows(run, text(more=NMS % repr(float(np.float32(1 / 3)))), *arrays, dtype=np.float32))
+        == 2
+    )
 
 
 FOUR = strips(0, 1, 20, 30), [[0, 0.9, 0.1], [0, 0.8, 0.2], [0, 0.7, 0.3], [0, 0.6, 0.95]]
 ONE = [WIDE], [[0.3, 0.4, 0.5]]
 
 
-@pytest.mark.parametrize(("options", "boxes", "found"), [  # label and xmin of each row
-    ("nms_param { top_k: 2 }", FOUR, [[1, 0], [2, 30], [2, 20]]),  # candidates per class before the suppression
-    ("keep_top_k: 3", FOUR, [[1, 0], [1, 20], [2, 30]]),  # detections per item
-    ("keep_top_k: 6", FOUR, [[1, 0], [1, 20], [1, 30], [2, 30], [2, 20], [2, 1]]),
-    ("keep_top_k: 0", FOUR, [[-1, -1]]), ("nms_param { top_k: 0 }", FOUR, [[-1, -1]]),
-    ("", ONE, [[1, 0], [2, 0]]), ("background_label_id: 1", ONE, [[0, 0], [2, 0]]),
-    ("background_label_id: -1", ONE, [[0, 0], [1, 0], [2, 0]]),
-])
+@pytest.mark.parametrize(
+    ("options", "boxes", "found"),
+    [  # label and xmin of each row
+        # candidates per class before the suppression
+        ("nms_param { top_k: 2 }", FOUR, [[1, 0], [2, 30], [2, 20]]),
+        ("keep_top_k: 3", FOUR, [[1, 0], [1, 20], [2, 30]]),  # detections per item
+        ("keep_top_k: 6", FOUR, [[1, 0], [1, 20], [1, 30], [2, 30], [2, 20], [2, 1]]),
+        ("keep_top_k: 0", FOUR, [[-1, -1]]),
+        ("nms_param { top_k: 0 }", FOUR, [[-1, -1]]),
+        ("", ONE, [[1, 0], [2, 0]]),
+        ("background_label_id: 1", ONE, [[0, 0], [2, 0]]),
+        ("background_label_id: -1", ONE, [[0, 0], [1, 0], [2, 0]]),
+    ],
+)
 def test_classes(run, options, boxes, found):
     assert rows(run, text(3, options), *bottoms(*boxes))[:, [1, 3]].tolist() == found
 
@@ -115,7 +155,11 @@ def test_values_that_are_not_finite(run):
     """A confidence that is no number is no detection; boxes that grow beyond all numbers do no harm."""
     priors = bottoms([WIDE, WIDE], [[0, 0]])[2]
     found = rows(
-        run, text(more="code_type: CENTER_SIZE"), [[0, 0, 1e5, 1e5, 0, 0, 0, 0]], [[0, 0.5, 0, np.nan]], priors
+        run,
+        text(more="code_type: CENTER_SIZE"),
+        [[0, 0, 1e5, 1e5, 0, 0, 0, 0]],
+        [[0, 0.5, 0, np.nan]],
+        priors,
     )
     assert found.tolist() == [[0, 1, 0.5, -np.inf, -np.inf, np.inf, np.inf]]
 
@@ -123,7 +167,10 @@ def test_values_that_are_not_finite(run):
 def test_many_candidates_are_suppressed_in_blocks(run, rng):
     """Boxes that are kept overlap by at most 0.3, and each other one overlaps a kept one of a higher confidence."""
     corner = rng.uniform(0, 0.9, (700, 2))
-    boxes, scores = np.hstack([corner, corner + rng.uniform(0.05, 0.3, (700, 2))]), rng.uniform(size=(700, 2))
+    boxes, scores = (
+        np.hstack([corner, corner + rng.uniform(0.05, 0.3, (700, 2))]),
+        rng.uniform(size=(700, 2)),
+    )
     found = rows(run, text(), *bottoms(boxes, scores))
     low = np.maximum(boxes[:, None, :2], found[None, :, 3:5])
     high = np.minimum(boxes[:, None, 2:], found[None, :, 5:])
@@ -151,9 +198,15 @@ def test_the_number_of_rows_may_change_in_every_pass(net_of):
     net = net_of(NET % "confidence_threshold: 0.5", netlib.TEST, dtype=np.float64)
     _, _, p = bottoms(strips(0, 10), [0])
     assert net.blobs["d"].shape == (1, 1, 1, 7)
-    for scores in ([[0, 0.9, 0, 0.8], [0, 0.7, 0, 0]], np.zeros((2, 4)), [[0, 0, 0, 0], [0, 1, 0, 0]]):
+    for scores in (
+        [[0, 0.9, 0, 0.8], [0, 0.7, 0, 0]],
+        np.zeros((2, 4)),
+        [[0, 0, 0, 0], [0, 1, 0, 0]],
+    ):
         y = net.forward(x=np.zeros((2, 8)), s=np.array(scores), p=p)["scaled"]
-        assert y.shape[2] == (np.array(scores) > 0).sum() or (y.shape[2] == 2 and np.max(scores) == 0)
+        assert y.shape[2] == (np.array(scores) > 0).sum() or (
+            y.shape[2] == 2 and np.max(scores) == 0
+        )
         assert np.array_equal(y, 2 * net.blobs["d"].data)
 
 
@@ -166,7 +219,12 @@ def test_saving_is_ignored_with_a_note(run, caplog):
     """Options that write files or show images are accepted; only those that would take effect are noted."""
     caplog.set_level(logging.WARNING, "netlib")
     arrays = bottoms([WIDE], [[0, 1]])
-    run(text(more='save_output_param { label_map_file: "voc.prototxt" resize_param { height: 3 } }'), *arrays)
+    run(
+        text(
+            more='save_output_param { label_map_file: "voc.prototxt" resize_param { height: 3 } }'
+        ),
+        *arrays,
+    )
     assert not caplog.messages
     run(text(more='save_output_param { output_directory: "out" }'), *arrays)
     run(text(more="visualize: true visualize_threshold: 0.4"), *arrays)

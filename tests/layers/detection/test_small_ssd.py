@@ -61,5 +61,10 @@ def test_text_and_binary_are_equivalent():
     assert wire.encode(wire.decode(data, messages.NetParameter), messages.NetParameter) == data
     made = google.Parse(text, caffe_pb2.NetParameter())
     assert made.SerializeToString(deterministic=True) == data
-    assert google.Parse(str(wire.decode(data, messages.NetParameter)), caffe_pb2.NetParameter()) == made
-    assert {layer.detection_output_param.code_type for layer in made.layer} >= {caffe_pb2.PriorBoxParameter.CENTER_SIZE}
+    assert (
+        google.Parse(str(wire.decode(data, messages.NetParameter)), caffe_pb2.NetParameter())
+        == made
+    )
+    assert {layer.detection_output_param.code_type for layer in made.layer} >= {
+        caffe_pb2.PriorBoxParameter.CENTER_SIZE
+    }

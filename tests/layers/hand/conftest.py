@@ -48,7 +48,8 @@ def random_body(rng: np.random.Generator) -> str:
     """
     axes = ["X", "Y", "Z", "NEG_X", "NEG_Y", "NEG_Z"]
     lines = [
-        f'dof {{ name: "d{i}" initial: {rng.normal():.3f} fixed: {"true" if i < 2 else "false"} }}' for i in range(6)
+        f'dof {{ name: "d{i}" initial: {rng.normal():.3f} fixed: {"true" if i < 2 else "false"} }}'
+        for i in range(6)
     ]
     for i in range(6):
         parts = [f'name: "j{i}"' + (f' parent: "j{rng.integers(i + 1, 6)}"' if i < 4 else "")]

@@ -37,7 +37,9 @@ def dots() -> tuple[np.ndarray, np.ndarray]:
     return depth, joint.reshape(40, 6)
 
 
-def augmented(net: netlib.Net, depth: np.ndarray, joint: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def augmented(
+    net: netlib.Net, depth: np.ndarray, joint: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the tops of the layer for these bottoms."""
     net.blobs["depth"].data[...], net.blobs["joint"].data[...] = depth, joint
     net.forward()
@@ -66,7 +68,9 @@ def test_sizes_of_the_changes(net_of: NetOf) -> None:
     change = (moved - joint).reshape(40, 2, 3)
     np.testing.assert_allclose(change[:, 0], change[:, 1], atol=1e-6)
     limits = np.array([0.1, 0.1, 0.06])
-    assert (np.abs(change) <= limits + 1e-6).all() and (np.abs(change).max(axis=(0, 1)) > 0.85 * limits).all()
+    assert (np.abs(change) <= limits + 1e-6).all() and (
+        np.abs(change).max(axis=(0, 1)) > 0.85 * limits
+    ).all()
     assert (np.abs(change.mean(axis=(0, 1))) < 0.35 * limits).all()
 
 
@@ -74,7 +78,11 @@ def test_pixels_are_picked_and_borders_go_on(net_of: NetOf) -> None:
     """Rotation does not interpolate depth, and pixels at the border of the crop are extended."""
     depth = np.ones((40, 1, 128, 128), np.float32)
     depth[:, :, 100:, 50:80] = 0.25
-    y, _ = augmented(net_of(LAYER % ("y", "moved", "rotation: 20 scale: 0.06 shift: 3")), depth, np.zeros((40, 6)))
+    y, _ = augmented(
+        net_of(LAYER % ("y", "moved", "rotation: 20 scale: 0.06 shift: 3")),
+        depth,
+        np.zeros((40, 6)),
+    )
     assert len(np.unique(y[y < 1])) == 40  # one depth per item, that of the plate
     assert (y[:, 0, 127] < 1).any(axis=1).all()
 
@@ -120,16 +128,29 @@ def test_every_batch_is_different_and_a_resume_is_exact(net_of: NetOf) -> None:
     np.testing.assert_array_equal(augmented(net, *dots())[0], second)
 
 
-@bad_inputs(LayerError, {
-    "rotation": (LAYER % ("y", "moved", "rotation: -5"),
-                 "net.prototxt:5:30: error: layer 'augment': rotation -5 must be from 0 to 180"),
-    "scale": (LAYER % ("y", "moved", "scale: 1"),
-              "net.prototxt:5:30: error: layer 'augment': scale 1 must be from 0 to 0.9"),
-    "no crop": (LAYER.replace("dim: 128 }", "dim: 96 }") % ("y", "moved", ""), "...: error: layer 'augment': "
-                "bottom 'depth' has shape (40, 1, 128, 96), expected crops (N, 1, S, S)"),
-    "no joints": (LAYER.replace("dim: 6", "dim: 7") % ("y", "moved", ""), "net.prototxt:4:7: error: layer 'augment': "
-                  "bottom 'joint' has shape (40, 7), expected joints (40, 3 K)"),
-})
+@bad_inputs(
+    LayerError,
+    {
+        "rotation": (
+            LAYER % ("y", "moved", "rotation: -5"),
+            "net.prototxt:5:30: error: layer 'augment': rotation -5 must be from 0 to 180",
+        ),
+        "scale": (
+            LAYER % ("y", "moved", "scale: 1"),
+            "net.prototxt:5:30: error: layer 'augment': scale 1 must be from 0 to 0.9",
+        ),
+        "no crop": (
+            LAYER.replace("dim: 128 }", "dim: 96 }") % ("y", "moved", ""),
+            "...: error: layer 'augment': "
+            "bottom 'depth' has shape (40, 1, 128, 96), expected crops (N, 1, S, S)",
+        ),
+        "no joints": (
+            LAYER.replace("dim: 6", "dim: 7") % ("y", "moved", ""),
+            "net.prototxt:4:7: error: layer 'augment': "
+            "bottom 'joint' has shape (40, 7), expected joints (40, 3 K)",
+        ),
+    },
+)
 def test_mistakes(net_of: NetOf, given: str, rejected: Any) -> None:
     with rejected:
         net_of(given)

@@ -36,7 +36,9 @@ def test_a_factor_is_a_scaled_body(run, of_any, rng, N):
     """A factor per item scales bones and initial translations, including those of fixed DoFs."""
     text, skeleton = of_any
     x, b = rng.normal(size=(N, 6)), rng.normal(size=(N, 1, 1))
-    expected = [Kinematics(skeleton.scaled(float(s))).joints(row[None]) for row, s in zip(x, b.ravel())]
+    expected = [
+        Kinematics(skeleton.scaled(float(s))).joints(row[None]) for row, s in zip(x, b.ravel())
+    ]
     assert np.allclose(run(text, x, b).y, np.reshape(expected, (N, 18)))
 
 
@@ -46,11 +48,15 @@ def test_lengths_are_a_body_with_such_bones(run, of_any, rng):
     x, b = rng.normal(size=(3, 6)), rng.normal(size=(3, 6))
     assert (skeleton.bone_axes < 0).any()
     dofs = skeleton.param.dof
-    expected = [Kinematics(skeleton.with_numbers(dofs, own)).joints(row[None]) for row, own in zip(x, b)]
+    expected = [
+        Kinematics(skeleton.with_numbers(dofs, own)).joints(row[None]) for row, own in zip(x, b)
+    ]
     assert np.allclose(run(text, x, b).y, np.reshape(expected, (3, 18)))
 
 
-@pytest.mark.parametrize(("N", "size"), [(2, (1,)), (2, (6,)), (2, (1, 1)), (2, (3, 2)), (17, (1,)), (17, (6,))])
+@pytest.mark.parametrize(
+    ("N", "size"), [(2, (1,)), (2, (6,)), (2, (1, 1)), (2, (3, 2)), (17, (1,)), (17, (6,))]
+)
 def test_gradient_of_the_size(check, of_any, rng, N, size):
     check(of_any[0], rng.normal(size=(N, 6)), rng.normal(size=(N, *size)))
 
@@ -69,7 +75,9 @@ def test_each_gradient_is_that_of_both(run, rng, sizes):
 
 
 def test_a_body_of_one_joint_has_a_factor(run, tmp_path):
-    (tmp_path / "stick.prototxt").write_text('dof { name: "a" } joint { name: "tip" bone { axis: X length: 3 } }')
+    (tmp_path / "stick.prototxt").write_text(
+        'dof { name: "a" } joint { name: "tip" bone { axis: X length: 3 } }'
+    )
     text = f'type: "HandModel" hand_model_param {{ skeleton: "{tmp_path}/stick.prototxt" }}'
     assert run(text, np.zeros((1, 1)), [[2.0]]).y.tolist() == [[6, 0, 0]]
 
@@ -84,8 +92,14 @@ def test_a_net_with_sizes(net_of, rng, N, sizes, dtype, tolerance):
         layer {{ name: "b" type: "Input" top: "b" input_param {{ shape {{ dim: {N} dim: {sizes} }} }} }}
         layer {{ name: "h" type: "HandModel" bottom: "x" bottom: "b" top: "y" }}
     """
-    x, b, dy = rng.normal(0, 0.5, (N, 47)), rng.uniform(0.5, 1.5, (N, sizes)), rng.normal(size=(N, 93))
-    predicting, learning = (net_of(start + layers, dtype=dtype) for start in ("", "force_backward: true"))
+    x, b, dy = (
+        rng.normal(0, 0.5, (N, 47)),
+        rng.uniform(0.5, 1.5, (N, sizes)),
+        rng.normal(size=(N, 93)),
+    )
+    predicting, learning = (
+        net_of(start + layers, dtype=dtype) for start in ("", "force_backward: true")
+    )
     plain = net_of("force_backward: true" + layers, engine="plain", dtype=np.float64)
     expected = plain.forward(x=x, b=b)["y"]
     gradients = plain.backward(y=dy)
@@ -93,7 +107,9 @@ def test_a_net_with_sizes(net_of, rng, N, sizes, dtype, tolerance):
         y = net.forward(x=x, b=b)["y"]
         assert y.shape == (N, 93) and np.allclose(y, expected, rtol=0, atol=tolerance)
     for name, found in learning.backward(y=dy).items():
-        assert found.shape == gradients[name].shape and np.allclose(found, gradients[name], rtol=0, atol=tolerance)
+        assert found.shape == gradients[name].shape and np.allclose(
+            found, gradients[name], rtol=0, atol=tolerance
+        )
 
 
 def test_the_skeleton_is_found_beside_the_net(tmp_path, monkeypatch, arm_text):
@@ -110,16 +126,34 @@ def test_the_skeleton_is_found_beside_the_net(tmp_path, monkeypatch, arm_text):
 LENGTHS = "expected (2, 1), a factor, or (2, 3), the bone lengths of skeleton 'arm'"
 
 
-@bad_inputs(netlib.LayerError, {
-    **{f"sizes of {shape}": ([np.zeros((2, 4)), np.zeros(shape)],
-                             f"<gradcheck>:1:1: error: layer 'it': bottom 'bottom1' has shape {shape}, {LENGTHS}")
-       for shape in ((2, 2), (3, 1), ())},
-    "five inputs": ([np.zeros((2, 5))],
-                    "...: error: layer 'it': bottom 'bottom0' has shape (2, 5), skeleton 'arm' expects (2, 4)"),
-    "a number": ([np.zeros(())],
-                 "<gradcheck>:1:1: error: layer 'it': bottom 'bottom0' has shape (), skeleton 'arm' expects (1, 4)"),
-    "no file": ([], netlib.NetlibError, "...gone.prototxt: cannot read the prototxt: No such file or directory"),
-})
+@bad_inputs(
+    netlib.LayerError,
+    {
+        **{
+            f"sizes of {shape}": (
+                [np.zeros((2, 4)), np.zeros(shape)],
+                f"<gradcheck>:1:1: error: layer 'it': bottom 'bottom1' has shape {shape}, {LENGTHS}",
+            )
+            for shape in ((2, 2), (3, 1), ())
+        },
+        "five inputs": (
+            [np.zeros((2, 5))],
+            "...: error: layer 'it': bottom 'bottom0' has shape (2, 5), skeleton 'arm' expects (2, 4)",
+        ),
+        "a number": (
+            [np.zeros(())],
+            "<gradcheck>:1:1: error: layer 'it': bottom 'bottom0' has shape (), skeleton 'arm' expects (1, 4)",
+        ),
+        "no file": (
+            [],
+            netlib.NetlibError,
+            "...gone.prototxt: cannot read the prototxt: No such file or directory",
+        ),
+    },
+)
 def test_mistakes(run, text, given, rejected):
     with rejected:
-        run(text if given else text.replace("arm.prototxt", "gone.prototxt"), *(given or [np.zeros((2, 4))]))
+        run(
+            text if given else text.replace("arm.prototxt", "gone.prototxt"),
+            *(given or [np.zeros((2, 4))]),
+        )

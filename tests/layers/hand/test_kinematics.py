@@ -48,7 +48,8 @@ def test_force_and_torque_on_numbers_worked_by_hand(body, arm_text):
     pose = made.forward(np.array([[0.0, -0.5, -0.25, 0.0]]))
     assert np.allclose(pose.joints[0], [[3, 0, 0], [2, 0, 0], [0, 0, 0]])
     dX = np.zeros((1, 3, 3))
-    dX[0, 0] = (7, 5, 0)  # the base translates by the force (7, 5); the component along the arm has no torque
+    # the base translates by the force (7, 5); the component along the arm has no torque
+    dX[0, 0] = (7, 5, 0)
     assert np.allclose(made.backward(pose, dX), [[7, 5, 15, 5]])
 
 
@@ -66,7 +67,9 @@ def test_a_fixed_dof_ignores_its_input_and_gets_no_gradient(body, arm_text, arm,
 
 def test_a_negative_axis_turns_and_moves_the_other_way(body, arm_text, arm, rng):
     inputs = rng.normal(size=(12, 4))
-    turned = body(arm_text.replace("axis: Z", "axis: NEG_Z").replace("initial: 0.25", "initial: -0.25"))
+    turned = body(
+        arm_text.replace("axis: Z", "axis: NEG_Z").replace("initial: 0.25", "initial: -0.25")
+    )
     assert np.allclose(turned.joints(inputs * [1, 1, -1, -1]), arm(inputs))
     bones = body(arm_text.replace("bone { axis: X length: 2 }", "bone { axis: NEG_X length: -2 }"))
     assert np.allclose(bones.joints(inputs), arm(inputs))
@@ -79,7 +82,10 @@ def test_one_dof_may_drive_several_joints(body, arm_text, arm, rng):
     both = inputs.copy()
     both[:, 3] = inputs[:, 2] + 0.25
     assert np.allclose(coupled.joints(inputs), arm(both))
-    single, got = free.backward(free.forward(both), dX), coupled.backward(coupled.forward(inputs), dX)
+    single, got = (
+        free.backward(free.forward(both), dX),
+        coupled.backward(coupled.forward(inputs), dX),
+    )
     assert np.allclose(got[:, 2], single[:, 2] + single[:, 3])
     assert not got[:, 3].any()
 
@@ -88,7 +94,10 @@ def test_one_dof_may_drive_several_joints(body, arm_text, arm, rng):
 @pytest.mark.parametrize("joints", [None, [2, 0]])
 def test_jacobian_against_differences(body, arm_text, rng, joints, fixed):
     """The Jacobian of all joints or of some agrees with differences; a fixed motion has no row."""
-    made, inputs = body(arm_text.replace("initial: 0.5", f"initial: 0.5 {fixed}")), rng.normal(size=(3, 4))
+    made, inputs = (
+        body(arm_text.replace("initial: 0.5", f"initial: 0.5 {fixed}")),
+        rng.normal(size=(3, 4)),
+    )
     chosen = joints or [0, 1, 2]
     J = made.jacobian(made.forward(inputs), joints)
     assert J.shape == (3, 3 if fixed else 4, 3 * len(chosen))
@@ -109,13 +118,17 @@ def test_bone_directions_against_differences(body, arm_text, hand, rng, name):
     assert not directions[:, table.bone_axes < 0].any()
     for joint in np.flatnonzero(table.bone_axes >= 0):
         step = 1e-6 * np.eye(len(table.bones))[joint]
-        longer, shorter = (made.joints(inputs, np.tile(table.bones + s, (3, 1))) for s in (step, -step))
+        longer, shorter = (
+            made.joints(inputs, np.tile(table.bones + s, (3, 1))) for s in (step, -step)
+        )
         slope = (longer - shorter) / 2e-6
         for other in range(len(table.parents)):
             way = [other]
             while table.parents[way[-1]] >= 0:
                 way.append(table.parents[way[-1]])
-            assert np.allclose(slope[:, other], directions[:, joint] if joint in way else 0, atol=1e-8)
+            assert np.allclose(
+                slope[:, other], directions[:, joint] if joint in way else 0, atol=1e-8
+            )
 
 
 @pytest.mark.parametrize("N", [1, 40])
@@ -144,7 +157,10 @@ def test_one_pose_by_hand(hand):
     """With the palm unrotated and all angles 0, the ring finger is a straight line along its metacarpal."""
     [joints] = hand.joints(-HAND.initial[None] * ~HAND.fixed)
     names = HAND.joint_names
-    chain = [joints[names.index(f"ring_{part}")] for part in ("mcp", "base", "pip_a", "pip_b", "dip", "tip")]
+    chain = [
+        joints[names.index(f"ring_{part}")]
+        for part in ("mcp", "base", "pip_a", "pip_b", "dip", "tip")
+    ]
     steps = np.diff(np.stack(chain), axis=0)
     directions = steps / np.linalg.norm(steps, axis=1, keepdims=True)
     assert np.allclose(directions, directions[0])
@@ -166,7 +182,10 @@ def test_any_pose_keeps_the_bone_lengths(hand, pose):
 
 def test_float32_costs_digits_of_float32_only(hand, rng):
     """float32 loses only float32 precision, even far from the origin, as torques are computed about local points."""
-    inputs, dX = rng.normal(0, 0.5, (20, 47)).astype(np.float32), rng.normal(size=(20, 31, 3)).astype(np.float32)
+    inputs, dX = (
+        rng.normal(0, 0.5, (20, 47)).astype(np.float32),
+        rng.normal(size=(20, 31, 3)).astype(np.float32),
+    )
     inputs[10:, :3] += 500
     single = kinematics_of(HAND, np.float32)
     exact, pose = hand.forward(inputs), single.forward(inputs)
@@ -196,7 +215,9 @@ def test_a_body_of_which_one_root_has_a_child(body, rng, N):
     still = np.broadcast_to([0.7, 0, 0], (N, 3))
     assert np.allclose(pose.joints, np.stack([left, right, still, hand], axis=1))
     for j, angle in enumerate((u, v, zero, v + w)):
-        assert np.allclose(made.rotation_of(pose, j)[:, :2, 0], np.stack([np.cos(angle), np.sin(angle)], axis=1))
+        assert np.allclose(
+            made.rotation_of(pose, j)[:, :2, 0], np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        )
 
 
 def test_a_body_without_free_motions(body):
@@ -228,7 +249,8 @@ def test_forward_pose_is_a_pose(rng, N, own):
     assert np.allclose(found.joints, expected.joints)
     axis, pivot = made.axes(found)
     assert np.allclose(axis, expected.axis)
-    apart = np.cross(pivot - expected.pivot, expected.axis)[:, skeleton.turns]  # any point on the axis may be the pivot
+    # any point on the axis may be the pivot
+    apart = np.cross(pivot - expected.pivot, expected.axis)[:, skeleton.turns]
     assert np.allclose(apart, 0, atol=1e-12)
     for joint in (0, skeleton.joint_names.index("palm"), len(skeleton.joint_names) - 1):
         assert np.allclose(made.rotation_of(found, joint), plain.rotation_of(expected, joint))

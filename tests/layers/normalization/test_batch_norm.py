@@ -8,12 +8,21 @@ KEPT = TEXT + " batch_norm_param { moving_average_fraction: 0.5 }"
 STORED = TEXT + " batch_norm_param { use_global_stats: true eps: 0 }"
 
 
-@pytest.mark.parametrize(("options", "phase", "x", "y"), [
-    ("eps: 0", "TRAIN", [[1, 3], [3, 7]], [[-1, -1], [1, 1]]),  # means 2 and 5, variances 1 and 4
-    ("eps: 3", "TRAIN", [[1], [3]], [[-0.5], [0.5]]),  # (1 - 2) / sqrt(1 + 3)
-    ("eps: 0.25", "TEST", [[1], [7]], [[2], [14]]),  # before the first batch mean and variance are 0, not NaN
-    ("use_global_stats: true", "TRAIN", np.zeros((0, 2)), np.zeros((0, 2))),
-])
+@pytest.mark.parametrize(
+    ("options", "phase", "x", "y"),
+    [
+        (
+            "eps: 0",
+            "TRAIN",
+            [[1, 3], [3, 7]],
+            [[-1, -1], [1, 1]],
+        ),  # means 2 and 5, variances 1 and 4
+        ("eps: 3", "TRAIN", [[1], [3]], [[-0.5], [0.5]]),  # (1 - 2) / sqrt(1 + 3)
+        # before the first batch mean and variance are 0, not NaN
+        ("eps: 0.25", "TEST", [[1], [7]], [[2], [14]]),
+        ("use_global_stats: true", "TRAIN", np.zeros((0, 2)), np.zeros((0, 2))),
+    ],
+)
 def test_by_hand(by_hand, options, phase, x, y):
     by_hand(f"BatchNorm batch_norm_param {{ {options} }}", [x], [y], phase=phase)
 
@@ -27,7 +36,9 @@ def test_the_sums_take_up_every_batch(run):
     assert (mean.tolist(), variance.tolist(), weight.tolist()) == ([3, 7.5], [3, 12], [1.5])
 
 
-@pytest.mark.parametrize(("text", "phase"), [(STORED, "TRAIN"), (TEXT + " batch_norm_param { eps: 0 }", "TEST")])
+@pytest.mark.parametrize(
+    ("text", "phase"), [(STORED, "TRAIN"), (TEXT + " batch_norm_param { eps: 0 }", "TEST")]
+)
 def test_the_sums_normalise(run, text, phase):
     """With stored statistics of mean 6 / 2 and variance 8 / 2, the gradient is scaled and the sums do not change."""
     done = run(text, [[1], [7]], phase=phase, params=[[6], [8], [2]])
@@ -51,7 +62,9 @@ def net_text(options):
     """
 
 
-@pytest.mark.parametrize("options", ["", "param { lr_mult: 0 }", "param { lr_mult: 0 decay_mult: 0 }" * 3], ids=str)
+@pytest.mark.parametrize(
+    "options", ["", "param { lr_mult: 0 }", "param { lr_mult: 0 decay_mult: 0 }" * 3], ids=str
+)
 def test_a_solver_leaves_the_sums_alone(net_of, options):
     assert [param.spec.lr_mult for param in net_of(net_text(options)).learnable] == [0, 0, 0]
 

@@ -43,7 +43,11 @@ def test_segnet_infers_with_scale_and_bias_only(run, rng):
 def test_pspnet_learns_and_averages(run, rng):
     """In TRAIN, the moving averages follow the mean and the variance of the batch, without a correction."""
     x = rng.normal(3, 2, size=(2, 3, 4, 5))
-    done = run(text("momentum: 0.75"), x, params=[[[[[1]]] * 3], np.zeros((1, 3, 1, 1)), [[[[8]]] * 3], [[[[4]]] * 3]])
+    done = run(
+        text("momentum: 0.75"),
+        x,
+        params=[[[[[1]]] * 3], np.zeros((1, 3, 1, 1)), [[[[8]]] * 3], [[[[4]]] * 3]],
+    )
     z, m, v = normalized(x, 1e-5)
     assert np.allclose(done.y, z)
     assert np.allclose(done.layer.blobs[2].data, 0.75 * 8 + 0.25 * m)
@@ -51,7 +55,9 @@ def test_pspnet_learns_and_averages(run, rng):
     assert [param.lr_mult for param in done.layer.spec.param] == [1, 1, 0, 0]
 
 
-@pytest.mark.parametrize(("options", "phase"), [("momentum: 0.9", "TEST"), ("frozen: true", "TRAIN")])
+@pytest.mark.parametrize(
+    ("options", "phase"), [("momentum: 0.9", "TEST"), ("frozen: true", "TRAIN")]
+)
 def test_pspnet_tests_with_its_averages(run, rng, options, phase):
     """In TEST, or if frozen, it normalizes by the averages, which do not change."""
     x = rng.normal(size=(2, 3, 4, 5))
@@ -60,20 +66,27 @@ def test_pspnet_tests_with_its_averages(run, rng, options, phase):
     done = run(text(f"{options} eps: 0.01"), x, phase=phase, params=[scale, bias, mean, variance])
     assert np.allclose(done.y, scale * (x - mean) / np.sqrt(variance + 0.01) + bias)
     assert np.array_equal(done.layer.blobs[2].data, mean)
-    assert [param.lr_mult for param in done.layer.spec.param] == [0 if "frozen" in options else 1] * 2 + [0, 0]
+    assert [param.lr_mult for param in done.layer.spec.param] == [
+        0 if "frozen" in options else 1
+    ] * 2 + [0, 0]
 
 
-@pytest.mark.parametrize("options", [
-    f"bn_mode: LEARN {FILLERS}",
-    f"bn_mode: INFERENCE {FILLERS}",
-    f"frozen: true {PSPNET}",
-    f"momentum: 1 {PSPNET}",
-])
+@pytest.mark.parametrize(
+    "options",
+    [
+        f"bn_mode: LEARN {FILLERS}",
+        f"bn_mode: INFERENCE {FILLERS}",
+        f"frozen: true {PSPNET}",
+        f"momentum: 1 {PSPNET}",
+    ],
+)
 @pytest.mark.parametrize("in_place", [False, True])
 def test_gradient(rng, options, in_place):
     """The gradients of x, scale and bias agree with differences; the averages have none."""
     x = rng.normal(size=(3, 2, 2, 3))
-    found = list(gradcheck.gradients(gradcheck.make_layer(text(options), [x]), [x], in_place=in_place))
+    found = list(
+        gradcheck.gradients(gradcheck.make_layer(text(options), [x]), [x], in_place=in_place)
+    )
     for gradient in found:
         if gradient.number < 2:
             assert np.allclose(gradient.analytic, gradient.differences(), rtol=0, atol=1e-6)

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-PAIRS = np.array([[1.0, 3], [10, 30]]).reshape(1, 2, 1, 2)  # channels of means 2 and 20, and deviations 1 and 10
+# channels of means 2 and 20, and deviations 1 and 10
+PAIRS = np.array([[1.0, 3], [10, 30]]).reshape(1, 2, 1, 2)
 LINE = np.array([1.0, 2, 3])
-SCALED = [1 / (1 + 1 + 4), 2 / (1 + 1 + 4 + 9), 3 / (1 + 4 + 9)]  # sums of squares of a value and its neighbours
+# sums of squares of a value and its neighbours
+SCALED = [1 / (1 + 1 + 4), 2 / (1 + 1 + 4 + 9), 3 / (1 + 4 + 9)]
 NET = """
 input: "x" input_shape { dim: 2 dim: 3 }
 layer { name: "n" type: "Normalize" bottom: "x" top: "y" norm_param { channel_shared: %s } }
@@ -21,39 +23,96 @@ def mvn(x, eps):
 WITH_EPS, GRADIENT = mvn([1, 2, 6], 3)
 
 
-@pytest.mark.parametrize(("layer", "x", "y", "dy", "dx"), [
-    ("LRN lrn_param { local_size: 3 alpha: 3 beta: 1 }", LINE.reshape(1, 3, 1, 1), SCALED, None, None),
-    # the sum is over 3 x 3 pixels, with zeros outside the image; k is ignored
-    ("LRN lrn_param { norm_region: WITHIN_CHANNEL local_size: 3 alpha: 9 beta: 1 k: 100 }", LINE.reshape(1, 1, 1, 3),
-     SCALED, None, None),
-    ("LRN lrn_param { local_size: 1 alpha: 2 beta: 0.5 k: 7 }", [[[[3.0]]]], [3 / 5], None, None),
-    ("MVN mvn_param { eps: 0 }", PAIRS, [-1, 1, -1, 1], None, None),
-    ("MVN mvn_param { normalize_variance: false }", PAIRS, [-1, 1, -10, 10], None, None),
-    ("MVN mvn_param { across_channels: true normalize_variance: false }", PAIRS, [-10, -8, -1, 19], None, None),
-    ("MVN mvn_param { across_channels: true eps: 0 }", PAIRS, (PAIRS - 11).ravel() / PAIRS.std(), None, None),
-    ("MVN mvn_param { eps: 3 }", PAIRS[:, :1], [-0.25, 0.25], None, None),  # (1 - 2) / (1 + 3)
-    ("MVN", np.full((1, 1, 1, 3), 7.0), [0, 0, 0], None, None),
-    ("MVN mvn_param { eps: 3 }", [[[[1.0, 2, 6]]]], WITH_EPS, [1, 0, 0], GRADIENT),
-    ("MVN mvn_param { across_channels: true }", np.zeros((2, 3)), np.zeros((2, 3, 1, 1)), None, None),  # four axes
-    # the item has length 11, and of dy = (1, 1) only the part across x = (3, 4) remains: (1, 1) - (3, 4) 7 / 25
-    ("Normalize", np.array([1.0, 2, 4, 10]).reshape(1, 2, 1, 2), np.array([1, 2, 4, 10]) / 11, None, None),
-    ("Normalize norm_param { eps: 0 }", [[3.0, 4]], [0.6, 0.8], [1, 1], [0.032, -0.024]),
-    ("Normalize norm_param { across_spatial: false eps: 16 }", [[3.0, 0]], [0.6, 0], None, None),
-    ("Normalize", np.zeros((2, 3)), np.zeros(6), None, None),
-])
+@pytest.mark.parametrize(
+    ("layer", "x", "y", "dy", "dx"),
+    [
+        (
+            "LRN lrn_param { local_size: 3 alpha: 3 beta: 1 }",
+            LINE.reshape(1, 3, 1, 1),
+            SCALED,
+            None,
+            None,
+        ),
+        # the sum is over 3 x 3 pixels, with zeros outside the image; k is ignored
+        (
+            "LRN lrn_param { norm_region: WITHIN_CHANNEL local_size: 3 alpha: 9 beta: 1 k: 100 }",
+            LINE.reshape(1, 1, 1, 3),
+            SCALED,
+            None,
+            None,
+        ),
+        (
+            "LRN lrn_param { local_size: 1 alpha: 2 beta: 0.5 k: 7 }",
+            [[[[3.0]]]],
+            [3 / 5],
+            None,
+            None,
+        ),
+        ("MVN mvn_param { eps: 0 }", PAIRS, [-1, 1, -1, 1], None, None),
+        ("MVN mvn_param { normalize_variance: false }", PAIRS, [-1, 1, -10, 10], None, None),
+        (
+            "MVN mvn_param { across_channels: true normalize_variance: false }",
+            PAIRS,
+            [-10, -8, -1, 19],
+            None,
+            None,
+        ),
+        (
+            "MVN mvn_param { across_channels: true eps: 0 }",
+            PAIRS,
+            (PAIRS - 11).ravel() / PAIRS.std(),
+            None,
+            None,
+        ),
+        ("MVN mvn_param { eps: 3 }", PAIRS[:, :1], [-0.25, 0.25], None, None),  # (1 - 2) / (1 + 3)
+        ("MVN", np.full((1, 1, 1, 3), 7.0), [0, 0, 0], None, None),
+        ("MVN mvn_param { eps: 3 }", [[[[1.0, 2, 6]]]], WITH_EPS, [1, 0, 0], GRADIENT),
+        # four axes
+        (
+            "MVN mvn_param { across_channels: true }",
+            np.zeros((2, 3)),
+            np.zeros((2, 3, 1, 1)),
+            None,
+            None,
+        ),
+        # the item has length 11, and of dy = (1, 1) only the part across x = (3, 4) remains: (1, 1) - (3, 4) 7 / 25
+        (
+            "Normalize",
+            np.array([1.0, 2, 4, 10]).reshape(1, 2, 1, 2),
+            np.array([1, 2, 4, 10]) / 11,
+            None,
+            None,
+        ),
+        ("Normalize norm_param { eps: 0 }", [[3.0, 4]], [0.6, 0.8], [1, 1], [0.032, -0.024]),
+        (
+            "Normalize norm_param { across_spatial: false eps: 16 }",
+            [[3.0, 0]],
+            [0.6, 0],
+            None,
+            None,
+        ),
+        ("Normalize", np.zeros((2, 3)), np.zeros(6), None, None),
+    ],
+)
 def test_by_hand(run, layer, x, y, dy, dx):
     kind, _, options = layer.partition(" ")
     done = run(f'type: "{kind}" {options}', x)
     np.testing.assert_allclose(done.y.ravel(), np.ravel(y), rtol=1e-8, atol=1e-12)
     assert done.y.shape == (np.shape(y) if np.ndim(y) > 1 else np.shape(x))
     if dy is not None:
-        np.testing.assert_allclose(done.backward(np.reshape(dy, done.y.shape))[0].ravel(), dx, rtol=1e-8)
+        np.testing.assert_allclose(
+            done.backward(np.reshape(dy, done.y.shape))[0].ravel(), dx, rtol=1e-8
+        )
 
 
 def test_a_scale_of_each_channel(by_hand):
     """The channels (3, 4) have length 5, (0, 2) length 2; the scales are 10 and 100."""
-    by_hand("Normalize norm_param { across_spatial: false channel_shared: false eps: 0 }",
-            [np.reshape([3.0, 0, 4, 2], (1, 2, 1, 2))], [np.reshape([6, 0, 80, 100], (1, 2, 1, 2))], params=[[10, 100]])
+    by_hand(
+        "Normalize norm_param { across_spatial: false channel_shared: false eps: 0 }",
+        [np.reshape([3.0, 0, 4, 2], (1, 2, 1, 2))],
+        [np.reshape([6, 0, 80, 100], (1, 2, 1, 2))],
+        params=[[10, 100]],
+    )
 
 
 def test_the_gradient_of_a_shared_scale(run):
@@ -76,13 +135,20 @@ def test_any_size_of_lrn_gives_what_plain_loops_give(run, rng, size, region):
         else:
             near = x[n, c, max(h - half, 0) : h + half + 1, max(w - half, 0) : w + half + 1]
             s[n, c, h, w] += 0.7 / size**2 * (near**2).sum()
-    done = run(f'type: "LRN" lrn_param {{ local_size: {size} alpha: 0.7 beta: 0.6 norm_region: {region} }}', x)
+    done = run(
+        f'type: "LRN" lrn_param {{ local_size: {size} alpha: 0.7 beta: 0.6 norm_region: {region} }}',
+        x,
+    )
     assert np.allclose(done.y, x / s**0.6)
 
 
-@pytest.mark.parametrize(("shared", "values", "shapes"), [
-    ("false", [1, 2, 3], [(3,), (1, 3), (1, 1, 3), (1, 1, 1, 3)]), ("true", 7, [(), (1,), (1, 1, 1, 1)]),
-])
+@pytest.mark.parametrize(
+    ("shared", "values", "shapes"),
+    [
+        ("false", [1, 2, 3], [(3,), (1, 3), (1, 1, 3), (1, 1, 1, 3)]),
+        ("true", 7, [(), (1,), (1, 1, 1, 1)]),
+    ],
+)
 def test_weights_with_leading_ones(net_of, tmp_path, shared, values, shapes):
     """Scales of other programs, with leading axes of size 1, are loaded from both formats."""
     net, other = net_of(NET % shared), net_of(NET % shared)

@@ -19,7 +19,9 @@ def text(kind="RNN", outputs=3, options=""):
 
 def test_an_rnn_by_hand(run):
     """With one output, h = tanh(x + 2 h before + 0.5) and o = tanh(3 h - 1)."""
-    done = run(text(outputs=1), [[[0.1]], [[-0.2]]], [[1], [1]], params=[[[1]], [0.5], [[2]], [[3]], [-1]])
+    done = run(
+        text(outputs=1), [[[0.1]], [[-0.2]]], [[1], [1]], params=[[[1]], [0.5], [[2]], [[3]], [-1]]
+    )
     h1 = np.tanh(0.1 + 0.5)
     h2 = np.tanh(-0.2 + 2 * h1 + 0.5)
     assert np.allclose(done.y.ravel(), [np.tanh(3 * h1 - 1), np.tanh(3 * h2 - 1)])
@@ -28,10 +30,16 @@ def test_an_rnn_by_hand(run):
 C1 = np.tanh(1) / 2
 
 
-@pytest.mark.parametrize(("shut", "second", "cells"), [
-    (None, 2, [C1, (C1 + np.tanh(2)) / 2]),  # all gates at 1/2: c = (c before + tanh(x)) / 2
-    (0, 1, [0, 0]), (1, 1, [C1, C1]), (2, 1, [0, 0]),  # a closed input, forget and output gate
-], ids=["open", "input", "forget", "output"])
+@pytest.mark.parametrize(
+    ("shut", "second", "cells"),
+    [
+        (None, 2, [C1, (C1 + np.tanh(2)) / 2]),  # all gates at 1/2: c = (c before + tanh(x)) / 2
+        (0, 1, [0, 0]),
+        (1, 1, [C1, C1]),
+        (2, 1, [0, 0]),  # a closed input, forget and output gate
+    ],
+    ids=["open", "input", "forget", "output"],
+)
 def test_an_lstm_by_hand(run, shut, second, cells):
     """h = tanh(c) / 2; the rows of the weights are input, forget, output gate and proposal."""
     bias = np.zeros(4)
@@ -73,7 +81,12 @@ def test_it_gives_what_plain_loops_give(run, rng, kind, item, with_static):
     params = [blob.data for blob in done.layer.blobs]
     rows, more = (12, []) if kind == "LSTM" else (3, [(3, 3), (3,)])
     assert [p.shape for p in params] == [
-        (rows, x[0, 0].size), (rows,), *[(rows, 4)] * with_static, (rows, 3), *more]
+        (rows, x[0, 0].size),
+        (rows,),
+        *[(rows, 4)] * with_static,
+        (rows, 3),
+        *more,
+    ]
     y, *states = loops(kind, x, CONT, params, static)
     assert np.allclose(done.y, y)
     done.layer.forward(done.bottom, done.top)
@@ -84,10 +97,14 @@ def test_the_exposed_state_of_an_rnn(run, rng):
     """The exposed state h is the bottom after the static features, and the second top; its gradient is 0."""
     x, static, h = rng.normal(size=(4, 2, 5)), rng.normal(size=(2, 4)), rng.normal(size=(1, 2, 3))
     done = run(text(options="expose_hidden: true"), x, np.ones((4, 2)), static, h, tops=2)
-    y, last = loops("RNN", x, np.ones((4, 2)), [blob.data for blob in done.layer.blobs], static, h[0])
+    y, last = loops(
+        "RNN", x, np.ones((4, 2)), [blob.data for blob in done.layer.blobs], static, h[0]
+    )
     assert np.allclose(done.ys[0], y)
     assert np.allclose(done.ys[1][0], last)
-    assert not done.backward(np.ones((4, 2, 3)), np.ones((1, 2, 3)), wanted=[True, False, True, True])[3].any()
+    assert not done.backward(
+        np.ones((4, 2, 3)), np.ones((1, 2, 3)), wanted=[True, False, True, True]
+    )[3].any()
 
 
 def test_the_exposed_states_of_an_lstm(run, rng):
@@ -112,7 +129,9 @@ def test_no_gradient_passes_exposed_states(run, rng):
     bottoms = rng.normal(size=(3, 2, 5)), np.ones((3, 2)), *rng.normal(size=(2, 1, 2, 3))
     done = run(text("LSTM", options="expose_hidden: true"), *bottoms, tops=3)
     wanted, dy = [True, False, True, True], rng.normal(size=(3, 2, 3))
-    dx, _, dh, dc = (array.copy() for array in done.backward(dy, *np.zeros((2, 1, 2, 3)), wanted=wanted))
+    dx, _, dh, dc = (
+        array.copy() for array in done.backward(dy, *np.zeros((2, 1, 2, 3)), wanted=wanted)
+    )
     assert dx.all()
     assert not dh.any()
     assert not dc.any()
@@ -175,12 +194,19 @@ def follow(done, x, cont):
 LN3, TANH = math.log(3), math.tanh(2.1)  # sigmoid(ln 3) = 3/4, tanh(ln 3) = 4/5
 
 
-@pytest.mark.parametrize(("dc", "dh", "of_cell", "of_output"), [(1, 0, 1, 0), (0, 1, (1 - TANH**2) / 2, TANH / 4)])
+@pytest.mark.parametrize(
+    ("dc", "dh", "of_cell", "of_output"), [(1, 0, 1, 0), (0, 1, (1 - TANH**2) / 2, TANH / 4)]
+)
 def test_an_lstm_unit_by_hand(by_hand, dc, dh, of_cell, of_output):
     """For i = f = 3/4, o = 1/2 and g = 4/5, c = 3/4 * 2 + 3/4 * 4/5 = 2.1 and h = tanh(c) / 2."""
     dx = [of_cell * 4 / 5 * 3 / 16, of_cell * 2 * 3 / 16, of_output, of_cell * 3 / 4 * 9 / 25]
-    by_hand("LSTMUnit", [[[[2]]], [[[LN3, LN3, 0, LN3]]], [[1]]], [[[[2.1]]], [[[TANH / 2]]]], [[[[dc]]], [[[dh]]]],
-            [[[[of_cell * 3 / 4]]], [[dx]], None])
+    by_hand(
+        "LSTMUnit",
+        [[[[2]]], [[[LN3, LN3, 0, LN3]]], [[1]]],
+        [[[[2.1]]], [[[TANH / 2]]]],
+        [[[[dc]]], [[[dh]]]],
+        [[[[of_cell * 3 / 4]]], [[dx]], None],
+    )
 
 
 def test_an_lstm_unit_forgets_where_a_sequence_is_new(run):

@@ -21,32 +21,79 @@ def text(kind="Convolution", **options):
 DEPTHWISE = [[[[1, 1]]], [[[-1, 1]]]], [10, 20]  # sums of two pixels, and differences of them
 
 
-@pytest.mark.parametrize(("layer", "x", "params", "y", "dy", "dx", "dparams"), [
-    # a kernel is not flipped: y = 10 + x[h, w] + 2 x[h, w + 1] - x[h + 1, w + 1]
-    ("Convolution num_output: 1 kernel_size: 2", [[[0, 1, 2], [3, 4, 5], [6, 7, 8]]], [[[[[1, 2], [0, -1]]]], [10]],
-     [[[10 + 0 + 2 - 4, 10 + 1 + 4 - 5], [10 + 3 + 8 - 7, 10 + 4 + 10 - 8]]], [[[1, 0], [0, 0]]],
-     [[[1, 2, 0], [0, -1, 0], [0, 0, 0]]], [[[[[0, 1], [3, 4]]]], [1]]),
-    # two values each add the kernel 1, 2, 3; with stride 2 the kernels overlap in one pixel
-    ("Deconvolution num_output: 1 kernel_h: 1 kernel_w: 3 stride: 2", [[[1, 5]]], [[[[[1, 2, 3]]]], [10]],
-     [[[11, 12, 13 + 5, 20, 25]]], [[[1, 0, 0, 0, 1]]], [[[1, 3]]], [[[[[1, 0, 5]]]], [2]]),
-    *((f"{kind} kernel_h: 1 kernel_w: 2", [[[1.0, 2, 4]], [[5, 5, 9]]], DEPTHWISE, [[[13, 16]], [[20, 24]]],
-       [[[1, 10]], [[1, 10]]], [[[1, 11, 10]], [[-1, -9, 10]]], [[[[[21, 42]]], [[[55, 95]]]], [11, 11]])
-      for kind in ("DepthwiseConvolution num_output: 2 group: 2", "ConvolutionDepthwise")),
-    # row (i, j) holds the pixels multiplied by kernel element (i, j)
-    ("Im2col kernel_size: 2", [[[0, 1, 2], [3, 4, 5]]], [], [[[0, 1]], [[1, 2]], [[3, 4]], [[4, 5]]],
-     np.ones((4, 1, 2)), [[[1, 2, 1], [1, 2, 1]]], []),
-], ids=lambda value: value if isinstance(value, str) else "")
+@pytest.mark.parametrize(
+    ("layer", "x", "params", "y", "dy", "dx", "dparams"),
+    [
+        # a kernel is not flipped: y = 10 + x[h, w] + 2 x[h, w + 1] - x[h + 1, w + 1]
+        (
+            "Convolution num_output: 1 kernel_size: 2",
+            [[[0, 1, 2], [3, 4, 5], [6, 7, 8]]],
+            [[[[[1, 2], [0, -1]]]], [10]],
+            [[[10 + 0 + 2 - 4, 10 + 1 + 4 - 5], [10 + 3 + 8 - 7, 10 + 4 + 10 - 8]]],
+            [[[1, 0], [0, 0]]],
+            [[[1, 2, 0], [0, -1, 0], [0, 0, 0]]],
+            [[[[[0, 1], [3, 4]]]], [1]],
+        ),
+        # two values each add the kernel 1, 2, 3; with stride 2 the kernels overlap in one pixel
+        (
+            "Deconvolution num_output: 1 kernel_h: 1 kernel_w: 3 stride: 2",
+            [[[1, 5]]],
+            [[[[[1, 2, 3]]]], [10]],
+            [[[11, 12, 13 + 5, 20, 25]]],
+            [[[1, 0, 0, 0, 1]]],
+            [[[1, 3]]],
+            [[[[[1, 0, 5]]]], [2]],
+        ),
+        *(
+            (
+                f"{kind} kernel_h: 1 kernel_w: 2",
+                [[[1.0, 2, 4]], [[5, 5, 9]]],
+                DEPTHWISE,
+                [[[13, 16]], [[20, 24]]],
+                [[[1, 10]], [[1, 10]]],
+                [[[1, 11, 10]], [[-1, -9, 10]]],
+                [[[[[21, 42]]], [[[55, 95]]]], [11, 11]],
+            )
+            for kind in ("DepthwiseConvolution num_output: 2 group: 2", "ConvolutionDepthwise")
+        ),
+        # row (i, j) holds the pixels multiplied by kernel element (i, j)
+        (
+            "Im2col kernel_size: 2",
+            [[[0, 1, 2], [3, 4, 5]]],
+            [],
+            [[[0, 1]], [[1, 2]], [[3, 4]], [[4, 5]]],
+            np.ones((4, 1, 2)),
+            [[[1, 2, 1], [1, 2, 1]]],
+            [],
+        ),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
 def test_by_hand(by_hand, layer, x, params, y, dy, dx, dparams):
     kind, _, options = layer.partition(" ")
-    by_hand(f"{kind} convolution_param {{ {options} }}", [[x]], [[y]], [[dy]], [[dx]], dparams, params=params)
+    by_hand(
+        f"{kind} convolution_param {{ {options} }}",
+        [[x]],
+        [[y]],
+        [[dy]],
+        [[dx]],
+        dparams,
+        params=params,
+    )
 
 
 PAIRS = st.tuples(st.integers(1, 3), st.integers(1, 3))
 
 
 @given(
-    N=st.integers(1, 3), per=st.integers(1, 2), group=st.integers(1, 2), size=st.tuples(*[st.integers(1, 9)] * 2),
-    kernel=PAIRS, stride=PAIRS, pad=st.tuples(*[st.integers(0, 2)] * 2), dilation=PAIRS,
+    N=st.integers(1, 3),
+    per=st.integers(1, 2),
+    group=st.integers(1, 2),
+    size=st.tuples(*[st.integers(1, 9)] * 2),
+    kernel=PAIRS,
+    stride=PAIRS,
+    pad=st.tuples(*[st.integers(0, 2)] * 2),
+    dilation=PAIRS,
 )
 def test_any_options_give_what_plain_loops_give(N, per, group, size, kernel, stride, pad, dilation):
     C = O = per * group
@@ -62,13 +109,17 @@ def test_any_options_give_what_plain_loops_give(N, per, group, size, kernel, str
     dy = rng.normal(size=done.y.shape)
     done.bottom[0].diff[...] = np.nan
     [dx], (dw, db) = done.backward(dy), (blob.diff for blob in done.layer.blobs)
-    check_transpose(dy, x, w, b, dx, dw, db, lambda x, w, b: convolve(x, w, b, stride, pad, dilation, group))
+    check_transpose(
+        dy, x, w, b, dx, dw, db, lambda x, w, b: convolve(x, w, b, stride, pad, dilation, group)
+    )
 
 
 SHAPES = [(2, 3), (2, 3, 7), (2, 3, 6, 5), (1, 2, 5, 4, 6), (1, 1, 3, 4, 3, 4)]
 
 
-@pytest.mark.parametrize("options", [{}, {"stride": 2, "pad": 1}, {"pad": 1, "dilation": 2}], ids=str)
+@pytest.mark.parametrize(
+    "options", [{}, {"stride": 2, "pad": 1}, {"pad": 1, "dilation": 2}], ids=str
+)
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: f"{len(shape) - 2}-D")
 def test_any_number_of_spatial_axes(run, rng, shape, options):
     x = rng.normal(size=shape)
@@ -85,8 +136,11 @@ def test_without_items(run, rng):
 
 
 WINDOWS = [
-    {"kernel_size": 3}, {"kernel_size": 1}, {"kernel_size": 4, "stride": 2, "pad": 1},
-    {"kernel_size": 2, "dilation": 2}, {"num_output": 4, "kernel_size": 2, "group": 2},
+    {"kernel_size": 3},
+    {"kernel_size": 1},
+    {"kernel_size": 4, "stride": 2, "pad": 1},
+    {"kernel_size": 2, "dilation": 2},
+    {"num_output": 4, "kernel_size": 2, "group": 2},
     {"kernel_size": "[2, 3]", "stride": "[1, 2]", "pad": "[0, 1]"},
 ]
 
@@ -102,7 +156,11 @@ def test_deconvolution_is_a_convolution_backwards(run, rng, options):
 def test_several_outputs_per_channel_and_several_bottoms(run, rng):
     """DepthwiseConvolution may have a multiple of the channels as outputs: first all those of the first channel."""
     bottoms = rng.normal(size=(2, 1, 2, 4, 4))
-    done = run(text("DepthwiseConvolution", num_output=4, group=2, kernel_size=1, bias_term="false"), *bottoms, tops=2)
+    done = run(
+        text("DepthwiseConvolution", num_output=4, group=2, kernel_size=1, bias_term="false"),
+        *bottoms,
+        tops=2,
+    )
     for x, y in zip(bottoms, done.ys):
         assert np.allclose(y, x[:, [0, 0, 1, 1]] * done.layer.blobs[0].data[:, 0])
 
@@ -110,13 +168,15 @@ def test_several_outputs_per_channel_and_several_bottoms(run, rng):
 def test_convolution_depthwise_ignores_outputs_and_group_with_a_warning(run, caplog):
     """Like the forks, ConvolutionDepthwise has as many outputs as channels whatever its options say."""
     with caplog.at_level(logging.WARNING, "netlib"):
-        done = run(text("ConvolutionDepthwise", num_output=8, group=2, kernel_size=1), np.zeros((1, 4, 3, 3)))
+        done = run(
+            text("ConvolutionDepthwise", num_output=8, group=2, kernel_size=1),
+            np.zeros((1, 4, 3, 3)),
+        )
     assert done.y.shape == (1, 4, 3, 3)
     assert done.layer.blobs[0].shape == (4, 1, 1, 1)
-    assert [("num_output 8" in r.getMessage(), "group 2" in r.getMessage()) for r in caplog.records] == [
-        (True, False),
-        (False, True),
-    ]
+    assert [
+        ("num_output 8" in r.getMessage(), "group 2" in r.getMessage()) for r in caplog.records
+    ] == [(True, False), (False, True)]
     caplog.clear()
     run(text("ConvolutionDepthwise", num_output=4, group=4, kernel_size=1), np.zeros((1, 4, 3, 3)))
     assert not caplog.records

@@ -13,7 +13,9 @@ from tests.support.plain_loops import outputs, pool
 
 
 def text(**options):
-    return f'type: "Pooling" pooling_param {{ {" ".join(f"{k}: {v}" for k, v in options.items())} }}'
+    return (
+        f'type: "Pooling" pooling_param {{ {" ".join(f"{k}: {v}" for k, v in options.items())} }}'
+    )
 
 
 SQUARE = np.reshape([1.0, 2, 0, 4, 3, 5, 6, 0, 7], (1, 1, 3, 3))
@@ -23,37 +25,94 @@ LOWEST = -float(np.finfo(np.float32).max)  # of an empty window
 
 
 # options, x, the tops with one item and channel, dy, dx
-@pytest.mark.parametrize(("options", "x", "tops", "dy", "dx"), [
-    # with 2 x 2 windows on 3 x 3 pixels the last windows extend over the edge
-    ({"kernel_size": 2, "stride": 2}, SQUARE, [[[4, 5], [6, 7]]], [[1, 2], [3, 4]], [[0, 0, 0], [1, 0, 2], [3, 0, 4]]),
-    ({"pool": "AVE", "kernel_size": 2, "stride": 2}, SQUARE, [[[2.5, 2.5], [3, 7]]], [[4, 2], [6, 1]],
-     [[1, 1, 1], [1, 1, 1], [3, 3, 1]]),
-    # the mask numbers the pixels of a map; the first of equal values counts
-    ({"kernel_size": 2}, np.where(SQUARE == 0, 6, SQUARE), [[[4, 6], [6, 7]], [[3, 2], [6, 8]]], [[1, 2], [3, 4]],
-     [[0, 0, 2], [1, 0, 0], [3, 0, 4]]),
-    ({"kernel_size": 1, "stride": 3}, ONES, [[[1], [1], [LOWEST]], [[0], [3], [-1]]], None, None),
-    ({"pool": "AVE", "kernel_size": 1, "stride": 3}, ONES, [[[1], [1], [np.nan]]], None, None),
-    # a window may be larger than the bottom; AVE divides by the area within the padding
-    ({"kernel_size": 3, "stride": 2}, SMALL, [[[7]]], [[1]], [[0, 0], [1, 0]]),
-    ({"pool": "AVE", "kernel_size": 3, "stride": 2}, SMALL, [[[15 / 4]]], [[4]], [[1, 1], [1, 1]]),
-    ({"pool": "AVE", "kernel_size": 5, "stride": 3, "pad": 1}, SMALL, [[[15 / 16]]], [[16]], [[1, 1], [1, 1]]),
-    ({"kernel_size": 10**9, "stride": 10**9}, SMALL, [[[7]], [[2]]], [[1]], [[0, 0], [1, 0]]),  # without its memory
-    ({"pool": "AVE", "kernel_size": 10**9, "stride": 10**9}, SMALL, [[[15 / 4]]], None, None),
-    # a window as large as its bottom that begins in the padding reads neither the last row nor the last column
-    ({"kernel_size": 3, "stride": 5, "pad": 1}, np.arange(9.0).reshape(1, 1, 3, 3), [[[4]]], [[1]],
-     [[0, 0, 0], [0, 1, 0], [0, 0, 0]]),
-], ids=lambda value: str(value) if isinstance(value, dict) else "")
+@pytest.mark.parametrize(
+    ("options", "x", "tops", "dy", "dx"),
+    [
+        # with 2 x 2 windows on 3 x 3 pixels the last windows extend over the edge
+        (
+            {"kernel_size": 2, "stride": 2},
+            SQUARE,
+            [[[4, 5], [6, 7]]],
+            [[1, 2], [3, 4]],
+            [[0, 0, 0], [1, 0, 2], [3, 0, 4]],
+        ),
+        (
+            {"pool": "AVE", "kernel_size": 2, "stride": 2},
+            SQUARE,
+            [[[2.5, 2.5], [3, 7]]],
+            [[4, 2], [6, 1]],
+            [[1, 1, 1], [1, 1, 1], [3, 3, 1]],
+        ),
+        # the mask numbers the pixels of a map; the first of equal values counts
+        (
+            {"kernel_size": 2},
+            np.where(SQUARE == 0, 6, SQUARE),
+            [[[4, 6], [6, 7]], [[3, 2], [6, 8]]],
+            [[1, 2], [3, 4]],
+            [[0, 0, 2], [1, 0, 0], [3, 0, 4]],
+        ),
+        (
+            {"kernel_size": 1, "stride": 3},
+            ONES,
+            [[[1], [1], [LOWEST]], [[0], [3], [-1]]],
+            None,
+            None,
+        ),
+        ({"pool": "AVE", "kernel_size": 1, "stride": 3}, ONES, [[[1], [1], [np.nan]]], None, None),
+        # a window may be larger than the bottom; AVE divides by the area within the padding
+        ({"kernel_size": 3, "stride": 2}, SMALL, [[[7]]], [[1]], [[0, 0], [1, 0]]),
+        (
+            {"pool": "AVE", "kernel_size": 3, "stride": 2},
+            SMALL,
+            [[[15 / 4]]],
+            [[4]],
+            [[1, 1], [1, 1]],
+        ),
+        (
+            {"pool": "AVE", "kernel_size": 5, "stride": 3, "pad": 1},
+            SMALL,
+            [[[15 / 16]]],
+            [[16]],
+            [[1, 1], [1, 1]],
+        ),
+        # without its memory
+        ({"kernel_size": 10**9, "stride": 10**9}, SMALL, [[[7]], [[2]]], [[1]], [[0, 0], [1, 0]]),
+        ({"pool": "AVE", "kernel_size": 10**9, "stride": 10**9}, SMALL, [[[15 / 4]]], None, None),
+        # a window as large as its bottom that begins in the padding reads neither the last row nor the last column
+        (
+            {"kernel_size": 3, "stride": 5, "pad": 1},
+            np.arange(9.0).reshape(1, 1, 3, 3),
+            [[[4]]],
+            [[1]],
+            [[0, 0, 0], [0, 1, 0], [0, 0, 0]],
+        ),
+    ],
+    ids=lambda value: str(value) if isinstance(value, dict) else "",
+)
 def test_by_hand(by_hand, options, x, tops, dy, dx):
     mask = [np.full((1, 1, *np.shape(dy)), 100)] * (len(tops) - 1)  # the diff of a mask is not read
-    by_hand(text(**options).replace('type: "Pooling"', "Pooling"), [x], [[[top]] for top in tops],
-            [[[dy]], *mask] if dy else [], [[[dx]]] if dy else [])
+    by_hand(
+        text(**options).replace('type: "Pooling"', "Pooling"),
+        [x],
+        [[[top]] for top in tops],
+        [[[dy]], *mask] if dy else [],
+        [[[dx]]] if dy else [],
+    )
 
 
-@pytest.mark.parametrize(("options", "size", "top"), [
-    ({"kernel_h": 2, "kernel_w": 1, "stride_h": 2, "stride_w": 3}, (6, 6), (3, 3)),
-    # padding on one axis drops an empty last window on the other, as in Caffe: of columns 0, 3 and 6 the last
-    ({"kernel_h": 2, "kernel_w": 1, "stride_h": 2, "stride_w": 3, "pad_h": 1, "pad_w": 0}, (6, 6), (4, 2)),
-], ids=str)
+@pytest.mark.parametrize(
+    ("options", "size", "top"),
+    [
+        ({"kernel_h": 2, "kernel_w": 1, "stride_h": 2, "stride_w": 3}, (6, 6), (3, 3)),
+        # padding on one axis drops an empty last window on the other, as in Caffe: of columns 0, 3 and 6 the last
+        (
+            {"kernel_h": 2, "kernel_w": 1, "stride_h": 2, "stride_w": 3, "pad_h": 1, "pad_w": 0},
+            (6, 6),
+            (4, 2),
+        ),
+    ],
+    ids=str,
+)
 def test_output_sizes(run, options, size, top):
     assert run(text(**options), np.zeros((1, 1, *size))).y.shape[2:] == top
 
@@ -63,16 +122,33 @@ PAIRS = st.tuples(st.integers(1, 4), st.integers(1, 4))
 
 
 @given(
-    size=SIZES, kernel=PAIRS, stride=PAIRS, pad=st.tuples(st.integers(0, 2), st.integers(0, 2)), ceil=st.booleans(),
-    mean=st.booleans(), ties=st.booleans(),
+    size=SIZES,
+    kernel=PAIRS,
+    stride=PAIRS,
+    pad=st.tuples(st.integers(0, 2), st.integers(0, 2)),
+    ceil=st.booleans(),
+    mean=st.booleans(),
+    ties=st.booleans(),
 )
 def test_any_window_gives_what_plain_loops_give(size, kernel, stride, pad, ceil, mean, ties):
     stride = tuple(min(s, k) for s, k in zip(stride, kernel))
-    assume(all(p < k and outputs(n, k, s, p, ceil) > 0 for n, k, s, p in zip(size, kernel, stride, pad)))
+    assume(
+        all(
+            p < k and outputs(n, k, s, p, ceil) > 0 for n, k, s, p in zip(size, kernel, stride, pad)
+        )
+    )
     rng = np.random.default_rng(0)
     x = rng.integers(0, 3, (2, 2, *size)).astype(float) if ties else rng.normal(size=(2, 2, *size))
-    options = text(pool="AVE" if mean else "MAX", kernel_h=kernel[0], kernel_w=kernel[1], stride_h=stride[0],
-                   stride_w=stride[1], pad_h=pad[0], pad_w=pad[1], round_mode="CEIL" if ceil else "FLOOR")
+    options = text(
+        pool="AVE" if mean else "MAX",
+        kernel_h=kernel[0],
+        kernel_w=kernel[1],
+        stride_h=stride[0],
+        stride_w=stride[1],
+        pad_h=pad[0],
+        pad_w=pad[1],
+        round_mode="CEIL" if ceil else "FLOOR",
+    )
     compare(options, x, *pool(x, kernel, stride, pad, mean, ceil))
 
 
@@ -95,15 +171,24 @@ def test_global_pooling_follows_the_size(run, rng):
     assert np.allclose(done.y[..., 0, 0], done.bottom[0].data.max(axis=(2, 3)))
 
 
-@pytest.mark.parametrize("options", [
-    {"kernel_size": 2, "stride": 2}, {"kernel_size": 3, "stride": 2, "pad": 1}, {"global_pooling": "true"},
-    {"kernel_h": 2, "kernel_w": 3, "pad_h": 1, "pad_w": 2}, {"kernel_size": 7, "stride": 3},
-], ids=str)
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"kernel_size": 2, "stride": 2},
+        {"kernel_size": 3, "stride": 2, "pad": 1},
+        {"global_pooling": "true"},
+        {"kernel_h": 2, "kernel_w": 3, "pad_h": 1, "pad_w": 2},
+        {"kernel_size": 7, "stride": 3},
+    ],
+    ids=str,
+)
 def test_the_mask_says_where_the_maximum_is(run, rng, options):
     x = rng.normal(size=(2, 3, 5, 6))
     y, mask = run(text(**options), x, tops=2).ys
-    assert np.array_equal(np.take_along_axis(x.reshape(2, 3, -1), mask.reshape(2, 3, -1).astype(int), axis=2),
-                          y.reshape(2, 3, -1))
+    assert np.array_equal(
+        np.take_along_axis(x.reshape(2, 3, -1), mask.reshape(2, 3, -1).astype(int), axis=2),
+        y.reshape(2, 3, -1),
+    )
 
 
 def test_a_layer_in_place_before_the_pooling_shows_in_the_mask(net_of, rng):
@@ -119,7 +204,9 @@ def test_a_layer_in_place_before_the_pooling_shows_in_the_mask(net_of, rng):
     assert found[0, 0].tolist() == [[0, 2, 4], [12, 14, 16], [24, 26, 28]]
 
 
-@pytest.mark.parametrize("options", [{"kernel_size": 2, "stride": 2}, {"kernel_size": 3, "stride": 2}], ids=str)
+@pytest.mark.parametrize(
+    "options", [{"kernel_size": 2, "stride": 2}, {"kernel_size": 3, "stride": 2}], ids=str
+)
 def test_nan_is_not_hidden(run, options):
     """A NaN is passed on, so that the solver detects it."""
     x = np.zeros((1, 1, 4, 4))
@@ -132,7 +219,10 @@ def test_nan_is_not_hidden(run, options):
 def test_half_a_kernel_is_ignored_as_in_caffe(run, caplog):
     """Of kernel_size and only one of kernel_h and kernel_w, Caffe uses the former; here with a warning."""
     assert run(text(kernel_size=2, kernel_h=4), np.zeros((1, 1, 5, 5))).y.shape == (1, 1, 4, 4)
-    assert "Pooling ignores kernel_h in pooling_param, as Caffe does; kernel_size takes precedence" in caplog.text
+    assert (
+        "Pooling ignores kernel_h in pooling_param, as Caffe does; kernel_size takes precedence"
+        in caplog.text
+    )
 
 
 @pytest.mark.parametrize(("given", "size"), [("true", 4), ("false", 3)])
@@ -163,7 +253,9 @@ def test_spp_by_hand(run):
 
 
 def test_spp_the_first_of_equal_values_wins(run):
-    assert run(spp(2), np.zeros((1, 1, 2, 2))).backward([[1, 2, 3, 4, 5]])[0].tolist() == [[[[3, 3], [4, 5]]]]
+    assert run(spp(2), np.zeros((1, 1, 2, 2))).backward([[1, 2, 3, 4, 5]])[0].tolist() == [
+        [[[3, 3], [4, 5]]]
+    ]
 
 
 def test_spp_of_a_single_level_keeps_four_axes(run):
@@ -193,4 +285,6 @@ def test_levels_of_spp_are_poolings(run, rng, size, pool):
     dy = rng.normal(size=done.y.shape)
     ends = np.cumsum([level.y[0].size for level in levels])[:-1]
     parts = [part.reshape(level.y.shape) for part, level in zip(np.split(dy, ends, axis=1), levels)]
-    assert np.allclose(done.backward(dy)[0], sum(level.backward(part)[0] for part, level in zip(parts, levels)))
+    assert np.allclose(
+        done.backward(dy)[0], sum(level.backward(part)[0] for part, level in zip(parts, levels))
+    )

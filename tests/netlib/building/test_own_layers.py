@@ -113,23 +113,33 @@ def test_a_python_layer(squares: None) -> None:
 
 
 def test_a_python_layer_may_derive_from_ours(module: MakeModule) -> None:
-    module("steeper", """
+    module(
+        "steeper",
+        """
 from layers.activation.tanh import TanH
 
 class Steeper(TanH):
     def forward(self, bottom, top):
         super().forward(bottom, top)
         top[0].data[...] *= 2
-""")
+""",
+    )
     net = net_with(python("Steeper", "steeper"))
     assert np.allclose(net.forward(x=np.array([0, 1, -2]))["y"], 2 * np.tanh([0, 1, -2]))
 
 
-@pytest.mark.parametrize(("name", "message"), [
-    ("Broken", r"forward failed: ZeroDivisionError: division by zero \(squares.py:22\)"),
-    ("Singular", r"backward failed: LinAlgError: Singular matrix \(squares.py:26\)"),  # raised in a file of NumPy's
-    ("TooFew", r".* failed: TypeError: .*reshape\(\) takes 2 positional arguments but 3 were given.*"),
-])
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("Broken", r"forward failed: ZeroDivisionError: division by zero \(squares.py:22\)"),
+        # raised in a file of NumPy's
+        ("Singular", r"backward failed: LinAlgError: Singular matrix \(squares.py:26\)"),
+        (
+            "TooFew",
+            r".* failed: TypeError: .*reshape\(\) takes 2 positional arguments but 3 were given.*",
+        ),
+    ],
+)
 def test_a_python_layer_that_fails(squares: None, name: str, message: str) -> None:
     """The error names the layer, its method, the exception, and the innermost line of the user's own file."""
     with pytest.raises(netlib.LayerError, match=rf"layer 'own': {message}$"):
@@ -141,35 +151,78 @@ def test_a_python_layer_that_fails(squares: None, name: str, message: str) -> No
 BESIDE = "it must lie in the working directory or on PYTHONPATH"
 
 
-@bad_inputs(netlib.PrototxtError, {
-    "class": (python("Absent"), "f:1:187: error: layer 'own': ...squares.py has no class 'Absent'"),
-    "no layer": (python("Stranger"), "f:1:187: error: layer 'own': squares.Stranger is not a subclass of ..."),
-    "module": (python("Square", module="missing"),
-               f"f:1:169: error: layer 'own': cannot import 'missing' (ModuleNotFoundError: ...); {BESIDE}"),
-    "no Python": (("def", python("Square", module="old")), "f:1:169: error: layer 'own': cannot import 'old' "
-                  "(SyntaxError: ... (old.py, line 1))"),
-    **{f"Python 2: {line}": (
-        (line, python("Square", module="old")),
-        f"f:1:169: error: layer 'own': cannot import 'old' (...); it was written for Python 2: {advice} (docs/...)"
-    ) for line, advice in {
-        **dict.fromkeys(("print 'x'", "print 'x', 3", "exec 'x'", "try: pass\nexcept E, e: pass", "m = 0777", "n = 10L",
-                         "if 1 <> 2: pass", "x = `1`", "raise E, 'x'", "if 1:\n        x = 1\n\ty = 1"),
-                        "convert it to Python 3"),
-        "import cPickle": "cPickle is now pickle", "from StringIO import StringIO": "StringIO is now io",
-    }.items()},
-    "no package": (
-        ("import easydict.nowhere", python("Square", module="old")), "f:1:169: error: layer 'own': cannot import 'old' "
-        "(ModuleNotFoundError: ...); install the package that has 'easydict', or put it on PYTHONPATH"
-    ),
-    **{repr(name): (python("Square", name), f"f:1:169: error: layer 'own': cannot import '{name}' (...)...")
-       for name in ("", ".", ".squares", "squares.", "a..b", "../squares", "sys.path")},
-    "null": (python("Square", "\\000"), r"f:1:169: error: layer 'own': cannot import '\x00' (...)..."),
-    "sys": (python("Square", "sys"), "f:1:183: error: layer 'own': sys has no class 'Square'"),
-    "ours": (python("Absent", "layers"),
-             "f:1:186: error: layer 'own': layers.Absent was looked for in this project's own package "
-             "(...__init__.py); expected a module 'layers' with it in the working directory or on PYTHONPATH"),
-    "no class": (python("").replace('layer: ""', ""), "f:1:...: error: missing required field 'layer' in python_param"),
-})
+@bad_inputs(
+    netlib.PrototxtError,
+    {
+        "class": (
+            python("Absent"),
+            "f:1:187: error: layer 'own': ...squares.py has no class 'Absent'",
+        ),
+        "no layer": (
+            python("Stranger"),
+            "f:1:187: error: layer 'own': squares.Stranger is not a subclass of ...",
+        ),
+        "module": (
+            python("Square", module="missing"),
+            f"f:1:169: error: layer 'own': cannot import 'missing' (ModuleNotFoundError: ...); {BESIDE}",
+        ),
+        "no Python": (
+            ("def", python("Square", module="old")),
+            "f:1:169: error: layer 'own': cannot import 'old' (SyntaxError: ... (old.py, line 1))",
+        ),
+        **{
+            f"Python 2: {line}": (
+                (line, python("Square", module="old")),
+                f"f:1:169: error: layer 'own': cannot import 'old' (...); it was written for Python 2: {advice} (docs/...)",
+            )
+            for line, advice in {
+                **dict.fromkeys(
+                    (
+                        "print 'x'",
+                        "print 'x', 3",
+                        "exec 'x'",
+                        "try: pass\nexcept E, e: pass",
+                        "m = 0777",
+                        "n = 10L",
+                        "if 1 <> 2: pass",
+                        "x = `1`",
+                        "raise E, 'x'",
+                        "if 1:\n        x = 1\n\ty = 1",
+                    ),
+                    "convert it to Python 3",
+                ),
+                "import cPickle": "cPickle is now pickle",
+                "from StringIO import StringIO": "StringIO is now io",
+            }.items()
+        },
+        "no package": (
+            ("import easydict.nowhere", python("Square", module="old")),
+            "f:1:169: error: layer 'own': cannot import 'old' "
+            "(ModuleNotFoundError: ...); install the package that has 'easydict', or put it on PYTHONPATH",
+        ),
+        **{
+            repr(name): (
+                python("Square", name),
+                f"f:1:169: error: layer 'own': cannot import '{name}' (...)...",
+            )
+            for name in ("", ".", ".squares", "squares.", "a..b", "../squares", "sys.path")
+        },
+        "null": (
+            python("Square", "\\000"),
+            r"f:1:169: error: layer 'own': cannot import '\x00' (...)...",
+        ),
+        "sys": (python("Square", "sys"), "f:1:183: error: layer 'own': sys has no class 'Square'"),
+        "ours": (
+            python("Absent", "layers"),
+            "f:1:186: error: layer 'own': layers.Absent was looked for in this project's own package "
+            "(...__init__.py); expected a module 'layers' with it in the working directory or on PYTHONPATH",
+        ),
+        "no class": (
+            python("").replace('layer: ""', ""),
+            "f:1:...: error: missing required field 'layer' in python_param",
+        ),
+    },
+)
 def test_a_python_layer_that_is_not_there(
     squares: None, module: MakeModule, given: str | tuple[str, str], rejected: Any
 ) -> None:
@@ -179,7 +232,9 @@ def test_a_python_layer_that_is_not_there(
         net_with(text)
 
 
-REFUSED = r"^f:1:\d+: error: layer 'own' is of type 'Python', which executes code of the net's author"
+REFUSED = (
+    r"^f:1:\d+: error: layer 'own' is of type 'Python', which executes code of the net's author"
+)
 
 
 OTHER_PHASE = python("Square").replace('name: "own"', 'name: "own" include { phase: TEST }')
@@ -208,7 +263,11 @@ def test_a_solver_without_python_layers(squares: None, make: Callable[..., objec
 
 def test_a_process_without_python_layers(squares: None) -> None:
     """Within ``allowed(False)`` no inner setting or argument allows Python layers; the setting is then restored."""
-    with python_layer.allowed(False), python_layer.allowed(True), pytest.raises(netlib.PrototxtError, match=REFUSED):
+    with (
+        python_layer.allowed(False),
+        python_layer.allowed(True),
+        pytest.raises(netlib.PrototxtError, match=REFUSED),
+    ):
         netlib.Net(text_with(python("Square")), netlib.TRAIN, python_layers=True)
     with pytest.raises(KeyError), python_layer.allowed(False):
         raise KeyError
@@ -223,7 +282,10 @@ def test_a_name_that_hdf5_cannot_hold(name: str, tmp_path: Path) -> None:
     net = net_with(layer % "InnerProduct")
     net.save(tmp_path / "w.caffemodel")
     net.copy_from(tmp_path / "w.caffemodel")
-    with pytest.raises(netlib.WeightsError, match=r"^layer '.*': .*HDF5.*; expected another name, or snapshot_format"):
+    with pytest.raises(
+        netlib.WeightsError,
+        match=r"^layer '.*': .*HDF5.*; expected another name, or snapshot_format",
+    ):
         net.save(tmp_path / "w.caffemodel.h5")
     net_with(layer % "ReLU").save(tmp_path / "w.caffemodel.h5")
 
@@ -260,11 +322,15 @@ def trained_net(name: str, phase: int, below: str = IP, more: str = "") -> netli
     return netlib.Net(prototxt.parse(inputs(x=(2, 3)) + below + "\n" + own + LOSS, "f"), phase)
 
 
-@pytest.mark.parametrize(("code", "name", "below", "advice"), [
-    (TYPO, "Square", IP, "rename its method 'backwards'"),
-    (ABSENT, "Square", IP, "define it, or set propagate_down: false for each bottom"),
-    (ABSENT + TRAINED, "Gain", "", "define it, or set propagate_down: false for each bottom"),
-], ids=["a typo", "no method", "a parameter of its own"])
+@pytest.mark.parametrize(
+    ("code", "name", "below", "advice"),
+    [
+        (TYPO, "Square", IP, "rename its method 'backwards'"),
+        (ABSENT, "Square", IP, "define it, or set propagate_down: false for each bottom"),
+        (ABSENT + TRAINED, "Gain", "", "define it, or set propagate_down: false for each bottom"),
+    ],
+    ids=["a typo", "no method", "a parameter of its own"],
+)
 def test_a_layer_without_backward_cannot_be_trained(
     module: MakeModule, code: str, name: str, below: str, advice: str
 ) -> None:
@@ -273,7 +339,8 @@ def test_a_layer_without_backward_cannot_be_trained(
         trained_net(name, netlib.TRAIN, below)
     assert str(error.value) == (
         f"f:2:7: error: layer 'own': class lacking.{name} defines no backward, so nothing before this layer would be "
-        f"trained, and none of its own parameters; {advice}")
+        f"trained, and none of its own parameters; {advice}"
+    )
     net = trained_net(name, netlib.TEST, below)
     net.forward(x=np.ones((2, 3)))
     with pytest.raises(netlib.LayerError, match="defines no backward"):
@@ -288,20 +355,31 @@ def test_a_layer_without_backward_where_no_gradient_passes(module: MakeModule) -
         net.backward()
 
 
-UNWRITTEN = ABSENT + """
+UNWRITTEN = (
+    ABSENT
+    + """
     def backward(self, top, propagate_down, bottom):
         %s
 """
+)
 
 
-@pytest.mark.parametrize(("body", "gradient", "warning"), [
-    ("pass", [0, 0, 0], "the diff"),
-    ("bottom[0].diff[1:] = top[0].diff[1:]", [0, 5, 6], "1 of 3 values of the diff"),
-    ("bottom[0].diff[...] += top[0].diff", [4, 5, 6], ""),
-    ("bottom[0].diff[...] = 0 * top[0].diff", [0, 0, 0], ""),
-], ids=["nothing", "a part", "adds", "zeros"])
+@pytest.mark.parametrize(
+    ("body", "gradient", "warning"),
+    [
+        ("pass", [0, 0, 0], "the diff"),
+        ("bottom[0].diff[1:] = top[0].diff[1:]", [0, 5, 6], "1 of 3 values of the diff"),
+        ("bottom[0].diff[...] += top[0].diff", [4, 5, 6], ""),
+        ("bottom[0].diff[...] = 0 * top[0].diff", [0, 0, 0], ""),
+    ],
+    ids=["nothing", "a part", "adds", "zeros"],
+)
 def test_a_diff_that_backward_does_not_write_is_zero_and_reported_once(
-    module: MakeModule, caplog: pytest.LogCaptureFixture, body: str, gradient: list[float], warning: str
+    module: MakeModule,
+    caplog: pytest.LogCaptureFixture,
+    body: str,
+    gradient: list[float],
+    warning: str,
 ) -> None:
     module("unwritten", UNWRITTEN % body)
     net = net_with(python("Square", "unwritten"))
@@ -309,9 +387,14 @@ def test_a_diff_that_backward_does_not_write_is_zero_and_reported_once(
         net.forward(x=np.ones(3))
         found = net.backward(y=np.array([4, 5, 6]))["x"]
         assert number or found.tolist() == gradient
-    assert caplog.messages == ([
-        f"f:1:104: layer 'own': backward of Square does not write {warning} of bottom 'x'; what is not written is "
-        "0, as in Caffe: write every element, or set propagate_down: false"] if warning else [])
+    assert caplog.messages == (
+        [
+            f"f:1:104: layer 'own': backward of Square does not write {warning} of bottom 'x'; what is not written is "
+            "0, as in Caffe: write every element, or set propagate_down: false"
+        ]
+        if warning
+        else []
+    )
 
 
 IN_PLACE = """

@@ -47,7 +47,9 @@ def test_permissive_sharing_wants_only_the_same_count(net_of: MakeNet) -> None:
 
 def test_multipliers_of_a_shared_parameter_may_stand_in_either_layer(net_of: MakeNet) -> None:
     text = (
-        X + ip("a", "x", "a", 'param { name: "w" lr_mult: 2 }') + ip("b", "a", "b", 'param { name: "w" decay_mult: 0 }')
+        X
+        + ip("a", "x", "a", 'param { name: "w" lr_mult: 2 }')
+        + ip("b", "a", "b", 'param { name: "w" decay_mult: 0 }')
     )
     owner = net_of(text).learnable[0].spec
     assert (owner.lr_mult, owner.decay_mult) == (2, 0)

@@ -13,7 +13,12 @@ import netlib.caffe as caffe
 from netlib.caffe import coord_map, draw, io
 from netlib.caffe import layers as L
 from netlib.caffe import params as P
-from netlib.caffe.coord_map import AxisMismatchException, CropError, UnconnectedError, UndefinedMapException
+from netlib.caffe.coord_map import (
+    AxisMismatchException,
+    CropError,
+    UnconnectedError,
+    UndefinedMapException,
+)
 from netlib.caffe.io import ShapeError
 from netlib.caffe.net_spec import NotATopError, SpecError, UnknownNameError
 from netlib.caffe.proto import caffe_pb2
@@ -46,85 +51,210 @@ def transformer(name: str, *values: object, shape: tuple[int, ...] = (4, 3, 2, 3
     return lambda: getattr(made, name)(*values)
 
 
-@bad_inputs(ShapeError, {
-    "a map after one of a later axis": (lambda: coord_map.compose((1, 1, 0), (2, 1, 0)), AxisMismatchException,
-                                        "a map from axis 1 on cannot follow one from axis 2 on"),
-    "crop of another scale": (lambda: coord_map.crop(L.Pooling(DATA, kernel_size=2, stride=2), DATA), CropError,
-                              "scale mismatch on crop (a = [2.]): strides and kernels must undo each other"),
-    "crop before the top": (lambda: coord_map.crop(L.Convolution(DATA, kernel_size=3), DATA), CropError,
-                            "cannot crop negative offset (b = [1.]): the top to be cropped is too small"),
-    "crop between pixels": (lambda: coord_map.crop(L.Convolution(DATA, kernel_size=2, pad=1), DATA), CropError,
-                            "cannot crop noninteger offset (b = [-0.5])"),
-    "from InnerProduct": (lambda: coord_map.coord_map_from_to(L.InnerProduct(DATA, num_output=1), DATA),
-                          UnconnectedError, UNCONNECTED),
-    "map of InnerProduct": (lambda: coord_map.coord_map(L.InnerProduct(DATA, num_output=1).fn), UndefinedMapException,
-                            "layers of type 'InnerProduct' have no coordinate map"),
-    "map of global pooling": (lambda: coord_map.coord_map(L.Pooling(DATA, global_pooling=True).fn),
-                              UndefinedMapException, "a Pooling layer without kernel_size has no coordinate map"),
-    "map of pad_w": (lambda: coord_map.coord_map(L.Convolution(DATA, kernel_size=3, pad_w=1).fn), CropError,
-                     "a Convolution layer has pad_w: cropping does not support legacy _h/_w params; write ..."),
-    "rate of ReLU": (lambda: draw.get_layer_lr_mult(of('type: "ReLU"', caffe_pb2.LayerParameter)), draw.RuleError,
-                     "ReLU layers do not have a learning rate multiplier"),
-    "three params": (lambda: draw.get_layer_lr_mult(of(THREE_PARAMS, caffe_pb2.LayerParameter)), draw.RuleError,
-                     "layer 'c': expected at most two params, weights and biases, found 3"),
-    "BlobProto without shape": (lambda: io.blobproto_to_array(caffe_pb2.BlobProto(data=[7, 8])),
-                                "a BlobProto has shape (), but 2 values"),
-    "Datum of two axes": (lambda: io.array_to_datum(np.zeros((2, 2))),
-                          "Incorrect array shape: a Datum takes (channels, height, width), found (2, 2)"),
-    "Datum without shape": (lambda: io.datum_to_array(caffe_pb2.Datum(data=b"ab")),
-                            "a Datum has shape (0, 0, 0), but 2 values"),
-    "encoded Datum": (lambda: io.datum_to_array(caffe_pb2.Datum(data=b"ab", encoded=True)),
-                      "the Datum holds an encoded image; decode its data, for example with OpenCV"),
-    "Transformer: another name": (transformer("preprocess", "dat", np.zeros((2, 3, 3))), NetlibError,
-                                  "'dat' is not one of the net inputs: 'data' (did you mean 'data'?)"),
-    "Transformer: transpose": (transformer("set_transpose", "data", (0, 1)), "Transpose order needs to have the same "
-                               "number of dimensions as the input: 'data' takes each of 0, 1, 2 once, found (0, 1)"),
-    "Transformer: swap": (transformer("set_channel_swap", "data", (3, 2, 1)), "Channel swap needs to have the same "
-                          "number of dimensions as the input channels: 'data' has 0, 1, 2, found (3, 2, 1)"),
-    "Transformer: mean": (transformer("set_mean", "data", np.zeros((2, 4, 4))),
-                          "Mean channels incompatible with input: 'data' has 3, found a mean of shape (2, 4, 4)"),
-    "Transformer: a number as mean": (transformer("set_mean", "data", np.float64(3)),
-                                      "Mean shape invalid: expected (K,), (H, W) or (K, H, W), found ()"),
-    "Transformer: a batch": (transformer("deprocess", "data", np.zeros((4, 3, 2, 3))),
-                             "deprocess takes one item of 'data', found an array of shape (4, 3, 2, 3)"),
-    "Transformer: two axes": (transformer("preprocess", "data", np.zeros((2, 3, 3)), shape=(1, 5)),
-                              "preprocess needs an input (N, K, H, W), but 'data' has shape (1, 5)"),
-    "resize: order 7": (lambda: io.resize_image(np.zeros((4, 4, 3)), (2, 2), interp_order=7),
-                        RESIZE.format("(4, 4, 3), (2, 2) and 7")),
-    **{f"resize: {shape} to {size}": (lambda shape=shape, size=size: io.resize_image(np.zeros(shape), size),
-                                      RESIZE.format(f"{shape}, {size} and 1"))
-       for shape, size in (((4, 4), (2, 2)), ((4, 4, 3), (0, 2)))},
-    "oversample: too large": (lambda: io.oversample([np.zeros((4, 4, 1))], (5, 2)),
-                              "oversample cannot crop (5, 2) from an image of shape (4, 4, 1)"),
-    "oversample: two sizes": (lambda: io.oversample([np.zeros((4, 4, 1)), np.zeros((4, 5, 1))], (2, 2)),
-                              "oversample takes images of the same shape, found (4, 4, 1) and (4, 5, 1)"),
-    "oversample: none": (lambda: io.oversample([], (2, 2)), "oversample takes at least one image, found none"),
-    "option misspelt": (option("Convolution", kernal_size=3), SpecError,
-        "layer 'Convolution1' (Convolution): unknown option 'kernal_size' (did you mean 'kernel_size'?)"),
-    "option unknown": (option("ReLU", zzz=1), SpecError, "...unknown option 'zzz'; its options: negative_slope, ..."),
-    "option of another block": (option("Deconvolution", num_output=1), SpecError,
-        "...(Deconvolution): option 'num_output' is in another block; write convolution_param=dict(num_output=...)"),
-    "option of the loss": (option("SoftmaxWithLoss", ignore_label=1), SpecError,
-                           "...write loss_param=dict(ignore_label=...)"),
-    "option unknown in two blocks": (option("SoftmaxWithLoss", zzz=1), SpecError,
-                                     "...; its options: softmax_param=dict(...), loss_param=dict(...)"),
-    "option where there are none": (option("Silence", zzz=1), SpecError, "...: unknown option 'zzz'; it has none"),
-    "option of a filler": (option("Convolution", weight_filler={"tipe": "xavier"}), SpecError,
-                           "...FillerParameter has no field 'tipe' (did you mean 'type'?)"),
-    "block": (option("Convolution", convolutoin_param={}), SpecError, "...(did you mean 'convolution_param'?)"),
-    **{f"{name} {value}": (option(layer, **{name: value}), SpecError,
-                           f"...'{name}' of {layer}Parameter cannot be {value!r}...")
-       for layer, name, value in (("Convolution", "num_output", "many"), ("Convolution", "num_output", [1, 2]),
-                                  ("Convolution", "weight_filler", "xavier"), ("Pooling", "pool", 9))},
-    "tops as a bottom": (lambda: L.Silence(L.DummyData(ntop=2), ntop=0), NotATopError,
-                         "Silence input 0 is not a Top (type is <class 'tuple'>)"),
-    "one name for two tops": (SPEC.to_proto, NotATopError, "'pair' of the net is not a Top (type is <class 'tuple'>); "
-                              "unpack a layer with several tops: n.data, n.label = L.HDF5Data(..., ntop=2)"),
-    "top unknown": (lambda: SPEC.dat, UnknownNameError, "this net has no top 'dat' (did you mean 'data'?)"),
-    "params unknown": (lambda: P.Poling.MAX, UnknownNameError, "params has no 'Poling' (did you mean 'Pooling'?)"),
-    "value unknown": (lambda: P.Pooling.MEAN, UnknownNameError,
-                      "params.Pooling has no 'MEAN'; it has MAX, AVE, STOCHASTIC, ..."),
-})
+@bad_inputs(
+    ShapeError,
+    {
+        "a map after one of a later axis": (
+            lambda: coord_map.compose((1, 1, 0), (2, 1, 0)),
+            AxisMismatchException,
+            "a map from axis 1 on cannot follow one from axis 2 on",
+        ),
+        "crop of another scale": (
+            lambda: coord_map.crop(L.Pooling(DATA, kernel_size=2, stride=2), DATA),
+            CropError,
+            "scale mismatch on crop (a = [2.]): strides and kernels must undo each other",
+        ),
+        "crop before the top": (
+            lambda: coord_map.crop(L.Convolution(DATA, kernel_size=3), DATA),
+            CropError,
+            "cannot crop negative offset (b = [1.]): the top to be cropped is too small",
+        ),
+        "crop between pixels": (
+            lambda: coord_map.crop(L.Convolution(DATA, kernel_size=2, pad=1), DATA),
+            CropError,
+            "cannot crop noninteger offset (b = [-0.5])",
+        ),
+        "from InnerProduct": (
+            lambda: coord_map.coord_map_from_to(L.InnerProduct(DATA, num_output=1), DATA),
+            UnconnectedError,
+            UNCONNECTED,
+        ),
+        "map of InnerProduct": (
+            lambda: coord_map.coord_map(L.InnerProduct(DATA, num_output=1).fn),
+            UndefinedMapException,
+            "layers of type 'InnerProduct' have no coordinate map",
+        ),
+        "map of global pooling": (
+            lambda: coord_map.coord_map(L.Pooling(DATA, global_pooling=True).fn),
+            UndefinedMapException,
+            "a Pooling layer without kernel_size has no coordinate map",
+        ),
+        "map of pad_w": (
+            lambda: coord_map.coord_map(L.Convolution(DATA, kernel_size=3, pad_w=1).fn),
+            CropError,
+            "a Convolution layer has pad_w: cropping does not support legacy _h/_w params; write ...",
+        ),
+        "rate of ReLU": (
+            lambda: draw.get_layer_lr_mult(of('type: "ReLU"', caffe_pb2.LayerParameter)),
+            draw.RuleError,
+            "ReLU layers do not have a learning rate multiplier",
+        ),
+        "three params": (
+            lambda: draw.get_layer_lr_mult(of(THREE_PARAMS, caffe_pb2.LayerParameter)),
+            draw.RuleError,
+            "layer 'c': expected at most two params, weights and biases, found 3",
+        ),
+        "BlobProto without shape": (
+            lambda: io.blobproto_to_array(caffe_pb2.BlobProto(data=[7, 8])),
+            "a BlobProto has shape (), but 2 values",
+        ),
+        "Datum of two axes": (
+            lambda: io.array_to_datum(np.zeros((2, 2))),
+            "Incorrect array shape: a Datum takes (channels, height, width), found (2, 2)",
+        ),
+        "Datum without shape": (
+            lambda: io.datum_to_array(caffe_pb2.Datum(data=b"ab")),
+            "a Datum has shape (0, 0, 0), but 2 values",
+        ),
+        "encoded Datum": (
+            lambda: io.datum_to_array(caffe_pb2.Datum(data=b"ab", encoded=True)),
+            "the Datum holds an encoded image; decode its data, for example with OpenCV",
+        ),
+        "Transformer: another name": (
+            transformer("preprocess", "dat", np.zeros((2, 3, 3))),
+            NetlibError,
+            "'dat' is not one of the net inputs: 'data' (did you mean 'data'?)",
+        ),
+        "Transformer: transpose": (
+            transformer("set_transpose", "data", (0, 1)),
+            "Transpose order needs to have the same "
+            "number of dimensions as the input: 'data' takes each of 0, 1, 2 once, found (0, 1)",
+        ),
+        "Transformer: swap": (
+            transformer("set_channel_swap", "data", (3, 2, 1)),
+            "Channel swap needs to have the same "
+            "number of dimensions as the input channels: 'data' has 0, 1, 2, found (3, 2, 1)",
+        ),
+        "Transformer: mean": (
+            transformer("set_mean", "data", np.zeros((2, 4, 4))),
+            "Mean channels incompatible with input: 'data' has 3, found a mean of shape (2, 4, 4)",
+        ),
+        "Transformer: a number as mean": (
+            transformer("set_mean", "data", np.float64(3)),
+            "Mean shape invalid: expected (K,), (H, W) or (K, H, W), found ()",
+        ),
+        "Transformer: a batch": (
+            transformer("deprocess", "data", np.zeros((4, 3, 2, 3))),
+            "deprocess takes one item of 'data', found an array of shape (4, 3, 2, 3)",
+        ),
+        "Transformer: two axes": (
+            transformer("preprocess", "data", np.zeros((2, 3, 3)), shape=(1, 5)),
+            "preprocess needs an input (N, K, H, W), but 'data' has shape (1, 5)",
+        ),
+        "resize: order 7": (
+            lambda: io.resize_image(np.zeros((4, 4, 3)), (2, 2), interp_order=7),
+            RESIZE.format("(4, 4, 3), (2, 2) and 7"),
+        ),
+        **{
+            f"resize: {shape} to {size}": (
+                lambda shape=shape, size=size: io.resize_image(np.zeros(shape), size),
+                RESIZE.format(f"{shape}, {size} and 1"),
+            )
+            for shape, size in (((4, 4), (2, 2)), ((4, 4, 3), (0, 2)))
+        },
+        "oversample: too large": (
+            lambda: io.oversample([np.zeros((4, 4, 1))], (5, 2)),
+            "oversample cannot crop (5, 2) from an image of shape (4, 4, 1)",
+        ),
+        "oversample: two sizes": (
+            lambda: io.oversample([np.zeros((4, 4, 1)), np.zeros((4, 5, 1))], (2, 2)),
+            "oversample takes images of the same shape, found (4, 4, 1) and (4, 5, 1)",
+        ),
+        "oversample: none": (
+            lambda: io.oversample([], (2, 2)),
+            "oversample takes at least one image, found none",
+        ),
+        "option misspelt": (
+            option("Convolution", kernal_size=3),
+            SpecError,
+            "layer 'Convolution1' (Convolution): unknown option 'kernal_size' (did you mean 'kernel_size'?)",
+        ),
+        "option unknown": (
+            option("ReLU", zzz=1),
+            SpecError,
+            "...unknown option 'zzz'; its options: negative_slope, ...",
+        ),
+        "option of another block": (
+            option("Deconvolution", num_output=1),
+            SpecError,
+            "...(Deconvolution): option 'num_output' is in another block; write convolution_param=dict(num_output=...)",
+        ),
+        "option of the loss": (
+            option("SoftmaxWithLoss", ignore_label=1),
+            SpecError,
+            "...write loss_param=dict(ignore_label=...)",
+        ),
+        "option unknown in two blocks": (
+            option("SoftmaxWithLoss", zzz=1),
+            SpecError,
+            "...; its options: softmax_param=dict(...), loss_param=dict(...)",
+        ),
+        "option where there are none": (
+            option("Silence", zzz=1),
+            SpecError,
+            "...: unknown option 'zzz'; it has none",
+        ),
+        "option of a filler": (
+            option("Convolution", weight_filler={"tipe": "xavier"}),
+            SpecError,
+            "...FillerParameter has no field 'tipe' (did you mean 'type'?)",
+        ),
+        "block": (
+            option("Convolution", convolutoin_param={}),
+            SpecError,
+            "...(did you mean 'convolution_param'?)",
+        ),
+        **{
+            f"{name} {value}": (
+                option(layer, **{name: value}),
+                SpecError,
+                f"...'{name}' of {layer}Parameter cannot be {value!r}...",
+            )
+            for layer, name, value in (
+                ("Convolution", "num_output", "many"),
+                ("Convolution", "num_output", [1, 2]),
+                ("Convolution", "weight_filler", "xavier"),
+                ("Pooling", "pool", 9),
+            )
+        },
+        "tops as a bottom": (
+            lambda: L.Silence(L.DummyData(ntop=2), ntop=0),
+            NotATopError,
+            "Silence input 0 is not a Top (type is <class 'tuple'>)",
+        ),
+        "one name for two tops": (
+            SPEC.to_proto,
+            NotATopError,
+            "'pair' of the net is not a Top (type is <class 'tuple'>); "
+            "unpack a layer with several tops: n.data, n.label = L.HDF5Data(..., ntop=2)",
+        ),
+        "top unknown": (
+            lambda: SPEC.dat,
+            UnknownNameError,
+            "this net has no top 'dat' (did you mean 'data'?)",
+        ),
+        "params unknown": (
+            lambda: P.Poling.MAX,
+            UnknownNameError,
+            "params has no 'Poling' (did you mean 'Pooling'?)",
+        ),
+        "value unknown": (
+            lambda: P.Pooling.MEAN,
+            UnknownNameError,
+            "params.Pooling has no 'MEAN'; it has MAX, AVE, STOCHASTIC, ...",
+        ),
+    },
+)
 def test_calls_that_are_refused(given, rejected):
     with rejected:
         given()
@@ -132,29 +262,45 @@ def test_calls_that_are_refused(given, rejected):
 
 def test_classes_of_errors():
     """The errors are of this project's class, and of the classes that scripts for pycaffe catch."""
-    assert all(issubclass(cls, NetlibError) for cls in (AxisMismatchException, UnconnectedError, UndefinedMapException))
+    assert all(
+        issubclass(cls, NetlibError)
+        for cls in (AxisMismatchException, UnconnectedError, UndefinedMapException)
+    )
     assert issubclass(NetlibError, RuntimeError)
     assert issubclass(ShapeError, ValueError) and issubclass(draw.RuleError, ValueError)
     assert issubclass(CropError, AssertionError) and issubclass(NotATopError, TypeError)
     assert issubclass(UnknownNameError, AttributeError) and issubclass(UnknownNameError, KeyError)
 
 
-@pytest.mark.parametrize(("option", "error"), [({"zzz": 1}, AttributeError), ({"num_output": {}}, TypeError)])
+@pytest.mark.parametrize(
+    ("option", "error"), [({"zzz": 1}, AttributeError), ({"num_output": {}}, TypeError)]
+)
 def test_classes_of_wrong_options(option, error):
     """An unknown option is an AttributeError, a value of another type a TypeError, as in pycaffe."""
     with pytest.raises(error):
         L.Convolution(DATA, **option).to_proto()
 
 
-@bad_inputs(DataError, {
-    "missing": ("none.png", "...none.png: cannot read the image: No such file..."),
-    "empty": ("empty.png", "...empty.png: not an image that OpenCV can decode (0 bytes)"),
-    "a text": ("text.png", "...text.png: not an image that OpenCV can decode (5 bytes)"),
-    "signed": ("a.tiff", "...a.tiff: image of type int16; expected 8 or 16 bits unsigned, or floats"),
-    "open text": (StringIO("hello"),
-                  "load_image got a file opened as text; expected one opened for bytes, or io.BytesIO"),
-    "open bytes": (BytesIO(b"hello"), "the image: not an image that OpenCV can decode (5 bytes)"),
-})
+@bad_inputs(
+    DataError,
+    {
+        "missing": ("none.png", "...none.png: cannot read the image: No such file..."),
+        "empty": ("empty.png", "...empty.png: not an image that OpenCV can decode (0 bytes)"),
+        "a text": ("text.png", "...text.png: not an image that OpenCV can decode (5 bytes)"),
+        "signed": (
+            "a.tiff",
+            "...a.tiff: image of type int16; expected 8 or 16 bits unsigned, or floats",
+        ),
+        "open text": (
+            StringIO("hello"),
+            "load_image got a file opened as text; expected one opened for bytes, or io.BytesIO",
+        ),
+        "open bytes": (
+            BytesIO(b"hello"),
+            "the image: not an image that OpenCV can decode (5 bytes)",
+        ),
+    },
+)
 def test_images_that_are_refused(tmp_path, given, rejected):
     (tmp_path / "empty.png").touch()
     (tmp_path / "text.png").write_text("hello")
@@ -163,13 +309,32 @@ def test_images_that_are_refused(tmp_path, given, rejected):
         io.load_image(tmp_path / given if isinstance(given, str) else given)
 
 
-@bad_inputs(NetlibError, {
-    "no pydot": (("pydot", "net.png"), "pydot is missing: pip install pydot; pictures also need Graphviz ..."),
-    "no Graphviz": (("dot", "net.png"), "Graphviz's program dot is missing: install Graphviz (apt install ..."),
-    "no suffix": (("", "net"), "...net: no suffix; expected one that names the format: .png, .svg, .pdf ..."),
-    "no folder": (("", "none/net.raw"), "...none/net.raw: cannot write the image: No such file..."),
-    "two rules": (("rules", "net.raw"), draw.RuleError, "layer 'relu' has both include and exclude specified."),
-})
+@bad_inputs(
+    NetlibError,
+    {
+        "no pydot": (
+            ("pydot", "net.png"),
+            "pydot is missing: pip install pydot; pictures also need Graphviz ...",
+        ),
+        "no Graphviz": (
+            ("dot", "net.png"),
+            "Graphviz's program dot is missing: install Graphviz (apt install ...",
+        ),
+        "no suffix": (
+            ("", "net"),
+            "...net: no suffix; expected one that names the format: .png, .svg, .pdf ...",
+        ),
+        "no folder": (
+            ("", "none/net.raw"),
+            "...none/net.raw: cannot write the image: No such file...",
+        ),
+        "two rules": (
+            ("rules", "net.raw"),
+            draw.RuleError,
+            "layer 'relu' has both include and exclude specified.",
+        ),
+    },
+)
 def test_drawings_that_are_refused(tmp_path, monkeypatch, given, rejected):
     missing, name = given
     if missing == "pydot":
@@ -178,5 +343,8 @@ def test_drawings_that_are_refused(tmp_path, monkeypatch, given, rejected):
         pytest.importorskip("pydot")
         monkeypatch.setattr("shutil.which", lambda name: None)
     with rejected:
-        draw.draw_net_to_file(of(RULES if missing == "rules" else "", caffe_pb2.NetParameter), tmp_path / name,
-                              phase=caffe.TEST)
+        draw.draw_net_to_file(
+            of(RULES if missing == "rules" else "", caffe_pb2.NetParameter),
+            tmp_path / name,
+            phase=caffe.TEST,
+        )

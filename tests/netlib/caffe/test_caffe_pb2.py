@@ -18,8 +18,12 @@ from netlib.proto.options import option_blocks
 
 DATACLASSES = {
     **{cls.__name__: cls for cls in option_blocks().values()},
-    **{name: getattr(messages, name) for name in ("BlobProto", "Datum", "SolverState", "ParamSpec", "LayerParameter")},
-    "NetParameter": upgrade.AnyNetParameter, "SolverParameter": messages.SolverParameter,
+    **{
+        name: getattr(messages, name)
+        for name in ("BlobProto", "Datum", "SolverState", "ParamSpec", "LayerParameter")
+    },
+    "NetParameter": upgrade.AnyNetParameter,
+    "SolverParameter": messages.SolverParameter,
     "V1LayerParameter": upgrade.V1LayerParameter,
 }
 
@@ -47,13 +51,18 @@ def test_fields_are_those_of_the_dataclass(name: str) -> None:
             continue
         values, default = schema.enum_of(known.kind), defaults.get(known.name)
         assert not values or {v.name: v.number for v in field.enum_type.values} == values
-        if default not in (None, dataclasses.MISSING) and known.name != "solver_mode":  # GPU in Caffe
+        # GPU in Caffe
+        if default not in (None, dataclasses.MISSING) and known.name != "solver_mode":
             expected = values[default] if values else default
-            assert getattr(made, known.name) == (pytest.approx(expected) if known.kind is float else expected)
+            assert getattr(made, known.name) == (
+                pytest.approx(expected) if known.kind is float else expected
+            )
 
 
 def test_old_nets_are_read() -> None:
-    net = text_format.Parse('layers { name: "r" type: RELU bottom: "x" top: "y" }', caffe_pb2.NetParameter())
+    net = text_format.Parse(
+        'layers { name: "r" type: RELU bottom: "x" top: "y" }', caffe_pb2.NetParameter()
+    )
     assert net.layers[0].type == caffe_pb2.V1LayerParameter.RELU == 18
     assert caffe_pb2.V1LayerParameter.LayerType.Name(18) == "RELU"
 
@@ -66,8 +75,15 @@ def test_what_scripts_use_of_protobuf() -> None:
     assert pickle.loads(pickle.dumps(made)) == copy.deepcopy(made) == made
     with pytest.raises(message.DecodeError):
         caffe_pb2.NetParameter().ParseFromString(b"\xff\xff")
-    assert caffe_pb2.DESCRIPTOR.message_types_by_name["NetParameter"] is caffe_pb2.NetParameter.DESCRIPTOR
-    assert [v.name for v in caffe_pb2._POOLINGPARAMETER_POOLMETHOD.values] == ["MAX", "AVE", "STOCHASTIC"]
+    assert (
+        caffe_pb2.DESCRIPTOR.message_types_by_name["NetParameter"]
+        is caffe_pb2.NetParameter.DESCRIPTOR
+    )
+    assert [v.name for v in caffe_pb2._POOLINGPARAMETER_POOLMETHOD.values] == [
+        "MAX",
+        "AVE",
+        "STOCHASTIC",
+    ]
     assert (caffe_pb2.TRAIN, caffe_pb2.TEST, caffe_pb2.Phase.Name(1)) == (0, 1, "TEST")
     assert caffe_pb2.LayerParameter.CONVOLUTION_PARAM_FIELD_NUMBER == 106
     net = caffe_pb2.NetParameter(layer=[made, caffe_pb2.LayerParameter(name="d")])
@@ -93,12 +109,18 @@ def test_messages_inside_the_options_of_a_fork() -> None:
     """Messages that only options contain are defined, and the enum that two layer types use is where scripts look."""
     made = caffe_pb2.LayerParameter(type="DetectionOutput")
     made.detection_output_param.nms_param.top_k = 400
-    made.detection_output_param.save_output_param.resize_param.resize_mode = caffe_pb2.ResizeParameter.FIT_SMALL_SIZE
+    made.detection_output_param.save_output_param.resize_param.resize_mode = (
+        caffe_pb2.ResizeParameter.FIT_SMALL_SIZE
+    )
     made.detection_output_param.code_type = caffe_pb2.PriorBoxParameter.CENTER_SIZE
     assert made.detection_output_param.nms_param.nms_threshold == pytest.approx(0.3)
     text = str(wire.decode(made.SerializeToString(), messages.LayerParameter))
     assert text_format.Parse(text, caffe_pb2.LayerParameter()) == made
-    assert caffe_pb2.PriorBoxParameter.CodeType.items() == [("CORNER", 1), ("CENTER_SIZE", 2), ("CORNER_SIZE", 3)]
+    assert caffe_pb2.PriorBoxParameter.CodeType.items() == [
+        ("CORNER", 1),
+        ("CENTER_SIZE", 2),
+        ("CORNER_SIZE", 3),
+    ]
 
 
 def test_fields_of_forks_are_no_fields_of_files() -> None:
@@ -108,7 +130,9 @@ def test_fields_of_forks_are_no_fields_of_files() -> None:
     for name, fields in forks._entries(forks.MESSAGES):
         declared = {field.name for field in wire.fields_of(known[name])} if name in known else set()
         assert not declared & {field for field, _, _ in fields}
-        numbers = [field.number for field in getattr(caffe_pb2, name.split(".")[0]).DESCRIPTOR.fields]
+        numbers = [
+            field.number for field in getattr(caffe_pb2, name.split(".")[0]).DESCRIPTOR.fields
+        ]
         assert len(numbers) == len(set(numbers))
 
 
@@ -119,11 +143,19 @@ def test_a_solver_of_ssd() -> None:
 
 def test_the_labels_of_ssd() -> None:
     """As ssd_detect.py and create_annoset read and write them."""
-    names = text_format.Parse('item { name: "none" label: 0 } item { name: "n1" label: 1 display_name: "hand" }',
-                              caffe_pb2.LabelMap())
-    assert [(item.label, item.display_name or item.name) for item in names.item] == [(0, "none"), (1, "hand")]
-    made = caffe_pb2.AnnotatedDatum(type=caffe_pb2.AnnotatedDatum.BBOX, datum=caffe_pb2.Datum(label=3))
+    names = text_format.Parse(
+        'item { name: "none" label: 0 } item { name: "n1" label: 1 display_name: "hand" }',
+        caffe_pb2.LabelMap(),
+    )
+    assert [(item.label, item.display_name or item.name) for item in names.item] == [
+        (0, "none"),
+        (1, "hand"),
+    ]
+    made = caffe_pb2.AnnotatedDatum(
+        type=caffe_pb2.AnnotatedDatum.BBOX, datum=caffe_pb2.Datum(label=3)
+    )
     box = made.annotation_group.add(group_label=1).annotation.add(instance_id=2).bbox
     box.xmin, box.ymax, box.difficult = 0.25, 0.5, True
     assert caffe_pb2.AnnotatedDatum.FromString(made.SerializeToString()) == made
-    assert box.SerializeToString().hex() == "0d0000803e" + "250000003f" + "3001"  # fields 1, 4 and 6
+    # fields 1, 4 and 6
+    assert box.SerializeToString().hex() == "0d0000803e" + "250000003f" + "3001"

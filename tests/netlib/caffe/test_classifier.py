@@ -23,7 +23,9 @@ def make(tmp_path):
     def made(net=MEANS, **options):
         (tmp_path / "net.prototxt").write_text(net)
         caffe.Net(prototxt.parse(net), caffe.TEST).save(tmp_path / "net.caffemodel")
-        return caffe.Classifier(str(tmp_path / "net.prototxt"), str(tmp_path / "net.caffemodel"), **options)
+        return caffe.Classifier(
+            str(tmp_path / "net.prototxt"), str(tmp_path / "net.caffemodel"), **options
+        )
 
     return made
 
@@ -48,14 +50,20 @@ def test_ten_crops(make):
 
 def test_the_whole_image(make):
     classifier = make()
-    assert isinstance(classifier, caffe.Net) and classifier.phase == caffe.TEST and classifier.outputs == ["means"]
+    assert (
+        isinstance(classifier, caffe.Net)
+        and classifier.phase == caffe.TEST
+        and classifier.outputs == ["means"]
+    )
     assert tuple(classifier.image_dims) == tuple(classifier.crop_dims) == (2, 2)
     found = classifier.predict([image(4, 4)], oversample=False)
     np.testing.assert_allclose(found[0, :, 0, 0], [7.5, 100, 0], rtol=1e-6)
 
 
 def test_preprocessing(make):
-    classifier = make(mean=np.array([1.0, 2, 3]), raw_scale=10, input_scale=0.5, channel_swap=(2, 1, 0))
+    classifier = make(
+        mean=np.array([1.0, 2, 3]), raw_scale=10, input_scale=0.5, channel_swap=(2, 1, 0)
+    )
     found = classifier.predict([image(2, 2)], oversample=False)
     np.testing.assert_allclose(found[0, :, 0, 0], [(0 - 1) / 2, (1000 - 2) / 2, (15 - 3) / 2])
     assert list(classifier.transformer.transpose["data"]) == [2, 0, 1]
@@ -67,15 +75,28 @@ layer { name: "means" type: "InnerProduct" bottom: "x" top: "y" inner_product_pa
 """
 
 
-@bad_inputs(ShapeError, {
-    "too small": (lambda make: make(image_dims=(1, 4)),
-                  "image_dims (1, 4) are smaller than the net's input, (2, 2); expected a height and a width"),
-    "no image": (lambda make: make().predict([]), "predict takes images (H, W, K) with the same K, found []"),
-    "mixed channels": (lambda make: make().predict([image(4, 4), image(4, 4)[..., :1]]),
-                       "predict takes images (H, W, K) with the same K, found [(4, 4, 3), (4, 4, 1)]"),
-    "no input": (lambda make: make(net=OWN), NetlibError,
-                 "net 'own' has no input for images; expected a deployment net with an Input layer"),
-})
+@bad_inputs(
+    ShapeError,
+    {
+        "too small": (
+            lambda make: make(image_dims=(1, 4)),
+            "image_dims (1, 4) are smaller than the net's input, (2, 2); expected a height and a width",
+        ),
+        "no image": (
+            lambda make: make().predict([]),
+            "predict takes images (H, W, K) with the same K, found []",
+        ),
+        "mixed channels": (
+            lambda make: make().predict([image(4, 4), image(4, 4)[..., :1]]),
+            "predict takes images (H, W, K) with the same K, found [(4, 4, 3), (4, 4, 1)]",
+        ),
+        "no input": (
+            lambda make: make(net=OWN),
+            NetlibError,
+            "net 'own' has no input for images; expected a deployment net with an Input layer",
+        ),
+    },
+)
 def test_mistakes(make, given, rejected):
     with rejected:
         given(make)

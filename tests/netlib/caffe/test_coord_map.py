@@ -18,22 +18,25 @@ def numbers(found):
     return axis, np.ravel(a).tolist(), np.ravel(b).tolist()
 
 
-@pytest.mark.parametrize(("type_name", "options", "expected"), [
-    ("Convolution", {"kernel_size": 3}, (1, [1], [-1])),
-    ("Convolution", {"kernel_size": 3, "pad": 1}, (1, [1], [0])),
-    ("Convolution", {"kernel_size": 5, "stride": 2, "pad": 1}, (1, [0.5], [-0.5])),
-    ("Convolution", {"kernel_size": 3, "dilation": 2}, (1, [1], [-2])),
-    ("Convolution", {"kernel_size": [3, 5], "stride": [1, 2]}, (1, [1, 0.5], [-1, -1])),
-    ("Convolution", {"convolution_param": {"kernel_size": 3, "axis": 2}}, (2, [1], [-1])),
-    ("Im2col", {"kernel_size": 1}, (1, [1], [0])),
-    ("Pooling", {"kernel_size": 2, "stride": 2}, (1, [0.5], [-0.25])),
-    ("Pooling", {"pooling_param": {"kernel_size": 2, "stride": 2}}, (1, [0.5], [-0.25])),
-    ("Deconvolution", {"kernel_size": 4, "stride": 2}, (1, [2], [1.5])),
-    ("Deconvolution", {"kernel_size": 4, "stride": 2, "pad": 1}, (1, [2], [0.5])),
-    ("Crop", {"offset": 3}, (1, [1], [-3])),
-    ("Crop", {"crop_param": {"axis": 3, "offset": [4]}}, (2, [1], [-4])),
-    ("ReLU", {"negative_slope": 0.1}, (None, [1], [0])),
-])
+@pytest.mark.parametrize(
+    ("type_name", "options", "expected"),
+    [
+        ("Convolution", {"kernel_size": 3}, (1, [1], [-1])),
+        ("Convolution", {"kernel_size": 3, "pad": 1}, (1, [1], [0])),
+        ("Convolution", {"kernel_size": 5, "stride": 2, "pad": 1}, (1, [0.5], [-0.5])),
+        ("Convolution", {"kernel_size": 3, "dilation": 2}, (1, [1], [-2])),
+        ("Convolution", {"kernel_size": [3, 5], "stride": [1, 2]}, (1, [1, 0.5], [-1, -1])),
+        ("Convolution", {"convolution_param": {"kernel_size": 3, "axis": 2}}, (2, [1], [-1])),
+        ("Im2col", {"kernel_size": 1}, (1, [1], [0])),
+        ("Pooling", {"kernel_size": 2, "stride": 2}, (1, [0.5], [-0.25])),
+        ("Pooling", {"pooling_param": {"kernel_size": 2, "stride": 2}}, (1, [0.5], [-0.25])),
+        ("Deconvolution", {"kernel_size": 4, "stride": 2}, (1, [2], [1.5])),
+        ("Deconvolution", {"kernel_size": 4, "stride": 2, "pad": 1}, (1, [2], [0.5])),
+        ("Crop", {"offset": 3}, (1, [1], [-3])),
+        ("Crop", {"crop_param": {"axis": 3, "offset": [4]}}, (2, [1], [-4])),
+        ("ReLU", {"negative_slope": 0.1}, (None, [1], [0])),
+    ],
+)
 def test_one_layer(data, type_name, options, expected):
     """Point x of the bottom maps to a x + b of the top: strides scale, kernels and pads shift."""
     assert numbers(coord_map(getattr(L, type_name)(data, **options).fn)) == expected

@@ -38,14 +38,22 @@ def test_labels_of_layers(net):
     """A label has name, type and kernel, on separate lines if the graph goes from left to right."""
     labels = [draw.get_layer_label(layer, "TB") for layer in net.layer]
     assert labels == [
-        '"data (Data)"', '"data (Input)"', '"conv1/3x3 (Convolution) kernel size: 3 stride: 1 pad: 1"', '"relu (ReLU)"',
-        '"pool (Pooling AVE) kernel size: 2 stride: 2 pad: 0"', '"drop (Dropout)"', '"node (InnerProduct)"',
+        '"data (Data)"',
+        '"data (Input)"',
+        '"conv1/3x3 (Convolution) kernel size: 3 stride: 1 pad: 1"',
+        '"relu (ReLU)"',
+        '"pool (Pooling AVE) kernel size: 2 stride: 2 pad: 0"',
+        '"drop (Dropout)"',
+        '"node (InnerProduct)"',
     ]
     assert draw.get_layer_label(net.layer[6], "LR") == r'"node\n(InnerProduct)"'
 
 
 def test_labels_with_learning_rates(net):
-    assert draw.get_layer_label(net.layer[6], "TB", display_lrm=True) == '"node (InnerProduct) lr mult: 1.0, 1.0"'
+    assert (
+        draw.get_layer_label(net.layer[6], "TB", display_lrm=True)
+        == '"node (InnerProduct) lr mult: 1.0, 1.0"'
+    )
     assert draw.get_layer_label(net.layer[3], "TB", display_lrm=True) == '"relu (ReLU)"'
     frozen = layer_of('name: "ip" type: "InnerProduct" param { lr_mult: 0 } param { lr_mult: 0 }')
     assert draw.get_layer_label(frozen, "TB", display_lrm=True) == '"ip (InnerProduct)"'
@@ -66,7 +74,8 @@ def text_of(net, *args, **options):
 def test_the_graph(net):
     text = text_of(net, "TB")
     assert text.startswith('digraph "small net" {\nrankdir=TB;\n')
-    box = r'"conv1/3x3 (Convolution) kernel size: 3 stride: 1 pad: 1\nrelu (ReLU)"'  # with the layer in place
+    # with the layer in place
+    box = r'"conv1/3x3 (Convolution) kernel size: 3 stride: 1 pad: 1\nrelu (ReLU)"'
     assert f'{box} [shape=record, fillcolor="#FF5050", style=filled];\n' in text
     assert '"node (InnerProduct)" [shape=record, fillcolor="#CC33FF", style=filled];\n' in text
     assert '\n"conv1/3x3" [shape=octagon, fillcolor="#E0E0E0", style=filled];\n' in text
@@ -83,20 +92,31 @@ def test_edges_carry_shapes(net):
     text = text_of(net, "TB", shapes={"data": (1, 3, 8, 8), "pool": (1, 20, 4, 4), "node": ()})
     box = r'"conv1/3x3 (Convolution) kernel size: 3 stride: 1 pad: 1\nrelu (ReLU)"'
     assert f'\ndata -> {box} [label="1 x 3 x 8 x 8"];' in text
-    assert '"pool (Pooling AVE) kernel size: 2 stride: 2 pad: 0" -> pool [label="1 x 20 x 4 x 4"];' in text
-    assert 'pool -> "node (InnerProduct)" [label=""];' in text and '"node (InnerProduct)" -> "node" [label=10];' in text
+    assert (
+        '"pool (Pooling AVE) kernel size: 2 stride: 2 pad: 0" -> pool [label="1 x 20 x 4 x 4"];'
+        in text
+    )
+    assert (
+        'pool -> "node (InnerProduct)" [label=""];' in text
+        and '"node (InnerProduct)" -> "node" [label=10];' in text
+    )
 
 
 def test_a_layer_in_place_on_an_input(net):
     del net.layer[:3]
-    assert '"relu (ReLU)" [shape=record, fillcolor="#90EE90", style=filled];\n' in text_of(net, "TB")
+    assert '"relu (ReLU)" [shape=record, fillcolor="#90EE90", style=filled];\n' in text_of(
+        net, "TB"
+    )
 
 
-@pytest.mark.parametrize(("phase", "shown"), [
-    (None, ["data (Data)", "data (Input)", "drop"]),
-    (caffe.TRAIN, ["data (Data)", "drop"]),
-    (caffe.TEST, ["data (Input)"]),
-])
+@pytest.mark.parametrize(
+    ("phase", "shown"),
+    [
+        (None, ["data (Data)", "data (Input)", "drop"]),
+        (caffe.TRAIN, ["data (Data)", "drop"]),
+        (caffe.TEST, ["data (Input)"]),
+    ],
+)
 def test_phases(net, phase, shown):
     text = text_of(net, "TB", phase=phase)
     assert [name for name in ("data (Data)", "data (Input)", "drop") if f'"{name}' in text] == shown
@@ -105,7 +125,9 @@ def test_phases(net, phase, shown):
 def test_rules_without_a_phase(net):
     net.layer[3].include.add(stage=["deploy"])
     net.layer[5].exclude.add(stage=["deploy"])
-    assert "relu" in text_of(net, "LR", phase=caffe.TRAIN) and "drop" in text_of(net, "LR", phase=caffe.TRAIN)
+    assert "relu" in text_of(net, "LR", phase=caffe.TRAIN) and "drop" in text_of(
+        net, "LR", phase=caffe.TRAIN
+    )
 
 
 def test_raw(net, tmp_path):
@@ -129,7 +151,9 @@ def test_a_picture(net, tmp_path):
 def test_a_dot_that_fails(net, monkeypatch, tmp_path):
     pytest.importorskip("pydot")
     program = tmp_path / "dot"
-    program.write_text("#!/bin/sh\ncat > /dev/null\necho 'Error: no' >&2\necho 'at all' >&2\nexit 1\n")
+    program.write_text(
+        "#!/bin/sh\ncat > /dev/null\necho 'Error: no' >&2\necho 'at all' >&2\nexit 1\n"
+    )
     program.chmod(0o755)
     monkeypatch.setattr("shutil.which", lambda name: str(program))
     with pytest.raises(NetlibError, match=r"^dot cannot draw the net as 'png': Error: no at all$"):

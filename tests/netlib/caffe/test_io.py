@@ -24,10 +24,14 @@ def test_blobproto_and_back():
     assert diff.tolist() == [[[0.5] * 3] * 2]
 
 
-@pytest.mark.parametrize(("blob", "array"), [
-    (caffe_pb2.BlobProto(double_data=[0.1, 0.2], shape={"dim": [2]}), [0.1, 0.2]),  # which pycaffe ignores
-    (caffe_pb2.BlobProto(data=[7]), 7),
-])
+@pytest.mark.parametrize(
+    ("blob", "array"),
+    [
+        # which pycaffe ignores
+        (caffe_pb2.BlobProto(double_data=[0.1, 0.2], shape={"dim": [2]}), [0.1, 0.2]),
+        (caffe_pb2.BlobProto(data=[7]), 7),
+    ],
+)
 def test_other_blobprotos(blob, array):
     assert io.blobproto_to_array(blob).tolist() == array
 
@@ -38,7 +42,9 @@ def test_blobprotovector():
     assert [a.tolist() for a in found] == [[0, 1, 2], [[1], [1]]]
 
 
-@pytest.mark.parametrize(("dtype", "back"), [(np.uint8, np.uint8), (np.float32, np.float64), (np.int64, np.float64)])
+@pytest.mark.parametrize(
+    ("dtype", "back"), [(np.uint8, np.uint8), (np.float32, np.float64), (np.int64, np.float64)]
+)
 def test_datum_and_back(dtype, back):
     """A Datum keeps uint8 values; all other types become float64."""
     array = np.arange(12).reshape(3, 2, 2).astype(dtype)
@@ -68,7 +74,9 @@ def test_preprocess_step_by_step(transformer):
     image[1, 2] = 0.2, 0.4, 0.6  # red, green, blue
     found = transformer.preprocess("data", image)
     assert found.dtype == np.float32 and found.shape == (3, 2, 3)
-    np.testing.assert_allclose(found[:, 1, 2], [(153 - 100) / 2, (102 - 110) / 2, (51 - 120) / 2], rtol=1e-6)
+    np.testing.assert_allclose(
+        found[:, 1, 2], [(153 - 100) / 2, (102 - 110) / 2, (51 - 120) / 2], rtol=1e-6
+    )
     np.testing.assert_allclose(found[:, 0, 0], [-50, -55, -60])
 
 
@@ -98,16 +106,22 @@ def test_deprocess_of_a_gray_image():
     transformer = io.Transformer({"data": (1, 1, 2, 3)})
     transformer.set_transpose("data", (2, 0, 1))
     transformer.set_mean("data", np.array([1], np.uint8))
-    assert transformer.deprocess("data", np.zeros((1, 1, 2, 3), np.float32)).tolist() == [[1, 1, 1], [1, 1, 1]]
+    assert transformer.deprocess("data", np.zeros((1, 1, 2, 3), np.float32)).tolist() == [
+        [1, 1, 1],
+        [1, 1, 1],
+    ]
 
 
-@pytest.mark.parametrize(("mean", "kept"), [
-    (np.arange(3.0), (3, 1, 1)),
-    (np.ones((2, 3)), (2, 3)),
-    (np.ones((3, 2, 3)), (3, 2, 3)),
-    (np.ones((1, 5, 5)), (1, 2, 3)),
-    (np.ones((5, 5)), (1, 2, 3)),
-])
+@pytest.mark.parametrize(
+    ("mean", "kept"),
+    [
+        (np.arange(3.0), (3, 1, 1)),
+        (np.ones((2, 3)), (2, 3)),
+        (np.ones((3, 2, 3)), (3, 2, 3)),
+        (np.ones((1, 5, 5)), (1, 2, 3)),
+        (np.ones((5, 5)), (1, 2, 3)),
+    ],
+)
 def test_means(transformer, mean, kept):
     """A mean is one number per channel, or an image with one channel or with all channels."""
     transformer.set_mean("data", mean)
@@ -132,7 +146,11 @@ def test_a_mean_without_transpose():
 
 
 RESIZED = {
-    (3, 4): [[0, 5.208333, 11.458333, 14.583334], [17.5, 20, 27.5, 35], [29.166668, 28.125, 34.375, 43.75]],
+    (3, 4): [
+        [0, 5.208333, 11.458333, 14.583334],
+        [17.5, 20, 27.5, 35],
+        [29.166668, 28.125, 34.375, 43.75],
+    ],
     (4, 6): [
         [0, 1.875, 5.625, 9.375, 13.125, 11.25],
         [7.5, 11.25, 13.75, 18.75, 26.25, 22.5],
@@ -153,7 +171,9 @@ def test_resized_as_scikit_image_does(size):
 
 
 @pytest.mark.parametrize(
-    ("order", "first_row"), [(0, [0, 10, 10, 20]), (3, [0, 1.425636, 11.090056, 11.989746])], ids=["nearest", "cubic"]
+    ("order", "first_row"),
+    [(0, [0, 10, 10, 20]), (3, [0, 1.425636, 11.090056, 11.989746])],
+    ids=["nearest", "cubic"],
 )
 def test_other_orders(order, first_row):
     """Order 0 takes the nearest pixel; order 3 uses cubic splines, clipped to the range of the image."""
@@ -178,7 +198,10 @@ def test_ten_crops():
     crops = io.oversample([image, image + 100], (2, 2))
     assert crops.shape == (20, 2, 2, 1) and crops.dtype == np.float32
     assert crops[:5, 0, 0, 0].tolist() == [0, 3, 10, 13, 6]
-    assert crops[0, ..., 0].tolist() == [[0, 1], [5, 6]] and crops[5, ..., 0].tolist() == [[1, 0], [6, 5]]
+    assert crops[0, ..., 0].tolist() == [[0, 1], [5, 6]] and crops[5, ..., 0].tolist() == [
+        [1, 0],
+        [6, 5],
+    ]
     assert (crops[5:10] == crops[:5, :, ::-1]).all() and (crops[10:] == crops[:10] + 100).all()
 
 
@@ -188,13 +211,17 @@ LUMA = [[[0.2125 + 0.7154 * 0.2], [1]]]
 GRAY = [[[0], [0.2], [1]]]
 
 
-@pytest.mark.parametrize(("pixels", "colour", "gray"), [
-    (BGR, RGB, LUMA),
-    (np.dstack([BGR, [[0, 128]]]).astype(np.uint8), RGB, LUMA),
-    (np.array([[0, 51, 255]], np.uint8), np.repeat(GRAY, 3, axis=2), GRAY),
-    (np.array([[0, 13107, 65535]], np.uint16), np.repeat(GRAY, 3, axis=2), GRAY),
-    (np.array([[0.25, 5]], np.float32), [[[0.25] * 3, [5] * 3]], [[[0.25], [5]]]),
-], ids=["8 bits", "alpha", "gray", "16 bits", "floats"])
+@pytest.mark.parametrize(
+    ("pixels", "colour", "gray"),
+    [
+        (BGR, RGB, LUMA),
+        (np.dstack([BGR, [[0, 128]]]).astype(np.uint8), RGB, LUMA),
+        (np.array([[0, 51, 255]], np.uint8), np.repeat(GRAY, 3, axis=2), GRAY),
+        (np.array([[0, 13107, 65535]], np.uint16), np.repeat(GRAY, 3, axis=2), GRAY),
+        (np.array([[0.25, 5]], np.float32), [[[0.25] * 3, [5] * 3]], [[[0.25], [5]]]),
+    ],
+    ids=["8 bits", "alpha", "gray", "16 bits", "floats"],
+)
 def test_images(tmp_path, pixels, colour, gray):
     """Colour is red first in [0, 1], gray has scikit-image's weights, alpha is dropped, and floats are not scaled.
 
@@ -216,7 +243,8 @@ def test_names_of_other_packages(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("skimage", "resize"):
         monkeypatch.setitem(sys.modules, "skimage.transform", None)
         with pytest.raises(
-            NetlibError, match=f"caffe.io.{name} is of scikit-image, which is missing: pip install scikit-image"
+            NetlibError,
+            match=f"caffe.io.{name} is of scikit-image, which is missing: pip install scikit-image",
         ):
             getattr(io, name)
     package = ModuleType("skimage")

@@ -17,7 +17,11 @@ def small_net() -> caffe.NetSpec:
     n = caffe.NetSpec()
     n.data, n.label = L.DummyData(shape=[{"dim": [2, 1, 8, 8]}, {"dim": 2}], ntop=2)
     n.conv = L.Convolution(
-        n.data, kernel_size=3, num_output=4, weight_filler={"type": "xavier"}, param=[{"lr_mult": 1}, {"lr_mult": 2}]
+        n.data,
+        kernel_size=3,
+        num_output=4,
+        weight_filler={"type": "xavier"},
+        param=[{"lr_mult": 1}, {"lr_mult": 2}],
     )
     n.pool = L.Pooling(n.conv, kernel_size=2, stride=2, pool=P.Pooling.AVE)
     n.relu = L.ReLU(n.pool, in_place=True)
@@ -56,7 +60,12 @@ def test_the_net_runs(tmp_path):
     path.write_text(str(small_net().to_proto()))
     net = caffe.Net(str(path), caffe.TEST)
     assert [layer.type for layer in net.layers] == [
-        "DummyData", "Convolution", "Pooling", "ReLU", "InnerProduct", "SoftmaxWithLoss",
+        "DummyData",
+        "Convolution",
+        "Pooling",
+        "ReLU",
+        "InnerProduct",
+        "SoftmaxWithLoss",
     ]
     assert net.forward()["loss"] > 0 and net.blobs["pool"].shape == (2, 4, 3, 3)
 
@@ -76,14 +85,21 @@ def test_names_are_made_for_what_has_none():
         ("EuclideanLoss1", ["EuclideanLoss1"]),
     ]
     assert [list(layer.bottom) for layer in net.layer[3:]] == [
-        ["Slice1"], ["TanH1", "Slice2"], ["Slice2"], ["TanH2", "DummyData2"],
+        ["Slice1"],
+        ["TanH1", "Slice2"],
+        ["Slice2"],
+        ["TanH2", "DummyData2"],
     ]
 
 
 def test_a_top_gives_its_net():
     n = small_net()
     assert isinstance(n.pool, Top)
-    assert [layer.type for layer in n.pool.to_proto().layer] == ["DummyData", "Convolution", "Pooling"]
+    assert [layer.type for layer in n.pool.to_proto().layer] == [
+        "DummyData",
+        "Convolution",
+        "Pooling",
+    ]
 
 
 def test_layers_without_tops():
@@ -91,7 +107,10 @@ def test_layers_without_tops():
     n.data = L.DummyData(shape={"dim": 3})
     n.quiet = L.Silence(n.data, ntop=0)
     assert isinstance(n.quiet, Function)
-    assert [(layer.name, list(layer.top)) for layer in n.to_proto().layer] == [("data", ["data"]), ("quiet", [])]
+    assert [(layer.name, list(layer.top)) for layer in n.to_proto().layer] == [
+        ("data", ["data"]),
+        ("quiet", []),
+    ]
     assert caffe.to_proto(L.Silence(n.data, ntop=0)).layer[1].name == "Silence1"
 
 
@@ -105,11 +124,21 @@ def test_deep_nets():
 def test_options_of_the_layer_and_of_its_block():
     """A block may be given as a dict; include, name and similar options belong to the layer."""
     n = caffe.NetSpec()
-    n.data = L.Input(input_param={"shape": [{"dim": [1, 2]}]}, include={"phase": caffe.TEST}, name="in")
+    n.data = L.Input(
+        input_param={"shape": [{"dim": [1, 2]}]}, include={"phase": caffe.TEST}, name="in"
+    )
     n.my = L.Python(n.data, module="mine", layer="My", param_str="x")
     data, my = n.to_proto().layer
-    assert data.name == "in" and data.include[0].phase == caffe.TEST and list(data.input_param.shape[0].dim) == [1, 2]
-    assert (my.python_param.module, my.python_param.layer, my.python_param.param_str) == ("mine", "My", "x")
+    assert (
+        data.name == "in"
+        and data.include[0].phase == caffe.TEST
+        and list(data.input_param.shape[0].dim) == [1, 2]
+    )
+    assert (my.python_param.module, my.python_param.layer, my.python_param.param_str) == (
+        "mine",
+        "My",
+        "x",
+    )
 
 
 def test_a_netspec_has_items_too():
@@ -122,18 +151,29 @@ def test_a_netspec_has_items_too():
 
 def test_blocks_by_type():
     names = param_name_dict()
-    assert names["InnerProduct"] == "inner_product" and names["HDF5Data"] == "hdf5_data" and names["LRN"] == "lrn"
+    assert (
+        names["InnerProduct"] == "inner_product"
+        and names["HDF5Data"] == "hdf5_data"
+        and names["LRN"] == "lrn"
+    )
 
 
 def test_assign_proto():
     """Lists fill repeated fields, dicts fill messages; a single value is a list of one."""
     layer = caffe_pb2.LayerParameter()
     assign_proto(layer, "param", [{"lr_mult": 0}, {"name": "w"}])
-    assign_proto(layer, "convolution_param", {"kernel_size": (3, 5), "weight_filler": {"type": "constant", "value": 2}})
+    assign_proto(
+        layer,
+        "convolution_param",
+        {"kernel_size": (3, 5), "weight_filler": {"type": "constant", "value": 2}},
+    )
     assign_proto(layer, "loss_weight", np.float32(0.5))
     assign_proto(layer, "include", [])
     assert [(p.lr_mult, p.name) for p in layer.param] == [(0, ""), (1, "w")]
-    assert list(layer.convolution_param.kernel_size) == [3, 5] and layer.convolution_param.weight_filler.value == 2
+    assert (
+        list(layer.convolution_param.kernel_size) == [3, 5]
+        and layer.convolution_param.weight_filler.value == 2
+    )
     assert list(layer.loss_weight) == [0.5] and len(layer.include) == 0
     assign_proto(layer, "power_param", caffe_pb2.PowerParameter(power=3))
     assert layer.power_param.power == 3
@@ -141,25 +181,40 @@ def test_assign_proto():
 
 def test_what_is_no_package():
     """Names of Python's own protocols are not taken for those of layers and parameters."""
-    assert not hasattr(P, "__path__") and not hasattr(L, "__path__") and not hasattr(P.Pooling, "__len__")
+    assert (
+        not hasattr(P, "__path__")
+        and not hasattr(L, "__path__")
+        and not hasattr(P.Pooling, "__len__")
+    )
 
 
 def test_nets_of_forks_are_written() -> None:
     """Readers and losses of forks, whose layers are not ours, with enums and messages inside messages."""
     n = caffe.NetSpec()
-    n.data, n.label = L.DenseImageData(dense_image_data_param={"source": "list.txt", "batch_size": 4}, ntop=2)
+    n.data, n.label = L.DenseImageData(
+        dense_image_data_param={"source": "list.txt", "batch_size": 4}, ntop=2
+    )
     n.boxes, n.of_boxes = L.AnnotatedData(
         annotated_data_param={"batch_sampler": [{"max_sample": 1, "sampler": {"min_scale": 0.5}}]},
-        transform_param={"resize_param": {"resize_mode": P.Resize.WARP, "interp_mode": [P.Resize.LINEAR]}},
+        transform_param={
+            "resize_param": {"resize_mode": P.Resize.WARP, "interp_mode": [P.Resize.LINEAR]}
+        },
         ntop=2,
     )
     kinds = {"loc_loss_type": P.MultiBoxLoss.SMOOTH_L1, "code_type": P.PriorBox.CENTER_SIZE}
     n.loss = L.MultiBoxLoss(n.boxes, n.of_boxes, **kinds)
-    n.crf = L.MultiStageMeanfield(n.data, num_iterations=5, compatibility_mode=P.MultiStageMeanfield.POTTS)
-    n.joints = L.CPMData(cpm_transform_param={"stride": 8}, data_param={"source": "lmdb", "batch_size": 2})
+    n.crf = L.MultiStageMeanfield(
+        n.data, num_iterations=5, compatibility_mode=P.MultiStageMeanfield.POTTS
+    )
+    n.joints = L.CPMData(
+        cpm_transform_param={"stride": 8}, data_param={"source": "lmdb", "batch_size": 2}
+    )
     text = str(n.to_proto())
     assert 'dense_image_data_param {\n    source: "list.txt"\n    batch_size: 4\n  }' in text
-    assert "multibox_loss_param {\n    loc_loss_type: SMOOTH_L1\n    code_type: CENTER_SIZE\n  }" in text
+    assert (
+        "multibox_loss_param {\n    loc_loss_type: SMOOTH_L1\n    code_type: CENTER_SIZE\n  }"
+        in text
+    )
     assert text_format.Parse(text, caffe_pb2.NetParameter()) == n.to_proto()
 
 

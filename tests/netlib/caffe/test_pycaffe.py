@@ -63,7 +63,14 @@ def test_what_a_net_says_about_itself(net: pycaffe.Net) -> None:
     assert net.blob_loss_weights["y"] == 0
     assert isinstance(net.top_names, OrderedDict)
     assert list(zip(net._blob_names, net._blobs)) == list(net.blobs.items())
-    assert [layer.type for layer in net.layers] == ["Input", "Split", "InnerProduct", "Split", "EuclideanLoss", "Power"]
+    assert [layer.type for layer in net.layers] == [
+        "Input",
+        "Split",
+        "InnerProduct",
+        "Split",
+        "EuclideanLoss",
+        "Power",
+    ]
 
 
 def test_numbers_of_blobs(net: pycaffe.Net) -> None:
@@ -91,16 +98,25 @@ def test_the_unnamed_top_of_a_loss_has_a_number(work: Path) -> None:
 
 
 def test_a_layer_in_place_writes_the_blob_that_it_reads(work: Path) -> None:
-    (work / "net.prototxt").write_text(NET.split("    layer { name: \"loss\"")[0] + (
-        'layer { name: "r" type: "ReLU" bottom: "a_top" top: "a_top" }'))
+    (work / "net.prototxt").write_text(
+        NET.split('    layer { name: "loss"')[0]
+        + ('layer { name: "r" type: "ReLU" bottom: "a_top" top: "a_top" }')
+    )
     net = pycaffe.Net("net.prototxt", netlib.TEST)
     assert net._bottom_ids(2) == net._top_ids(2) == net._top_ids(1) == net._outputs == [1]
 
 
 def test_the_compiled_module() -> None:
     """caffe._caffe has the names of pycaffe's compiled module, and caffe those of them that pycaffe imports."""
-    assert all(getattr(caffe, name) is getattr(_caffe, name) for name in set(_caffe.__all__) & set(caffe.__all__))
-    assert caffe.Net is pycaffe.Net and caffe.Layer is netlib.Layer and _caffe.__version__ == caffe.__version__
+    assert all(
+        getattr(caffe, name) is getattr(_caffe, name)
+        for name in set(_caffe.__all__) & set(caffe.__all__)
+    )
+    assert (
+        caffe.Net is pycaffe.Net
+        and caffe.Layer is netlib.Layer
+        and _caffe.__version__ == caffe.__version__
+    )
 
 
 LAYER = """
@@ -144,25 +160,47 @@ CONVOLUTIONS = """
 def assert_classes_of(net: pycaffe.Net, cls: type = caffe.Net) -> None:
     """The classes of everything in a net are those of pycaffe (python/caffe/_caffe.cpp and pycaffe.py), by identity."""
     vectors: dict[str, tuple[Any, Any]] = {
-        "layers": (net.layers, _caffe.LayerVec), "_blobs": (net._blobs, _caffe.BlobVec),
-        "_blob_names": (net._blob_names, _caffe.StringVec), "_layer_names": (net._layer_names, _caffe.StringVec),
-        "_inputs": (net._inputs, _caffe.IntVec), "_outputs": (net._outputs, _caffe.IntVec),
-        "_bottom_ids": (net._bottom_ids(1), _caffe.IntVec), "_top_ids": (net._top_ids(1), _caffe.IntVec),
+        "layers": (net.layers, _caffe.LayerVec),
+        "_blobs": (net._blobs, _caffe.BlobVec),
+        "_blob_names": (net._blob_names, _caffe.StringVec),
+        "_layer_names": (net._layer_names, _caffe.StringVec),
+        "_inputs": (net._inputs, _caffe.IntVec),
+        "_outputs": (net._outputs, _caffe.IntVec),
+        "_bottom_ids": (net._bottom_ids(1), _caffe.IntVec),
+        "_top_ids": (net._top_ids(1), _caffe.IntVec),
         "_blob_loss_weights": (net._blob_loss_weights, _caffe.DtypeVec),
-        "inputs": (net.inputs, list), "outputs": (net.outputs, list), "net": (net, cls),
-        "forward": (net.forward(), dict), "backward": (net.backward(), dict),
-        **{name: (getattr(net, name), OrderedDict)
-           for name in ("blobs", "params", "layer_dict", "top_names", "bottom_names", "blob_loss_weights")},
+        "inputs": (net.inputs, list),
+        "outputs": (net.outputs, list),
+        "net": (net, cls),
+        "forward": (net.forward(), dict),
+        "backward": (net.backward(), dict),
+        **{
+            name: (getattr(net, name), OrderedDict)
+            for name in (
+                "blobs",
+                "params",
+                "layer_dict",
+                "top_names",
+                "bottom_names",
+                "blob_loss_weights",
+            )
+        },
         **{f"blobs of {layer.type}": (layer.blobs, _caffe.BlobVec) for layer in net.layers},
         **{f"params[{name!r}]": (blobs, _caffe.BlobVec) for name, blobs in net.params.items()},
     }
     assert {name: type(value) for name, (value, _) in vectors.items()} == {
         name: wanted for name, (_, wanted) in vectors.items()
     }
-    blobs = [*net.blobs.values(), *net._blobs, *(blob for layer in net.layers for blob in layer.blobs)]
+    blobs = [
+        *net.blobs.values(),
+        *net._blobs,
+        *(blob for layer in net.layers for blob in layer.blobs),
+    ]
     assert {type(blob) for blob in blobs} == {_caffe.Blob}
     assert {type(array) for blob in blobs for array in (blob.data, blob.diff)} == {np.ndarray}
-    assert {type(names) for found in (net.top_names, net.bottom_names) for names in found.values()} == {list}
+    assert {
+        type(names) for found in (net.top_names, net.bottom_names) for names in found.values()
+    } == {list}
     assert all(isinstance(layer, caffe.Layer) for layer in [*net.layers, *net.layer_dict.values()])
 
 
@@ -178,20 +216,33 @@ def test_classes_are_pycaffes_by_identity(work: Path, module: MakeModule) -> Non
     assert type(caffe.Classifier("net.prototxt", None).transformer) is caffe.io.Transformer
     for name in ("SGD", "Nesterov", "AdaGrad", "RMSProp", "AdaDelta", "Adam"):
         (work / "solver.prototxt").write_text(
-            f'{SOLVER} type: "{name}" test_net: "net.prototxt" test_iter: 1 test_interval: 1')
+            f'{SOLVER} type: "{name}" test_net: "net.prototxt" test_iter: 1 test_interval: 1'
+        )
         solver = caffe.get_solver("solver.prototxt")
         cls = getattr(_caffe, f"{name}Solver")
-        assert type(solver) is type(cls("solver.prototxt")) is cls is getattr(caffe, f"{name}Solver")
-        assert cls.__name__ == f"{name}Solver" and issubclass(cls, caffe.SGDSolver) and issubclass(cls, _caffe.Solver)
-        assert type(solver.param) is _caffe.SolverParameter and type(solver.test_nets) is _caffe.NetVec
-    assert [len(cls("solver.prototxt").history[0]) for cls in (caffe.AdamSolver, caffe.SGDSolver)] == [2, 1]
+        assert (
+            type(solver) is type(cls("solver.prototxt")) is cls is getattr(caffe, f"{name}Solver")
+        )
+        assert (
+            cls.__name__ == f"{name}Solver"
+            and issubclass(cls, caffe.SGDSolver)
+            and issubclass(cls, _caffe.Solver)
+        )
+        assert (
+            type(solver.param) is _caffe.SolverParameter and type(solver.test_nets) is _caffe.NetVec
+        )
+    assert [
+        len(cls("solver.prototxt").history[0]) for cls in (caffe.AdamSolver, caffe.SGDSolver)
+    ] == [2, 1]
     solver.step(1)
     for net in (solver.net, *solver.test_nets):
         assert_classes_of(net)
         assert net.layer_dict["twice"].seen == {"setup", "reshape", "forward", "backward"}
 
 
-@pytest.mark.parametrize("args", [((), {"phase": 1, "weights": "w"}), ((1, 0, None, "w"), {}), (("w", 1), {})])
+@pytest.mark.parametrize(
+    "args", [((), {"phase": 1, "weights": "w"}), ((1, 0, None, "w"), {}), (("w", 1), {})]
+)
 def test_constructors(net: pycaffe.Net, args: tuple[tuple[object, ...], dict[str, object]]) -> None:
     """Phase, level, stages and weights are accepted by position or name, and in pycaffe's older order."""
     net.save("w")
@@ -241,13 +292,17 @@ def test_any_number_of_items(net: pycaffe.Net, count: int) -> None:
     for found in (net.forward_all(["a_top"], x=x), deploy.forward_all(["a_top"], x=x)):
         assert found["y"].shape == (count, 3)
         assert np.allclose(found["a_top"], x @ w.T + b, atol=1e-5)
-    data, diffs = net.forward_backward_all(["a_top"], ["a_top"], x=x, y=np.ones((count, 3), np.float32))
+    data, diffs = net.forward_backward_all(
+        ["a_top"], ["a_top"], x=x, y=np.ones((count, 3), np.float32)
+    )
     assert data["y"].shape == diffs["x"].shape == (count, 3)
 
 
 def test_one_value_for_each_channel_fills_the_input() -> None:
     """As pycaffe's assignment to the blob; any other size reshapes the net."""
-    Path("wide.prototxt").write_text(inputs(x=(1, 2, 3, 4)) + 'layer { name: "p" type: "Power" bottom: "x" top: "y" }')
+    Path("wide.prototxt").write_text(
+        inputs(x=(1, 2, 3, 4)) + 'layer { name: "p" type: "Power" bottom: "x" top: "y" }'
+    )
     net = pycaffe.Net("wide.prototxt", netlib.TEST)
     given = np.float32([[[[1]], [[2]]]])
     assert np.array_equal(net.forward_all(x=given)["y"], given + np.zeros((1, 2, 3, 4)))
@@ -270,7 +325,9 @@ def test_hooks_are_called_around_every_layer(net: pycaffe.Net) -> None:
     net.before_backward(record("before"))
     net.after_backward(record("after"))
     net.backward()
-    assert calls == [(what, number) for number in reversed(range(6)) for what in ("before", "after")]
+    assert calls == [
+        (what, number) for number in reversed(range(6)) for what in ("before", "after")
+    ]
 
 
 def test_weights_in_both_formats(net: pycaffe.Net) -> None:
@@ -285,9 +342,13 @@ def test_weights_in_both_formats(net: pycaffe.Net) -> None:
 def test_images_in_memory() -> None:
     """set_input_arrays passes images to a MemoryData layer, which must be the first layer."""
     memory = "memory_data_param { batch_size: 2 channels: 1 height: 1 width: 3 }"
-    Path("m.prototxt").write_text(f'layer {{ name: "m" type: "MemoryData" top: "d" top: "t" {memory} }}')
+    Path("m.prototxt").write_text(
+        f'layer {{ name: "m" type: "MemoryData" top: "d" top: "t" {memory} }}'
+    )
     net = pycaffe.Net("m.prototxt", netlib.TEST)
-    net.set_input_arrays(np.arange(12, dtype=np.float32).reshape(4, 1, 1, 3), np.arange(4, dtype=np.float32))
+    net.set_input_arrays(
+        np.arange(12, dtype=np.float32).reshape(4, 1, 1, 3), np.arange(4, dtype=np.float32)
+    )
     net.forward()
     assert net.forward()["t"].ravel().tolist() == [2, 3]
     with pytest.raises(NetlibError, match=r"set_input_arrays .* MemoryData layer"):
@@ -334,18 +395,38 @@ def test_options_may_change_while_it_trains() -> None:
 FIXED = "is read once, when the solver is made; change it in the file"
 
 
-@bad_inputs(PrototxtError, {
-    "type": (("type", "Adam"), AttributeError, f"type {FIXED}"),
-    "random_seed": (("random_seed", 3), AttributeError, f"random_seed {FIXED}"),
-    "base_rate": (("base_rate", 1), AttributeError, "a solver has no option 'base_rate'"),
-    "momentum": (("momentum", 2.0), "solver.prototxt:1:1: error: momentum 2 must be at least 0 and less than 1"),
-    "base_lr": (("base_lr", "x"), "solver.prototxt:1:21: error: 'base_lr' expects a number, found 'x'"),
-    "max_iter": (("max_iter", 2.5), "solver.prototxt:1:75: error: 'max_iter' expects an integer ..., found 2.5"),
-    "stepvalue": (("stepvalue", 3), "solver.prototxt:1:1: error: 'stepvalue' expects a list, each ..., found 3"),
-    "debug_info": (("debug_info", 1), "solver.prototxt:1:1: error: 'debug_info' expects true or false, found 1"),
-    "snapshot_format": (("snapshot_format", "h5"),
-        "solver.prototxt:1:1: error: 'snapshot_format' expects HDF5 or BINARYPROTO, found 'h5'"),
-})
+@bad_inputs(
+    PrototxtError,
+    {
+        "type": (("type", "Adam"), AttributeError, f"type {FIXED}"),
+        "random_seed": (("random_seed", 3), AttributeError, f"random_seed {FIXED}"),
+        "base_rate": (("base_rate", 1), AttributeError, "a solver has no option 'base_rate'"),
+        "momentum": (
+            ("momentum", 2.0),
+            "solver.prototxt:1:1: error: momentum 2 must be at least 0 and less than 1",
+        ),
+        "base_lr": (
+            ("base_lr", "x"),
+            "solver.prototxt:1:21: error: 'base_lr' expects a number, found 'x'",
+        ),
+        "max_iter": (
+            ("max_iter", 2.5),
+            "solver.prototxt:1:75: error: 'max_iter' expects an integer ..., found 2.5",
+        ),
+        "stepvalue": (
+            ("stepvalue", 3),
+            "solver.prototxt:1:1: error: 'stepvalue' expects a list, each ..., found 3",
+        ),
+        "debug_info": (
+            ("debug_info", 1),
+            "solver.prototxt:1:1: error: 'debug_info' expects true or false, found 1",
+        ),
+        "snapshot_format": (
+            ("snapshot_format", "h5"),
+            "solver.prototxt:1:1: error: 'snapshot_format' expects HDF5 or BINARYPROTO, found 'h5'",
+        ),
+    },
+)
 def test_options_that_cannot_change_so(given: tuple[str, object], rejected) -> None:
     solver = pycaffe.SGDSolver("solver.prototxt")
     before = repr(solver.param)
@@ -369,7 +450,8 @@ def test_what_a_gpu_could_do_is_one_note(caplog: pytest.LogCaptureFixture) -> No
         _caffe.set_device(0)
         netlib.set_mode_cpu()
     assert caplog.messages == [
-        "set_mode_gpu: accepted, but this runs on the CPU", "set_device(0): accepted, but this runs on the CPU"
+        "set_mode_gpu: accepted, but this runs on the CPU",
+        "set_device(0): accepted, but this runs on the CPU",
     ]
 
 
@@ -378,7 +460,11 @@ def test_one_solver_in_one_process() -> None:
     _caffe.set_solver_rank(0)
     _caffe.set_multiprocess(True)
     assert (_caffe.solver_count(), _caffe.solver_rank(), _caffe.has_nccl()) == (1, 0, False)
-    for call in (lambda: _caffe.set_solver_count(2), lambda: _caffe.set_solver_rank(1), _caffe.NCCL.new_uid):
+    for call in (
+        lambda: _caffe.set_solver_count(2),
+        lambda: _caffe.set_solver_rank(1),
+        _caffe.NCCL.new_uid,
+    ):
         with pytest.raises(NotImplementedError):
             call()
 
@@ -397,7 +483,9 @@ def test_one_solver_of_several_processes(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_the_log(
-    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     logger = logging.getLogger("netlib")
     monkeypatch.setattr(logger, "handlers", [])
@@ -408,7 +496,9 @@ def test_the_log(
     _caffe.log("not heard")
     logger.setLevel(level)
     assert caplog.messages == ["100% mine"]
-    assert re.fullmatch(r"I\d{4} \d\d:\d\d:\d\d\.\d{6} \d+ _caffe\.py:\d+\] 100% mine\n", capsys.readouterr().err)
+    assert re.fullmatch(
+        r"I\d{4} \d\d:\d\d:\d\d\.\d{6} \d+ _caffe\.py:\d+\] 100% mine\n", capsys.readouterr().err
+    )
 
 
 def test_a_timer() -> None:

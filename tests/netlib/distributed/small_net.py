@@ -43,6 +43,8 @@ def write_files() -> None:
 def whole_snapshot() -> int:
     """Return the iteration of the newest solver state, after restoring it."""
     solver = netlib.get_solver("solver.prototxt")
-    states = sorted(Path("snapshots").glob("*.solverstate"), key=lambda path: int(path.stem.split("_")[-1]))
+    states = sorted(
+        Path("snapshots").glob("*.solverstate"), key=lambda path: int(path.stem.split("_")[-1])
+    )
     solver.restore(states[-1])
     return solver.iter

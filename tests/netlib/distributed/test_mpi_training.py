@@ -41,19 +41,31 @@ def test_four_ranks():
     programs = ["sums", "agreement", "errors"]
     done = ranks_started.run(4, PROGRAMS, *programs)
     assert done.returncode == 0, done.stderr
-    assert sorted(done.stdout.split("\n")[:-1]) == sorted(f"rank {r} {name}" for name in programs for r in range(4))
+    assert sorted(done.stdout.split("\n")[:-1]) == sorted(
+        f"rank {r} {name}" for name in programs for r in range(4)
+    )
 
 
 def test_two_ranks_are_one_with_twice_the_batch(rng):
     """The losses of 8 iterations agree to 1e-5 for the paper's network without dropout, and for Adam with clipped
     gradients and iter_size.
     """
-    write_hdf5("frames.h5", depth=rng.uniform(-1, 1, (40, 1, 128, 128)), joint=rng.uniform(-0.5, 0.5, (40, 93)))
+    write_hdf5(
+        "frames.h5",
+        depth=rng.uniform(-1, 1, (40, 1, 128, 128)),
+        joint=rng.uniform(-0.5, 0.5, (40, 93)),
+    )
     Path("frames.txt").write_text("frames.h5\n")
     text = (ROOT / "prototxt" / "nyu_train_test.prototxt").read_text()
-    text = re.sub(r"layer \{ name: .Dropout.*\n", "", text).replace("num_output: 1024", "num_output: 64")
-    text = re.sub(r"data/nyu/\w+.txt", "frames.txt", text).replace("batch_size: 250", "batch_size: 10")
-    Path("paper.prototxt").write_text(text.replace('"hand/', f'"{ROOT}/prototxt/hand/').replace("size: 512", "size: 8"))
+    text = re.sub(r"layer \{ name: .Dropout.*\n", "", text).replace(
+        "num_output: 1024", "num_output: 64"
+    )
+    text = re.sub(r"data/nyu/\w+.txt", "frames.txt", text).replace(
+        "batch_size: 250", "batch_size: 10"
+    )
+    Path("paper.prototxt").write_text(
+        text.replace('"hand/', f'"{ROOT}/prototxt/hand/').replace("size: 512", "size: 8")
+    )
     Path("losses_paper.prototxt").write_text(PAPER)
     Path("losses_adam.prototxt").write_text(ADAM)
     run("losses")
@@ -78,9 +90,16 @@ def test_exact(caplog):
 layer { name: "drop" type: "Dropout" bottom: "h" top: "h" }
 layer { name: "relu\""""
     Path("exact_net.prototxt").write_text(
-        NET.replace('layer { name: "relu"', more).replace("batch_size: 8", "batch_size: 4 shuffle: true"))
-    solver = SOLVER.replace("small.prototxt", "exact_net.prototxt").replace("snapshots/small", "snapshots/exact")
-    Path("exact.prototxt").write_text(solver.replace("1000000", "6").replace("snapshot: 20", "snapshot: 3"))
+        NET.replace('layer { name: "relu"', more).replace(
+            "batch_size: 8", "batch_size: 4 shuffle: true"
+        )
+    )
+    solver = SOLVER.replace("small.prototxt", "exact_net.prototxt").replace(
+        "snapshots/small", "snapshots/exact"
+    )
+    Path("exact.prototxt").write_text(
+        solver.replace("1000000", "6").replace("snapshot: 20", "snapshot: 3")
+    )
     Path("small_solver.prototxt").write_text(ADAM)
     run("resume", "two_solvers", "checksum")
     with caplog.at_level("INFO", "netlib"):

@@ -32,12 +32,18 @@ def test_every_row_of_a_step_goes_to_one_rank(count):
 def test_batches():
     assert Shard(1, 4).batch(6) == 6
     assert Shard(1, 4, divide=True).batch(8) == 2
-    with pytest.raises(ValueError, match=r"^a batch of 6 cannot be divided among 4 ranks; expected a multiple of 4$"):
+    with pytest.raises(
+        ValueError,
+        match=r"^a batch of 6 cannot be divided among 4 ranks; expected a multiple of 4$",
+    ):
         Shard(1, 4, divide=True).batch(6)
 
 
 def test_a_batch_that_cannot_be_divided(write_rows):
-    with pytest.raises(LayerError, match=r"^net:1:\d+: error: layer 'd': a batch of 6 cannot be divided among 4 ranks"):
+    with pytest.raises(
+        LayerError,
+        match=r"^net:1:\d+: error: layer 'd': a batch of 6 cannot be divided among 4 ranks",
+    ):
         net(hdf5(None, write_rows, "false"), 6, Shard(1, 4, divide=True))
 
 
@@ -45,7 +51,9 @@ def test_alone():
     y, done = np.ones(3), []
     ALONE.introduce({"data": 1})
     ALONE.at_root(lambda: done.append(1))
-    assert done == [1] and y.tolist() == [1, 1, 1] and ALONE.shard == Shard() and ALONE.of_root(5) == 5
+    assert (
+        done == [1] and y.tolist() == [1, 1, 1] and ALONE.shard == Shard() and ALONE.of_root(5) == 5
+    )
     assert ALONE.agree(2.5, "stop") == 2.5 and ALONE.asked("stop") == "stop"
     assert ALONE.gather({"a": 1}) == []
     error = NetlibError("no")
@@ -71,13 +79,18 @@ def pictures(folder, write_rows, shuffle):
     for i in range(ROWS):
         cv2.imwrite(str(folder / f"{i}.png"), np.full((1, 1, 3), i, np.uint8))
     (folder / "list").write_text("".join(f"{i}.png {i}\n" for i in range(ROWS)))
-    return (f'type: "ImageData" top: "x" top: "t" image_data_param '
-            f'{{ source: "{folder}/list" batch_size: %d shuffle: {shuffle} }}')
+    return (
+        f'type: "ImageData" top: "x" top: "t" image_data_param '
+        f'{{ source: "{folder}/list" batch_size: %d shuffle: {shuffle} }}'
+    )
 
 
 def net(text, batch, share):
-    return Net(prototxt.parse('layer { name: "d" ' + text % batch + " }", "net"), seed=1,
-               layer_hook=RankOfLayers(share))
+    return Net(
+        prototxt.parse('layer { name: "d" ' + text % batch + " }", "net"),
+        seed=1,
+        layer_hook=RankOfLayers(share),
+    )
 
 
 @pytest.mark.parametrize("shuffle", ["false", "true"])
@@ -98,7 +111,9 @@ def test_ranks_read_what_one_would_read(tmp_path, write_rows, layer, shuffle):
             for r, of_rank in enumerate(nets):
                 if step == 2:
                     states = of_rank.layer_states()
-                    of_rank = nets[r] = net(text, BATCH * (COUNT if nets is divided else 1), of_rank.layers[0].shard)
+                    of_rank = nets[r] = net(
+                        text, BATCH * (COUNT if nets is divided else 1), of_rank.layers[0].shard
+                    )
                     of_rank.restore_layer_states(states)
                 assert np.array_equal(of_rank.forward()["x"], expected[r::COUNT])
     assert len(np.unique(seen)) == ROWS  # all rows occur and they differ
@@ -120,7 +135,10 @@ def test_what_a_layer_reads(tmp_path, write_rows, layer):
     if layer is hdf5:
         write_rows("list.txt", [4, 1, 5], seed=1, x=(1,))  # the same number of rows
     elif layer is database:
-        with lmdb.open(str(tmp_path / "lmdb_false"), map_size=1 << 20) as env, env.begin(write=True) as change:
+        with (
+            lmdb.open(str(tmp_path / "lmdb_false"), map_size=1 << 20) as env,
+            env.begin(write=True) as change,
+        ):
             change.put(f"{0:08}".encode(), datum(np.full((1, 1, 1), 99, np.uint8), 0))
     else:
         (tmp_path / "list").write_text((tmp_path / "list").read_text().replace(" 7\n", " 8\n"))

@@ -52,7 +52,9 @@ def test_text_of(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["", ".", "..", "/", "folder"])
-def test_a_folder_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+def test_a_folder_is_not_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
     monkeypatch.chdir(tmp_path)
     Path("folder").mkdir()
     for write, content in ((atomic.replace_bytes, b"1"), (atomic.replace_text, "1")):
@@ -61,7 +63,9 @@ def test_a_folder_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert [path.name for path in tmp_path.iterdir()] == ["folder"]
 
 
-def test_a_link_that_somebody_planted_is_not_followed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_link_that_somebody_planted_is_not_followed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A symbolic link with the name of the temporary file is not followed, even if the random part matches."""
     (tmp_path / "precious").write_text("mine")
     monkeypatch.setattr(secrets, "token_hex", lambda count: "0123abcd")
@@ -81,7 +85,9 @@ def test_what_a_killed_process_left_is_cleared(tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == set(others)
 
 
-@pytest.mark.parametrize("write", [atomic.replace_bytes, lambda path, content: atomic.replace(path, Path.touch)])
+@pytest.mark.parametrize(
+    "write", [atomic.replace_bytes, lambda path, content: atomic.replace(path, Path.touch)]
+)
 def test_a_pipe_is_not_taken_away(tmp_path: Path, write: Callable[[Path, bytes], None]) -> None:
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(OSError, match=r"it is a device or a pipe; expected a .*file: '.*pipe'"):

@@ -21,7 +21,10 @@ def test_what_is_wrong_says_what_was_wanted(tmp_path: Path) -> None:
     with hdf5.opened(path, "weights", WeightsError) as file:
         assert list(file) == ["x"]
     wrong = r"a\.h5: cannot read weights: damaged, or not as expected: .*'y'"
-    with pytest.raises(WeightsError, match=wrong), hdf5.opened(path, "weights", WeightsError) as file:
+    with (
+        pytest.raises(WeightsError, match=wrong),
+        hdf5.opened(path, "weights", WeightsError) as file,
+    ):
         file["y"]
     (tmp_path / "text.h5").write_text("no HDF5")
     wrong = r"text\.h5: cannot read the data: damaged or truncated: .*signature not found"
@@ -51,15 +54,25 @@ def never_written(file: h5py.File) -> None:
     file.create_dataset("x", (10**12,), "f4", chunks=(1024,))
 
 
-@pytest.mark.parametrize(("make", "fault"), [
-    (
-        external_link,
-        "'/deep/x' is a link into another file, 'other.h5', which is not followed; expected all in one",
-    ),
-    (external_storage, "data set '/x' is kept in another file, '/etc/hostname', which is not read; expected all"),
-    (virtual, "data set '/x' is virtual"),
-    (never_written, "data set '/x' claims 4000000000000 bytes, but only 0 are stored; expected data"),
-], ids=lambda value: getattr(value, "__name__", ""))
+@pytest.mark.parametrize(
+    ("make", "fault"),
+    [
+        (
+            external_link,
+            "'/deep/x' is a link into another file, 'other.h5', which is not followed; expected all in one",
+        ),
+        (
+            external_storage,
+            "data set '/x' is kept in another file, '/etc/hostname', which is not read; expected all",
+        ),
+        (virtual, "data set '/x' is virtual"),
+        (
+            never_written,
+            "data set '/x' claims 4000000000000 bytes, but only 0 are stored; expected data",
+        ),
+    ],
+    ids=lambda value: getattr(value, "__name__", ""),
+)
 def test_files_that_are_not_opened(tmp_path: Path, make: Any, fault: str) -> None:
     with h5py.File(tmp_path / "a.h5", "w") as file:
         make(file)
@@ -113,21 +126,35 @@ def test_damage_of_a_sealed_file_is_found_without_hdf5(sealed: Path, as_content:
         damaged[bit // 8] ^= 1 << bit % 8
         sealed.write_bytes(damaged)
         source = files.Content(sealed, sealed.read_bytes()) if as_content else sealed
-        with pytest.raises(DataError, match="damaged: checksum mismatch"), hdf5.opened(source, "data"):
+        with (
+            pytest.raises(DataError, match="damaged: checksum mismatch"),
+            hdf5.opened(source, "data"),
+        ):
             pass
 
 
 @pytest.mark.parametrize("shape", [(), (3,), (40, 40)], ids=["numbers", "small rows", "large rows"])
 @pytest.mark.parametrize("dtype", ["<f4", ">f4", "<f8", "<i2", "u1"])
 @pytest.mark.parametrize("options", [{}, {"chunks": True}, {"compression": "gzip"}], ids=str)
-def test_rows_are_what_h5py_reads(tmp_path: Path, shape: tuple[int, ...], dtype: str, options: dict[str, Any]) -> None:
+def test_rows_are_what_h5py_reads(
+    tmp_path: Path, shape: tuple[int, ...], dtype: str, options: dict[str, Any]
+) -> None:
     """A single row, a range, a list of rows and all rows equal h5py's; take converts to the type of ``out``."""
     values = np.random.default_rng(3).integers(0, 100, (20, *shape)).astype(dtype)
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file.create_dataset("x", data=values, **options)
     rows = hdf5.File(tmp_path / "a.h5", ("x",)).datasets[0]
     assert (rows.shape, rows.dtype) == (values.shape, values.dtype)
-    for key in (0, 19, -1, slice(None), slice(3, 9), slice(15, 2, -3), [5, 6, 7, 1, 0, 19, 19], np.array([4])):
+    for key in (
+        0,
+        19,
+        -1,
+        slice(None),
+        slice(3, 9),
+        slice(15, 2, -3),
+        [5, 6, 7, 1, 0, 19, 19],
+        np.array([4]),
+    ):
         assert np.array_equal(rows[key], values[key]), key
     assert np.array_equal(np.asarray(rows), values)
     out = np.empty((4, *shape), np.float32)

@@ -44,7 +44,10 @@ def test_a_kill_releases(tmp_path: Path) -> None:
     path = tmp_path / ".prefix.lock"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     with subprocess.Popen(
-        [sys.executable, "-c", HOLDER, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment
+        [sys.executable, "-c", HOLDER, str(path)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env=environment,
     ) as holder:
         assert holder.stdout is not None
         assert holder.stdout.readline() == b"True \n"

@@ -28,19 +28,25 @@ def run(tmp_path: Path):
 
 FILES = {
     "modules": {"layers.py": "class Stripe: pass\nfast = 1", "fast.py": "name = 'theirs'"},
-    "packages": {"layers/__init__.py": "from layers.stripe import Stripe", "layers/stripe.py": "class Stripe: pass",
-                 "fast/__init__.py": "name = 'theirs'"},
+    "packages": {
+        "layers/__init__.py": "from layers.stripe import Stripe",
+        "layers/stripe.py": "class Stripe: pass",
+        "fast/__init__.py": "name = 'theirs'",
+    },
     "folders": {"layers/stripe.py": "class Stripe: pass", "fast/name.py": ""},
 }
 
 
-@pytest.mark.parametrize(("kind", "how"), [
-    ("modules", "python -m netlib.caffe"),
-    ("modules", "imported before"),
-    ("packages", "python -m netlib.caffe"),
-    ("packages", "install_as_caffe"),
-    ("folders", "install_as_caffe"),
-])
+@pytest.mark.parametrize(
+    ("kind", "how"),
+    [
+        ("modules", "python -m netlib.caffe"),
+        ("modules", "imported before"),
+        ("packages", "python -m netlib.caffe"),
+        ("packages", "install_as_caffe"),
+        ("folders", "install_as_caffe"),
+    ],
+)
 def test_a_scripts_own_modules_win(run, kind: str, how: str) -> None:
     """The script finds its own modules, also later and in other modules; nets are built and run by ours."""
     begin = {
@@ -55,7 +61,10 @@ def test_a_scripts_own_modules_win(run, kind: str, how: str) -> None:
     files = {**FILES[kind], "other.py": f"from {inside} import Stripe"}
     argv = ("-m", "netlib.caffe") if how == "python -m netlib.caffe" else ()
     stripe = "layers" if kind == "modules" else "layers.stripe"
-    assert run(code, files, *argv) == [f"True {stripe} {os.environ.get('NETLIB_ENGINE', 'fast')} 1", "theirs"]
+    assert run(code, files, *argv) == [
+        f"True {stripe} {os.environ.get('NETLIB_ENGINE', 'fast')} 1",
+        "theirs",
+    ]
 
 
 def test_other_folders_of_a_clone(run) -> None:

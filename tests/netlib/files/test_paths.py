@@ -43,7 +43,10 @@ def test_the_tree_of_the_file_that_names_it(tree: Path, solver: str) -> None:
 def test_the_projects_own_files(tree: Path) -> None:
     """A solver may name a net of the project, also of an installed package; the working directory comes first."""
     source = str(put(tree / "solver.prototxt"))
-    assert find("prototxt/nyu_train_test.prototxt", source) == ROOT / "prototxt" / "nyu_train_test.prototxt"
+    assert (
+        find("prototxt/nyu_train_test.prototxt", source)
+        == ROOT / "prototxt" / "nyu_train_test.prototxt"
+    )
     own = put(Path("prototxt/nyu_train_test.prototxt"))
     assert find("prototxt/nyu_train_test.prototxt", source) == own
 
@@ -68,7 +71,10 @@ def test_the_command_line(tree: Path) -> None:
 def test_commands_as_they_are_started(monkeypatch: pytest.MonkeyPatch) -> None:
     assert command("export_onnx") == "python tools/export_onnx.py"
     monkeypatch.setattr(sys, "argv", ["handpose train"])
-    assert (command("export_onnx"), command("run_net")) == ("handpose export-onnx", "handpose run-net")
+    assert (command("export_onnx"), command("run_net")) == (
+        "handpose export-onnx",
+        "handpose run-net",
+    )
     monkeypatch.setattr(sys, "argv", ["netlib finetune"])
     assert (command("export_onnx"), command("run_net")) == ("netlib export-onnx", "netlib run")
 

@@ -41,7 +41,10 @@ def test_a_picture_of_too_many_pixels_is_not_decoded(tmp_path: Path, suffix: str
     code = "import netlib, sys, pathlib; from netlib.files import pictures; "
     code += "pictures.decode(pathlib.Path(sys.argv[1]).read_bytes(), -1, 'p')"
     done = run_python("-c", code, tmp_path / "bomb", status=1, OPENCV_IO_MAX_IMAGE_PIXELS=None)
-    assert "p: the image has too many pixels in all; OPENCV_IO_MAX_IMAGE_PIXELS in the env" in done.err.splitlines()[-1]
+    assert (
+        "p: the image has too many pixels in all; OPENCV_IO_MAX_IMAGE_PIXELS in the env"
+        in done.err.splitlines()[-1]
+    )
 
 
 @pytest.mark.parametrize("part", [0.3, 0.6, 0.9, 0.999])
@@ -55,5 +58,7 @@ def test_a_truncated_jpeg(part: float) -> None:
 
 
 def test_a_picture_with_too_long_a_side() -> None:
-    with pytest.raises(DataError, match=r"^p: the image has too many pixels in a row; OPENCV_IO_MAX_IMAGE_WIDTH in"):
+    with pytest.raises(
+        DataError, match=r"^p: the image has too many pixels in a row; OPENCV_IO_MAX_IMAGE_WIDTH in"
+    ):
         pictures.decode(b"P5\n1048581 1\n255\n" + bytes(1048581), cv2.IMREAD_UNCHANGED, "p")

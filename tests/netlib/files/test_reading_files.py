@@ -27,23 +27,48 @@ def test_bytes_and_text(tmp_path: Path) -> None:
     assert files.read_bytes(path, "the list", first=3) == b"\xef\xbb\xbf"
 
 
-@bad_inputs(DataError, {
-    "large text": (lambda at: files.read_text(at / "hole", "the list"),
-                   ".../hole: 10000000000 bytes, which is too large for the list; at most 268435456 are read"),
-    "no pieces": (lambda at: next(files.read_pieces(at / "none", "weights", WeightsError)), WeightsError,
-                  ".../none: cannot read weights: No such file or directory"),
-    "no text": (lambda at: files.read_text(at / "bytes", "the log"),
-                ".../bytes: cannot read the log: not a text file (byte 3 is not UTF-8)"),
-    "no UTF-8": (lambda at: atomic.text_of(at / "bytes"),
-                 ".../bytes: cannot read the text: not a text file (byte 3 is not UTF-8)"),
-    "a file as a folder": (lambda at: files.make_folder(at / "bytes"), NetlibError,
-                           ".../bytes: is a file; expected a folder"),
-    "a file above": (lambda at: files.make_folder(at / "bytes/a/b"), NetlibError,
-                     ".../bytes: is a file; expected a folder"),
-    "device": (lambda at: files.make_folder(Path("/dev/null")), NetlibError,
-               "/dev/null: is a device; expected a folder"),
-    "a link to itself": (lambda at: files.make_folder(at / "loop"), OSError, "[Errno 17] File exists: '.../loop'"),
-})
+@bad_inputs(
+    DataError,
+    {
+        "large text": (
+            lambda at: files.read_text(at / "hole", "the list"),
+            ".../hole: 10000000000 bytes, which is too large for the list; at most 268435456 are read",
+        ),
+        "no pieces": (
+            lambda at: next(files.read_pieces(at / "none", "weights", WeightsError)),
+            WeightsError,
+            ".../none: cannot read weights: No such file or directory",
+        ),
+        "no text": (
+            lambda at: files.read_text(at / "bytes", "the log"),
+            ".../bytes: cannot read the log: not a text file (byte 3 is not UTF-8)",
+        ),
+        "no UTF-8": (
+            lambda at: atomic.text_of(at / "bytes"),
+            ".../bytes: cannot read the text: not a text file (byte 3 is not UTF-8)",
+        ),
+        "a file as a folder": (
+            lambda at: files.make_folder(at / "bytes"),
+            NetlibError,
+            ".../bytes: is a file; expected a folder",
+        ),
+        "a file above": (
+            lambda at: files.make_folder(at / "bytes/a/b"),
+            NetlibError,
+            ".../bytes: is a file; expected a folder",
+        ),
+        "device": (
+            lambda at: files.make_folder(Path("/dev/null")),
+            NetlibError,
+            "/dev/null: is a device; expected a folder",
+        ),
+        "a link to itself": (
+            lambda at: files.make_folder(at / "loop"),
+            OSError,
+            "[Errno 17] File exists: '.../loop'",
+        ),
+    },
+)
 def test_what_is_refused(tmp_path: Path, given: Callable[[Path], object], rejected: Any) -> None:
     (tmp_path / "bytes").write_bytes(b"abc\xff")
     (tmp_path / "loop").symlink_to("loop")
@@ -105,14 +130,18 @@ def test_what_is_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
         for read in (files.read_bytes, files.read_text, files.opened):
             with pytest.raises(WeightsError) as error:
                 read(name, "weights", WeightsError)
-            assert re.fullmatch(re.escape(printable(f"{name}: cannot read weights: ")) + reason, str(error.value))
+            assert re.fullmatch(
+                re.escape(printable(f"{name}: cannot read weights: ")) + reason, str(error.value)
+            )
 
 
 @pytest.mark.skipif(not Path("/proc/self/pagemap").is_file(), reason="no file without an end here")
 def test_a_file_without_an_end() -> None:
     """A file that reports size 0 is read as empty; /proc/self/pagemap would return data without end."""
     pagemap = "/proc/self/pagemap"
-    assert files.read_bytes(pagemap, "weights") == files.read_bytes(pagemap, "weights", first=8) == b""
+    assert (
+        files.read_bytes(pagemap, "weights") == files.read_bytes(pagemap, "weights", first=8) == b""
+    )
     assert list(files.read_pieces(pagemap, "weights")) == []
 
 
@@ -135,13 +164,21 @@ def test_a_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, positioned: b
     path = tmp_path / "a"
     path.write_bytes(bytes(range(100)))
     source = files.Source(path, "the data")
-    assert (source.size, source.read(0, 3), source.read(97, 3)) == (100, b"\0\1\2", bytes((97, 98, 99)))
+    assert (source.size, source.read(0, 3), source.read(97, 3)) == (
+        100,
+        b"\0\1\2",
+        bytes((97, 98, 99)),
+    )
     with pytest.raises(DataError, match=f"^{path}: ends at byte 100, expected 101"):
         source.read(98, 3)
-    with pytest.raises(DataError, match=f"^{path}: cannot read the data: no memory for {1 << 60} bytes"):
+    with pytest.raises(
+        DataError, match=f"^{path}: cannot read the data: no memory for {1 << 60} bytes"
+    ):
         source.read(0, 1 << 60)
     os.truncate(path, 50)
-    with pytest.raises(DataError, match=f"^{path}: was cut to 50 of 100 bytes while in use; restore the file"):
+    with pytest.raises(
+        DataError, match=f"^{path}: was cut to 50 of 100 bytes while in use; restore the file"
+    ):
         source.read(98, 2)
 
 

@@ -12,14 +12,17 @@ from netlib.proto.options import option_blocks
 from netlib.proto.prototxt import Message
 
 Fields = dict[str, tuple[int, dict[str, int]]]  # field name -> its number and its enum values
-CALLED = {"Filler": "FillerParameter", "AnyNetParameter": "NetParameter"}  # dataclasses with other names than in Caffe
+# dataclasses with other names than in Caffe
+CALLED = {"Filler": "FillerParameter", "AnyNetParameter": "NetParameter"}
 
 
 def caffe_fields() -> dict[str, Fields]:
     """Read the table ``field_numbers.txt`` by message."""
     found: dict[str, Fields] = {}
     fields: Fields = {}
-    for line in (Path(__file__).parent / "field_numbers.txt").read_text(encoding="utf-8").splitlines():
+    for line in (
+        (Path(__file__).parent / "field_numbers.txt").read_text(encoding="utf-8").splitlines()
+    ):
         if match := re.fullmatch(r"  (\d+) (\w+)(?:: (.*))?", line):
             values = [value.split() for value in (match[3] or "").split(", ") if value]
             fields[match[2]] = int(match[1]), {name: int(number) for name, number in values}
@@ -30,7 +33,11 @@ def caffe_fields() -> dict[str, Fields]:
 
 def own_messages() -> set[type]:
     """Return every message class that a file can contain, including nested ones."""
-    left = [cls for cls in vars(messages).values() if getattr(cls, "__module__", "") == messages.__name__]
+    left = [
+        cls
+        for cls in vars(messages).values()
+        if getattr(cls, "__module__", "") == messages.__name__
+    ]
     left += [upgrade.V1LayerParameter, upgrade.AnyNetParameter]
     left += option_blocks().values()
     found: set[type] = set()
@@ -52,8 +59,13 @@ def own_fields() -> dict[str, Fields]:
         for field in options:
             name = schema.written_name(field.name)
             if "number" in field.metadata:
-                fields[name] = field.metadata["number"], dict(schema.enum_of(schema.kind_of(hints[name])[0]))
-            fields.update({block: (number, {}) for block, number in field.metadata.get("numbers", {}).items()})
+                fields[name] = (
+                    field.metadata["number"],
+                    dict(schema.enum_of(schema.kind_of(hints[name])[0])),
+                )
+            fields.update(
+                {block: (number, {}) for block, number in field.metadata.get("numbers", {}).items()}
+            )
     return found
 
 

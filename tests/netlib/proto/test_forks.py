@@ -18,7 +18,13 @@ from tests.support.nets import inputs
 
 CLASSES: dict[str, Any] = {
     cls.__name__: cls
-    for cls in [*option_blocks().values(), LayerParameter, NetParameter, SolverParameter, messages.Filler]
+    for cls in [
+        *option_blocks().values(),
+        LayerParameter,
+        NetParameter,
+        SolverParameter,
+        messages.Filler,
+    ]
 }
 
 
@@ -28,19 +34,30 @@ def test_no_option_is_declared_twice(message: str) -> None:
     assert not declared & forks.OPTIONS[message].keys()
 
 
-REQUIRED = {"DataParameter": 'source: "d" batch_size: 1', "ImageDataParameter": 'source: "l"',
-            "InnerProductParameter": "num_output: 1"}
+REQUIRED = {
+    "DataParameter": 'source: "d" batch_size: 1',
+    "ImageDataParameter": 'source: "l"',
+    "InnerProductParameter": "num_output: 1",
+}
 CHANGES = "of a fork of Caffe changes the result; not supported"
-EVERY = [(message, name, value) for message, options in forks.OPTIONS.items() for name, value in options.items()]
+EVERY = [
+    (message, name, value)
+    for message, options in forks.OPTIONS.items()
+    for name, value in options.items()
+]
 
 
-@pytest.mark.parametrize(("message", "name", "harmless"), EVERY, ids=lambda value: str(value).strip('"'))
+@pytest.mark.parametrize(
+    ("message", "name", "harmless"), EVERY, ids=lambda value: str(value).strip('"')
+)
 def test_every_option_is_ignored_or_refused(message: str, name: str, harmless: str) -> None:
     """A value without effect is ignored; any other is an error, with the same text for all options."""
     cls, required = CLASSES[message], REQUIRED.get(message, "")
     if harmless != forks.NONE:
         good = "SOME_WORD" if harmless == forks.ANY else harmless
-        found, plain = (schema.read(prototxt.parse(text + required), cls) for text in (f"{name}: {good} ", ""))
+        found, plain = (
+            schema.read(prototxt.parse(text + required), cls) for text in (f"{name}: {good} ", "")
+        )
         assert found == plain
     if harmless != forks.ANY:
         with pytest.raises(netlib.PrototxtError) as error:
@@ -57,7 +74,8 @@ def test_a_block_of_a_fork_without_effect(net_of: Callable[..., Net]) -> None:
 def test_weights_of_a_net_with_options_of_forks(net_of: Callable[..., Net], tmp_path: Any) -> None:
     nets = [
         net_of(
-            inputs(x=(1, 2, 3, 3)) + f'layer {{ name: "c" type: "Convolution" bottom: "x" top: "y" {of_layer} '
+            inputs(x=(1, 2, 3, 3))
+            + f'layer {{ name: "c" type: "Convolution" bottom: "x" top: "y" {of_layer} '
             f"convolution_param {{ num_output: 2 kernel_size: 1 {of_block} }} }}"
         )
         for of_layer, of_block in (("", ""), ('engine: "MKLDNN"', "engine: MKLDNN relu: false"))
@@ -67,7 +85,9 @@ def test_weights_of_a_net_with_options_of_forks(net_of: Callable[..., Net], tmp_
     assert np.array_equal(*(net.forward(x=x)["y"] for net in nets))
     for i, net in enumerate(nets):
         net.save(str(tmp_path / f"{i}.caffemodel"))
-    wanted, found = (wire.decode((tmp_path / f"{i}.caffemodel").read_bytes(), NetParameter) for i in range(2))
+    wanted, found = (
+        wire.decode((tmp_path / f"{i}.caffemodel").read_bytes(), NetParameter) for i in range(2)
+    )
     assert str(found) == str(wanted).replace("kernel_size: 1\n", "kernel_size: 1\n    engine: 0\n")
 
 
@@ -84,7 +104,9 @@ CONTENTS = {  # block -> content, as text and encoded
 
 
 def varint(number: int) -> bytes:
-    return b"" + (bytes([number]) if number < 128 else bytes([number & 127 | 128]) + varint(number >> 7))
+    return b"" + (
+        bytes([number]) if number < 128 else bytes([number & 127 | 128]) + varint(number >> 7)
+    )
 
 
 def layer_bytes(type_: str, number: int, content: bytes) -> bytes:
@@ -94,7 +116,11 @@ def layer_bytes(type_: str, number: int, content: bytes) -> bytes:
 
 @pytest.mark.parametrize(
     ("type_", "number"),
-    [(type_, n) for type_, (block, numbers) in FORK_NUMBERS.items() for n in (*numbers, messages.BLOCKS[block])],
+    [
+        (type_, n)
+        for type_, (block, numbers) in FORK_NUMBERS.items()
+        for n in (*numbers, messages.BLOCKS[block])
+    ],
 )
 def test_each_fork_has_its_own_number(type_: str, number: int) -> None:
     """The block of a layer is read under the number of each fork, and written back under it."""

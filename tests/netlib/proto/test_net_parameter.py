@@ -16,18 +16,23 @@ def names(net: netlib.Net) -> list[str]:
     return [layer.name for layer in net.layers if layer.type != "Split"]
 
 
-@pytest.mark.parametrize(("rule", "state", "expected"), [
-    (NetStateRule(), NetState("TRAIN"), True),
-    (NetStateRule(phase="TEST"), NetState("TRAIN"), False),
-    (NetStateRule(min_level=2), NetState(level=1), False),
-    (NetStateRule(min_level=2, max_level=3), NetState(level=3), True),
-    (NetStateRule(max_level=3), NetState(level=4), False),
-    (NetStateRule(stage=("a", "b")), NetState(stage=("a",)), False),
-    (NetStateRule(stage=("a", "b")), NetState(stage=("b", "a")), True),
-    (NetStateRule(not_stage=("a",)), NetState(stage=("a", "b")), False),
-    (NetStateRule(phase="TRAIN", stage=("a",)), NetState("TRAIN", stage=("a",)), True),
-])
-def test_a_rule_is_met_when_all_its_conditions_are(rule: NetStateRule, state: NetState, expected: bool) -> None:
+@pytest.mark.parametrize(
+    ("rule", "state", "expected"),
+    [
+        (NetStateRule(), NetState("TRAIN"), True),
+        (NetStateRule(phase="TEST"), NetState("TRAIN"), False),
+        (NetStateRule(min_level=2), NetState(level=1), False),
+        (NetStateRule(min_level=2, max_level=3), NetState(level=3), True),
+        (NetStateRule(max_level=3), NetState(level=4), False),
+        (NetStateRule(stage=("a", "b")), NetState(stage=("a",)), False),
+        (NetStateRule(stage=("a", "b")), NetState(stage=("b", "a")), True),
+        (NetStateRule(not_stage=("a",)), NetState(stage=("a", "b")), False),
+        (NetStateRule(phase="TRAIN", stage=("a",)), NetState("TRAIN", stage=("a",)), True),
+    ],
+)
+def test_a_rule_is_met_when_all_its_conditions_are(
+    rule: NetStateRule, state: NetState, expected: bool
+) -> None:
     assert meets(state, rule) == expected
 
 
@@ -44,13 +49,18 @@ RULES = X + "".join(
 )
 
 
-@pytest.mark.parametrize(("phase", "options", "expected"), [
-    (netlib.TRAIN, {}, ["x", "train", "not_a"]),
-    (netlib.TEST, {}, ["x", "test", "not_a", "a_or_test", "never_both"]),
-    (netlib.TRAIN, {"level": 1, "stages": ["a"]}, ["x", "train", "deep", "a_or_test"]),
-    (netlib.TEST, {"stages": ["a"]}, ["x", "test", "a_or_test"]),
-])
-def test_include_and_exclude(net_of: MakeNet, phase: int, options: dict, expected: list[str]) -> None:
+@pytest.mark.parametrize(
+    ("phase", "options", "expected"),
+    [
+        (netlib.TRAIN, {}, ["x", "train", "not_a"]),
+        (netlib.TEST, {}, ["x", "test", "not_a", "a_or_test", "never_both"]),
+        (netlib.TRAIN, {"level": 1, "stages": ["a"]}, ["x", "train", "deep", "a_or_test"]),
+        (netlib.TEST, {"stages": ["a"]}, ["x", "test", "a_or_test"]),
+    ],
+)
+def test_include_and_exclude(
+    net_of: MakeNet, phase: int, options: dict, expected: list[str]
+) -> None:
     """One matching include rule suffices; one matching exclude rule excludes."""
     assert names(net_of(RULES, phase, **options)) == expected
 
@@ -62,16 +72,25 @@ def test_the_state_may_stand_in_the_net(net_of: MakeNet) -> None:
     assert names(net) == ["x", "train", "deep", "a_or_test"]
 
 
-@pytest.mark.parametrize(("text", "shapes"), [
-    ('input: "a" input_dim: 2 input_dim: 3 input_dim: 4 input_dim: 5', {"a": (2, 3, 4, 5)}),
-    ('input: "a" input_shape { dim: 2 dim: 3 }', {"a": (2, 3)}),
-    ('input: "a" input: "b" input_shape { dim: 2 } input_shape { dim: 3 }', {"a": (2,), "b": (3,)}),
-    ('input: "a" input: "b" ' + "input_dim: 1 " * 4 + "input_dim: 2 " * 4, {"a": (1,) * 4, "b": (2,) * 4}),
-    (
-        'layer { name: "a" type: "Input" top: "a" top: "b" input_param { shape { dim: 2 } } }',
-        {"a": (2,), "b": (2,)},
-    ),
-])
+@pytest.mark.parametrize(
+    ("text", "shapes"),
+    [
+        ('input: "a" input_dim: 2 input_dim: 3 input_dim: 4 input_dim: 5', {"a": (2, 3, 4, 5)}),
+        ('input: "a" input_shape { dim: 2 dim: 3 }', {"a": (2, 3)}),
+        (
+            'input: "a" input: "b" input_shape { dim: 2 } input_shape { dim: 3 }',
+            {"a": (2,), "b": (3,)},
+        ),
+        (
+            'input: "a" input: "b" ' + "input_dim: 1 " * 4 + "input_dim: 2 " * 4,
+            {"a": (1,) * 4, "b": (2,) * 4},
+        ),
+        (
+            'layer { name: "a" type: "Input" top: "a" top: "b" input_param { shape { dim: 2 } } }',
+            {"a": (2,), "b": (2,)},
+        ),
+    ],
+)
 def test_inputs_old_and_new(net_of: MakeNet, text: str, shapes: dict[str, tuple[int, ...]]) -> None:
     """``input_dim`` has four values per input; ``input_shape`` and an Input layer have one shape per input or top."""
     net = net_of(text)

@@ -22,7 +22,10 @@ INVALID = sorted(path.stem for path in (HERE / "invalid").glob("*.prototxt"))
 def as_lists(message: Message) -> list[Any]:
     """Return fields as [name, [kind, text]] or [name, fields]."""
     return [
-        [f.name, as_lists(f.value) if isinstance(f.value, Message) else [f.value.kind, f.value.text]]
+        [
+            f.name,
+            as_lists(f.value) if isinstance(f.value, Message) else [f.value.kind, f.value.text],
+        ]
         for f in message.fields
     ]
 
@@ -35,7 +38,9 @@ def test_there_are_examples() -> None:
 @pytest.mark.parametrize("name", VALID)
 def test_valid(name: str) -> None:
     tree = prototxt.parse_file(HERE / "valid" / f"{name}.prototxt")
-    assert as_lists(tree) == json.loads((HERE / "valid" / f"{name}.json").read_text(encoding="utf-8"))
+    assert as_lists(tree) == json.loads(
+        (HERE / "valid" / f"{name}.json").read_text(encoding="utf-8")
+    )
     assert prototxt.parse(str(tree)) == tree
 
 
@@ -58,10 +63,13 @@ def test_every_node_keeps_its_place() -> None:
     assert [str(element.position) for element in elements] == ["f:4:5", "f:5:2"]
 
 
-@pytest.mark.parametrize(("content", "message"), [
-    (None, " cannot read the prototxt: No such file or directory"),
-    (b"\xff\xfe\x00", "1:1: error: not a text file (byte 0xff is not UTF-8)"),
-])
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, " cannot read the prototxt: No such file or directory"),
+        (b"\xff\xfe\x00", "1:1: error: not a text file (byte 0xff is not UTF-8)"),
+    ],
+)
 def test_files_that_cannot_be_read(tmp_path: Path, content: bytes | None, message: str) -> None:
     path = tmp_path / "n.prototxt"
     if content is not None:
@@ -74,22 +82,32 @@ def test_files_that_cannot_be_read(tmp_path: Path, content: bytes | None, messag
 def test_comments_and_strings_in_any_encoding(tmp_path: Path) -> None:
     """Comments and strings need not be UTF-8, as in Caffe; positions are right after them."""
     path = tmp_path / "n.prototxt"
-    path.write_bytes(b"# don't: \xbe\xed\xbb\xfd\nname: '#\"' # \xe9\n" + "other: 'é".encode() + b"\xe9'")
+    path.write_bytes(
+        b"# don't: \xbe\xed\xbb\xfd\nname: '#\"' # \xe9\n" + "other: 'é".encode() + b"\xe9'"
+    )
     assert [(f.name, f.value.text, f.position.line) for f in prototxt.parse_file(path).fields] == [
-        ("name", '#"', 2), ("other", "é\udce9", 3)
+        ("name", '#"', 2),
+        ("other", "é\udce9", 3),
     ]
 
 
 @pytest.mark.parametrize("name", ["net.caffemodel", "net.caffemodel.h5"])
 def test_weights_in_place_of_a_net(name: str) -> None:
-    with pytest.raises(netlib.NetlibError, match=f"^{name}: found weights, expected a .prototxt; a net stands before"):
+    with pytest.raises(
+        netlib.NetlibError,
+        match=f"^{name}: found weights, expected a .prototxt; a net stands before",
+    ):
         netlib.Net(name, "net.prototxt", netlib.TEST)
 
 
 NOWHERE = Position("", 1, 1)
 NAMES = st.from_regex(r"[A-Za-z_][A-Za-z_0-9]{0,6}", fullmatch=True)
-STRINGS = st.text(st.characters(exclude_categories=["Cs"]), max_size=12).map(lambda t: Scalar("string", t, NOWHERE))
-NUMBERS = st.from_regex(r"-?([0-9]{1,4}|[0-9]{1,3}\.[0-9]{0,3}|\.[0-9]{1,3})([eE][+-]?[0-9]{1,2})?f?", fullmatch=True)
+STRINGS = st.text(st.characters(exclude_categories=["Cs"]), max_size=12).map(
+    lambda t: Scalar("string", t, NOWHERE)
+)
+NUMBERS = st.from_regex(
+    r"-?([0-9]{1,4}|[0-9]{1,3}\.[0-9]{0,3}|\.[0-9]{1,3})([eE][+-]?[0-9]{1,2})?f?", fullmatch=True
+)
 WORDS = st.from_regex(r"-?[A-Za-z_][A-Za-z_0-9]{0,6}", fullmatch=True)
 SCALARS = st.one_of(
     STRINGS,

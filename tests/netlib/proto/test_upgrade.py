@@ -48,7 +48,9 @@ def by_bytes(text: str) -> prototxt.Message:
 @pytest.mark.parametrize(("old", "today"), [(V1, TODAY), (TODAY, TODAY)], ids=["V1", "today"])
 def test_an_old_net_is_the_net_of_today(old: str, today: str) -> None:
     assert net(old) == plain(today)
-    assert wire.encode(by_bytes(old), NetParameter) == wire.encode(prototxt.parse(today), NetParameter)
+    assert wire.encode(by_bytes(old), NetParameter) == wire.encode(
+        prototxt.parse(today), NetParameter
+    )
 
 
 def test_data_options_of_2014_go_to_transform_param() -> None:
@@ -68,24 +70,27 @@ def test_batch_norm_with_three_parameters() -> None:
     assert net(two) == plain(two)
 
 
-AGE = ("this net is in Caffe's format of 2013 (V0); convert it by Caffe 1.0's upgrade_net_proto_text or "
-       "upgrade_net_proto_binary")
+AGE = (
+    "this net is in Caffe's format of 2013 (V0); convert it by Caffe 1.0's upgrade_net_proto_text or "
+    "upgrade_net_proto_binary"
+)
 
 
-@bad_inputs(PrototxtError, {
-    'layers { type: RELU } layer { type: "ReLU" }':
-        "<text>:1:1: error: this net has both 'layer' and 'layers' (Caffe's V1 format); expected one of them",
-    "layers { type: POOLIN }": "<text>:1:16: error: unknown value POOLIN of 'type' (did you mean 'POOLING'?)",
-    'layers { type: "InnerProduct" }':
-        "<text>:1:16: error: 'type' expects a name without quotes, found ... (did you mean 'INNER_PRODUCT'?)",
-    "layers { type: PRELU }": "<text>:1:16: error: unknown value PRELU of 'type' (the layer PReLU needs the current "
-                              'format: layer { type: "PReLU" ... })',
-    "layers { type: CROP }": "<text>:1:16: error: unknown value CROP of 'type' (the layer Crop needs the current "
-                             'format: layer { type: "Crop" ... })',
-    "layers { blob_lr: 1 }": "<text>:1:10: error: unknown field 'blob_lr' (did you mean 'blobs_lr'?)",
-    "layers: 1": "<text>:1:1: error: 'layers' is a message: expected layers { ... }, found 1",
-    'layers { layer { name: "a" type: "relu" } bottom: "x" top: "x" }': f"<text>:1:8: error: {AGE}",
-})
+@bad_inputs(
+    PrototxtError,
+    {
+        'layers { type: RELU } layer { type: "ReLU" }': "<text>:1:1: error: this net has both 'layer' and 'layers' (Caffe's V1 format); expected one of them",
+        "layers { type: POOLIN }": "<text>:1:16: error: unknown value POOLIN of 'type' (did you mean 'POOLING'?)",
+        'layers { type: "InnerProduct" }': "<text>:1:16: error: 'type' expects a name without quotes, found ... (did you mean 'INNER_PRODUCT'?)",
+        "layers { type: PRELU }": "<text>:1:16: error: unknown value PRELU of 'type' (the layer PReLU needs the current "
+        'format: layer { type: "PReLU" ... })',
+        "layers { type: CROP }": "<text>:1:16: error: unknown value CROP of 'type' (the layer Crop needs the current "
+        'format: layer { type: "Crop" ... })',
+        "layers { blob_lr: 1 }": "<text>:1:10: error: unknown field 'blob_lr' (did you mean 'blobs_lr'?)",
+        "layers: 1": "<text>:1:1: error: 'layers' is a message: expected layers { ... }, found 1",
+        'layers { layer { name: "a" type: "relu" } bottom: "x" top: "x" }': f"<text>:1:8: error: {AGE}",
+    },
+)
 def test_mistakes_point_at_the_old_text(given: str, rejected: Any) -> None:
     with rejected:
         net(given)

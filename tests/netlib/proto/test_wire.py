@@ -21,36 +21,53 @@ def tree_of(data: bytes, cls: Any = LayerParameter) -> str:
     return str(wire.decode(data, cls, "x"))
 
 
-@pytest.mark.parametrize(("text", "cls", "data"), [
-    ('name: "ip"', LayerParameter, b"\x0a\x02ip"),  # field 1, the length, the letters
-    ("phase: TEST", LayerParameter, b"\x50\x01"),  # field 10, a varint
-    ("loss_weight: 0.5", LayerParameter, b"\x2d" + struct.pack("<f", 0.5)),  # field 5, 4 bytes
-    ("level: -1", messages.NetState, b"\x10" + b"\xff" * 9 + b"\x01"),  # a negative number takes ten bytes
-    ("dim: 2\ndim: 300", messages.BlobShape, b"\x0a\x03\x02\xac\x02"),  # packed
-    ("include {\n  phase: TEST\n}", LayerParameter, b"\x42\x02\x08\x01"),
-    ("relu_param {\n  negative_slope: 0.5\n}", LayerParameter, b"\xda\x07\x05\x0d" + struct.pack("<f", 0.5)),
-    ("propagate_down: true\npropagate_down: false", LayerParameter, b"\x58\x01\x58\x00"),
-    ('data: "\\000\\377"', Datum, b"\x22\x02\x00\xff"),  # bytes that are not text
-    ("data: 1.5\ndata: -2.0", BlobProto, b"\x2a\x08" + struct.pack("<2f", 1.5, -2)),
-    ("double_data: 0.1", BlobProto, b"\x42\x08" + struct.pack("<d", 0.1)),
-])
+@pytest.mark.parametrize(
+    ("text", "cls", "data"),
+    [
+        ('name: "ip"', LayerParameter, b"\x0a\x02ip"),  # field 1, the length, the letters
+        ("phase: TEST", LayerParameter, b"\x50\x01"),  # field 10, a varint
+        ("loss_weight: 0.5", LayerParameter, b"\x2d" + struct.pack("<f", 0.5)),  # field 5, 4 bytes
+        # a negative number takes ten bytes
+        ("level: -1", messages.NetState, b"\x10" + b"\xff" * 9 + b"\x01"),
+        ("dim: 2\ndim: 300", messages.BlobShape, b"\x0a\x03\x02\xac\x02"),  # packed
+        ("include {\n  phase: TEST\n}", LayerParameter, b"\x42\x02\x08\x01"),
+        (
+            "relu_param {\n  negative_slope: 0.5\n}",
+            LayerParameter,
+            b"\xda\x07\x05\x0d" + struct.pack("<f", 0.5),
+        ),
+        ("propagate_down: true\npropagate_down: false", LayerParameter, b"\x58\x01\x58\x00"),
+        ('data: "\\000\\377"', Datum, b"\x22\x02\x00\xff"),  # bytes that are not text
+        ("data: 1.5\ndata: -2.0", BlobProto, b"\x2a\x08" + struct.pack("<2f", 1.5, -2)),
+        ("double_data: 0.1", BlobProto, b"\x42\x08" + struct.pack("<d", 0.1)),
+    ],
+)
 def test_text_and_bytes(text: str, cls: Any, data: bytes) -> None:
     assert wire.encode(prototxt.parse(text), cls) == data
     read, parsed = wire.decode(data, cls), prototxt.parse(text)
     assert wire.encode(read, cls) == data
-    assert str(schema.to_tree(schema.read(read, cls))) == str(schema.to_tree(schema.read(parsed, cls)))
+    assert str(schema.to_tree(schema.read(read, cls))) == str(
+        schema.to_tree(schema.read(parsed, cls))
+    )
 
 
 def test_numbers_one_by_one_or_in_one_piece() -> None:
     """Numbers are read packed or one by one, also in long or interrupted rows, however the field is declared."""
     numbers = np.arange(1000, dtype="<f4")
     single = b"".join(b"\x2d" + number.tobytes() for number in numbers)
-    for data in (single, b"\x2a" + b"\xa0\x1f" + numbers.tobytes(), single[:500] + b"\x08\x01" + single[500:]):
+    for data in (
+        single,
+        b"\x2a" + b"\xa0\x1f" + numbers.tobytes(),
+        single[:500] + b"\x08\x01" + single[500:],
+    ):
         blob = schema.read(wire.decode(data, BlobProto), BlobProto)
         assert blob.data is not None
         assert blob.data.tolist() == numbers.tolist()
     packed_loss = b"\x2a\x08" + struct.pack("<2f", 1, 2)  # the field is not declared packed
-    assert schema.read(wire.decode(packed_loss, LayerParameter), LayerParameter).loss_weight == (1, 2)
+    assert schema.read(wire.decode(packed_loss, LayerParameter), LayerParameter).loss_weight == (
+        1,
+        2,
+    )
 
 
 def test_an_array_is_a_view_of_the_bytes() -> None:
@@ -77,19 +94,27 @@ def test_later_values_count_and_parts_of_messages_are_merged() -> None:
     assert str(layer.blocks["relu_param"]) == "negative_slope: 0.5\nengine: 1\n"
 
 
-@bad_inputs(WireError, {
-    f"{data[:20]!r}": (data, f"x: byte {line}") for data, line in (
-        (b"\x0a", "1: truncated: the message ends within a number"),
-        (b"\x0a\x05ab", "0: truncated: field 1 has 5 bytes, but 2 are left"),
-        (b"\x42\x02\x08", "0: truncated: field 8 has 2 bytes, but 1 are left"),
-        (b"\x42\x01\x08", "3: truncated: the message ends within a number"),
-        (b"\x50" + b"\xff" * 11, "1: malformed: a number of more than ten bytes"),
-        (b"\x02\x01a", "0: malformed: a field with number 0"),
-        (b"\x0e\x00", "0: malformed: wire type 6"),
-        (b"\x0c", "0: malformed: wire type 4"),
-        (b"\x0b\x10\x01\x0c", "0: malformed: wire type 3"),
-        (b"\x3a\x07\x2a\x05" + bytes(5), "2: malformed: 5 bytes of 'data' are no float32 array"))
-})
+@bad_inputs(
+    WireError,
+    {
+        f"{data[:20]!r}": (data, f"x: byte {line}")
+        for data, line in (
+            (b"\x0a", "1: truncated: the message ends within a number"),
+            (b"\x0a\x05ab", "0: truncated: field 1 has 5 bytes, but 2 are left"),
+            (b"\x42\x02\x08", "0: truncated: field 8 has 2 bytes, but 1 are left"),
+            (b"\x42\x01\x08", "3: truncated: the message ends within a number"),
+            (b"\x50" + b"\xff" * 11, "1: malformed: a number of more than ten bytes"),
+            (b"\x02\x01a", "0: malformed: a field with number 0"),
+            (b"\x0e\x00", "0: malformed: wire type 6"),
+            (b"\x0c", "0: malformed: wire type 4"),
+            (b"\x0b\x10\x01\x0c", "0: malformed: wire type 3"),
+            (
+                b"\x3a\x07\x2a\x05" + bytes(5),
+                "2: malformed: 5 bytes of 'data' are no float32 array",
+            ),
+        )
+    },
+)
 def test_nonsense_is_one_line_with_its_byte(given: bytes, rejected: Any) -> None:
     with rejected:
         tree_of(given)
@@ -111,14 +136,18 @@ def test_unknown_fields_are_written_back(name: str) -> None:
     known = b"\x0a\x01c\x12\x0bConvolution"
     block = b"\x08\x04"  # num_output: 4
     data = known + b"\xd2\x06" + bytes([len(block + field)]) + block + field + field * 2
-    tree = wire.decode(known[:3] + field + known[3:] + data[len(known) : -len(field)], LayerParameter)
+    tree = wire.decode(
+        known[:3] + field + known[3:] + data[len(known) : -len(field)], LayerParameter
+    )
     assert wire.encode(tree, LayerParameter) == data
     typed = schema.changed(schema.read(tree, LayerParameter), propagate_down=())
     assert wire.encode(schema.to_tree(typed), LayerParameter) == data
     assert "convolution_param {\n  num_output: 4\n}" in str(tree)  # text has no unknown fields
 
 
-@pytest.mark.parametrize("data", [b"\x08\x05", b"\x55abcd"], ids=["a string as a number", "an enum as 4 bytes"])
+@pytest.mark.parametrize(
+    "data", [b"\x08\x05", b"\x55abcd"], ids=["a string as a number", "an enum as 4 bytes"]
+)
 def test_a_field_of_another_wire_type_is_unknown(data: bytes) -> None:
     """A known number with a wire type that its field cannot have is an unknown field, as in protobuf."""
     tree = wire.decode(data, LayerParameter)
@@ -126,10 +155,14 @@ def test_a_field_of_another_wire_type_is_unknown(data: bytes) -> None:
     assert wire.encode(tree, LayerParameter) == data
 
 
-@pytest.mark.parametrize("rest", [b"\xff" * 4 + b"\x0f", b"\xff" * 9 + b"\x01"], ids=["32 bits", "64 bits"])
+@pytest.mark.parametrize(
+    "rest", [b"\xff" * 4 + b"\x0f", b"\xff" * 9 + b"\x01"], ids=["32 bits", "64 bits"]
+)
 def test_a_negative_number_of_32_or_64_bits(rest: bytes) -> None:
     """Protobuf writes negative numbers with 64 bits, some programs with 32; both are read."""
-    assert [field.value.text for field in wire.decode(b"\x28" + rest, messages.Datum, "x").fields] == ["-1"]
+    assert [
+        field.value.text for field in wire.decode(b"\x28" + rest, messages.Datum, "x").fields
+    ] == ["-1"]
 
 
 def test_the_number_of_fields_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -182,10 +215,15 @@ def test_protobuf_writes_unknown_fields_as_we_do(name: str) -> None:
 @given(
     st.builds(
         SolverParameter,
-        net=st.text(max_size=5), base_lr=st.floats(width=32, allow_nan=False), max_iter=st.integers(0, 2**31 - 1),
-        random_seed=st.integers(-(2**63), 2**63 - 1), test_interval=st.integers(0, 300),
-        stepvalue=st.lists(st.integers(0, 2**31 - 1), max_size=3).map(tuple), debug_info=st.booleans(),
-        snapshot_format=st.sampled_from(["HDF5", "BINARYPROTO"]), weights=st.lists(st.text(max_size=3)).map(tuple),
+        net=st.text(max_size=5),
+        base_lr=st.floats(width=32, allow_nan=False),
+        max_iter=st.integers(0, 2**31 - 1),
+        random_seed=st.integers(-(2**63), 2**63 - 1),
+        test_interval=st.integers(0, 300),
+        stepvalue=st.lists(st.integers(0, 2**31 - 1), max_size=3).map(tuple),
+        debug_info=st.booleans(),
+        snapshot_format=st.sampled_from(["HDF5", "BINARYPROTO"]),
+        weights=st.lists(st.text(max_size=3)).map(tuple),
     )
 )
 def test_protobuf_and_we_agree_on_any_message(solver: SolverParameter) -> None:
@@ -194,4 +232,5 @@ def test_protobuf_and_we_agree_on_any_message(solver: SolverParameter) -> None:
     message.ParseFromString(data)
     assert message.SerializeToString() == data
     again = schema.read(wire.decode(data, SolverParameter), SolverParameter)
-    assert again == schema.read(schema.to_tree(solver), SolverParameter)  # its defaults have 32 bits
+    # its defaults have 32 bits
+    assert again == schema.read(schema.to_tree(solver), SolverParameter)

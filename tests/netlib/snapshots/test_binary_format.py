@@ -53,7 +53,9 @@ def test_a_file_of_weights_is_the_net_with_its_blobs(net: netlib.Net) -> None:
 
 def test_gradients_if_asked_for(net: netlib.Net) -> None:
     net.params["a"][1].diff[...] = 7
-    without, with_diffs = (layers_of(image(net, "w", diffs)).layer[2].blobs[1] for diffs in (False, True))
+    without, with_diffs = (
+        layers_of(image(net, "w", diffs)).layer[2].blobs[1] for diffs in (False, True)
+    )
     assert without.diff is None
     assert with_diffs.diff is not None
     assert with_diffs.diff.tolist() == [7, 7, 7]
@@ -67,7 +69,9 @@ def test_double_precision_stays(net_of: Callable[..., netlib.Net]) -> None:
     assert (found == 1 / 3).all()
 
 
-def test_what_caffe_could_not_read_back_is_refused(net: netlib.Net, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_caffe_could_not_read_back_is_refused(
+    net: netlib.Net, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(binary_format, "MAX_BYTES", 100)
     with pytest.raises(WeightsError, match=r"Caffe's binary format, 2 GB; .*HDF5.*\.h5"):
         image(net, "w.caffemodel")
@@ -90,5 +94,7 @@ def test_a_state_that_lost_its_end_is_refused() -> None:
     state = SolverState(2, 1, "w.caffemodel", [np.ones((2, 3), np.float32)], {"checksum": 7})
     whole = binary_format.state_image(state)
     for length in range(1, len(whole)):
-        with pytest.raises(WeightsError, match=r"^s\.solverstate: .*; expected a solver state \(\.solverstate\)"):
+        with pytest.raises(
+            WeightsError, match=r"^s\.solverstate: .*; expected a solver state \(\.solverstate\)"
+        ):
             binary_format.read_state(whole[:length], "s.solverstate")

@@ -75,6 +75,8 @@ print(resumed, refused)
     ("format_", "suffix", "folder", "counts"),
     [("HDF5", ".h5", "is empty", "4 2"), ("BINARYPROTO", "", "overwrites", "8 2")],
 )
-def test_a_kill_before_each_rename(tmp_path: Path, format_: str, suffix: str, folder: str, counts: str) -> None:
+def test_a_kill_before_each_rename(
+    tmp_path: Path, format_: str, suffix: str, folder: str, counts: str
+) -> None:
     furnish(tmp_path)
     assert run_python("-c", KILLS, format_, suffix, folder, cwd=tmp_path).out == f"{counts}\n"

@@ -57,7 +57,9 @@ def everything_in(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def test_weights_name_their_net(net_of: Callable[..., netlib.Net], names: tuple[Path, Path]) -> None:
+def test_weights_name_their_net(
+    net_of: Callable[..., netlib.Net], names: tuple[Path, Path]
+) -> None:
     """Both formats store the name of the net; it is empty for a net and for a file without one."""
     for name in ("a net ü", ""):
         text = 'layer { name: "x" type: "Input" top: "x" input_param { shape { dim: 1 } } }'
@@ -65,21 +67,31 @@ def test_weights_name_their_net(net_of: Callable[..., netlib.Net], names: tuple[
         assert snapshot.net_name(names[0]) == name
 
 
-def test_what_is_written_is_read_whatever_its_name(net: netlib.Net, names: tuple[Path, Path], tmp_path: Path) -> None:
+def test_what_is_written_is_read_whatever_its_name(
+    net: netlib.Net, names: tuple[Path, Path], tmp_path: Path
+) -> None:
     write_pair(net, state_of(net), *names)
     names = names[0].rename(tmp_path / "weights"), names[1].rename(tmp_path / "state")
     found = snapshot.read_weights(names[0])
     assert np.array_equal(found["a"][0], net.params["a"][0].data)
     assert np.array_equal(found["a"][1], net.params["a"][1].data)
     state = snapshot.read_state(names[1])
-    assert (state.iter, state.current_step, state.learned_net) == (5, 2, "dir/w_iter_5.caffemodel.h5")
+    assert (state.iter, state.current_step, state.learned_net) == (
+        5,
+        2,
+        "dir/w_iter_5.caffemodel.h5",
+    )
     assert state.extra == {
-        "smoothed": [3.0], "weights_crc": zlib.crc32(Path(names[0]).read_bytes()), "checksum": state.checksum(),
+        "smoothed": [3.0],
+        "weights_crc": zlib.crc32(Path(names[0]).read_bytes()),
+        "checksum": state.checksum(),
     }
     assert [h.tolist() for h in state.history] == [h.tolist() for h in state_of(net).history]
 
 
-def test_a_slash_in_a_layer_name(net_of: Callable[..., netlib.Net], names: tuple[Path, Path]) -> None:
+def test_a_slash_in_a_layer_name(
+    net_of: Callable[..., netlib.Net], names: tuple[Path, Path]
+) -> None:
     """A slash nests HDF5 groups; the weights still load if ``a`` and ``a/b`` both have parameters."""
     text = NET.replace('param { name: "w" }', "").replace('"part/b"', '"a/b"')
     one, two = net_of(text), net_of(text, seed=2)
@@ -96,7 +108,11 @@ def full_disk(*args: Any) -> None:
 
 @pytest.mark.parametrize("call", ["fsync", "first replace"])
 def test_a_failure_leaves_the_old_pair(
-    net: netlib.Net, names: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
+    net: netlib.Net,
+    names: tuple[Path, Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    call: str,
 ) -> None:
     write_pair(net, state_of(net, 5), *names)
     before = everything_in(tmp_path)
@@ -116,8 +132,14 @@ def test_the_state_is_synced_once_and_before_the_weights_are_renamed(
 ) -> None:
     calls: list[str] = []
     sync_file, rename = atomic.sync_file, os.replace
-    monkeypatch.setattr(atomic, "sync_file", lambda path: (calls.append(f"sync {path.name[1]}"), sync_file(path)))
-    monkeypatch.setattr(os, "replace", lambda old, new: (calls.append(f"rename {Path(new).name[0]}"), rename(old, new)))
+    monkeypatch.setattr(
+        atomic, "sync_file", lambda path: (calls.append(f"sync {path.name[1]}"), sync_file(path))
+    )
+    monkeypatch.setattr(
+        os,
+        "replace",
+        lambda old, new: (calls.append(f"rename {Path(new).name[0]}"), rename(old, new)),
+    )
     write_pair(net, state_of(net), *names)
     assert calls == ["sync s", "sync w", "rename w", "rename s"]
 
@@ -132,7 +154,9 @@ def test_a_checksum_does_not_admit_links_into_other_files(tmp_path: Path) -> Non
 
 def test_two_trainings_into_one_prefix(tmp_path: Path) -> None:
     with snapshot.prefix_in_use(tmp_path / "w"):
-        with pytest.raises(netlib.WeightsError, match=rf"/w: another training .* \(process {os.getpid()}\); wait"):
+        with pytest.raises(
+            netlib.WeightsError, match=rf"/w: another training .* \(process {os.getpid()}\); wait"
+        ):
             snapshot.prefix_in_use(tmp_path / "w").__enter__()
         with snapshot.prefix_in_use(tmp_path / "w2"):
             pass
@@ -141,12 +165,17 @@ def test_two_trainings_into_one_prefix(tmp_path: Path) -> None:
     assert everything_in(tmp_path) == {}
 
 
-def test_the_probe_leaves_nothing_and_names_the_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_probe_leaves_nothing_and_names_the_directory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     snapshot.probe(tmp_path / "new" / "prefix")
     assert everything_in(tmp_path / "new") == {}
     with monkeypatch.context() as patch:
         patch.setattr(Path, "write_bytes", full_disk)
-        with pytest.raises(netlib.WeightsError, match=r"new: cannot write snapshots there: No space left on device$"):
+        with pytest.raises(
+            netlib.WeightsError,
+            match=r"new: cannot write snapshots there: No space left on device$",
+        ):
             snapshot.probe(tmp_path / "new" / "prefix")
     assert everything_in(tmp_path / "new") == {}
 
@@ -160,23 +189,52 @@ def pair(net: netlib.Net, names: tuple[Path, Path]) -> tuple[Path, Path]:
 STATE = "this is a solver state, not weights; expected its pair, dir/w_iter_5.caffemodel.h5 (... --snapshot)"
 
 
-@bad_inputs(netlib.WeightsError, {
-    "folder": (lambda at, pair: snapshot.read_weights(at), "...: cannot read weights: Is a directory; expected a file"),
-    "a state as weights": (lambda at, pair: snapshot.read_weights(pair[1]), f"...solverstate...: {STATE}"),
-    "weights as a state": (lambda at, pair: snapshot.read_state(pair[0]), "...caffemodel...: this is a weights file; "
-                           "pass it as --weights, or its pair *.solverstate... here"),
-    "no weights": (lambda at, pair: snapshot.read_weights(at / "no"), "...no: cannot read weights: No such file ..."),
-    "nothing": (lambda at, pair: snapshot.read_weights(at / "empty"),
-                "...empty: it has no layers; expected weights (.caffemodel); the file is empty"),
-    "text": (lambda at, pair: snapshot.read_weights(at / "text"),
-             "...: ...; expected weights (.caffemodel); it looks like a text file"),
-    "data": (lambda at, pair: snapshot.read_weights(at / "data.h5"),
-                        "...data.h5: no group /data; expected weights in the layout of Caffe's HDF5 snapshots"),
-    "data as a state": (lambda at, pair: snapshot.read_state(at / "data.h5"), "...data.h5: not a solver state"),
-    "text as a state": (lambda at, pair: snapshot.read_state(at / "text"),
-                        "...text: ...; expected a solver state (.solverstate); it looks like a text file"),
-    "no state": (lambda at, pair: snapshot.read_state(at / "no"), "...no: cannot read a solver state: No such file..."),
-})
+@bad_inputs(
+    netlib.WeightsError,
+    {
+        "folder": (
+            lambda at, pair: snapshot.read_weights(at),
+            "...: cannot read weights: Is a directory; expected a file",
+        ),
+        "a state as weights": (
+            lambda at, pair: snapshot.read_weights(pair[1]),
+            f"...solverstate...: {STATE}",
+        ),
+        "weights as a state": (
+            lambda at, pair: snapshot.read_state(pair[0]),
+            "...caffemodel...: this is a weights file; "
+            "pass it as --weights, or its pair *.solverstate... here",
+        ),
+        "no weights": (
+            lambda at, pair: snapshot.read_weights(at / "no"),
+            "...no: cannot read weights: No such file ...",
+        ),
+        "nothing": (
+            lambda at, pair: snapshot.read_weights(at / "empty"),
+            "...empty: it has no layers; expected weights (.caffemodel); the file is empty",
+        ),
+        "text": (
+            lambda at, pair: snapshot.read_weights(at / "text"),
+            "...: ...; expected weights (.caffemodel); it looks like a text file",
+        ),
+        "data": (
+            lambda at, pair: snapshot.read_weights(at / "data.h5"),
+            "...data.h5: no group /data; expected weights in the layout of Caffe's HDF5 snapshots",
+        ),
+        "data as a state": (
+            lambda at, pair: snapshot.read_state(at / "data.h5"),
+            "...data.h5: not a solver state",
+        ),
+        "text as a state": (
+            lambda at, pair: snapshot.read_state(at / "text"),
+            "...text: ...; expected a solver state (.solverstate); it looks like a text file",
+        ),
+        "no state": (
+            lambda at, pair: snapshot.read_state(at / "no"),
+            "...no: cannot read a solver state: No such file...",
+        ),
+    },
+)
 def test_files_of_another_kind(
     tmp_path: Path, pair: tuple[Path, Path], given: Callable[..., object], rejected: Any
 ) -> None:
@@ -188,18 +246,24 @@ def test_files_of_another_kind(
         given(tmp_path, pair)
 
 
-@pytest.mark.parametrize("structure", [
-    {"data/a/first": np.zeros(3)},
-    {"data/a/0": "text"},
-    {"iter": np.zeros(0, int), "history/0": np.zeros(3)},
-    {"iter/x": np.zeros(3), "history/0": np.zeros(3)},
-    {"iter": np.zeros(1, int), "history/7": np.zeros(3)},
-    {"iter": np.zeros(1, int), "history": np.zeros(3)},
-    {"iter": np.zeros(1, int), "history/0": np.zeros(3), "netlib": "no JSON"},
-    {"iter": np.zeros(1, int), "history/0": np.zeros(3), "netlib": "[1, 2]"},
-    {"iter": np.zeros(1, int), "history/0": np.zeros(3), "learned_net": np.zeros(2)},
-], ids=str)
-def test_the_right_groups_with_nonsense_in_them(net: netlib.Net, tmp_path: Path, structure: dict[str, Any]) -> None:
+@pytest.mark.parametrize(
+    "structure",
+    [
+        {"data/a/first": np.zeros(3)},
+        {"data/a/0": "text"},
+        {"iter": np.zeros(0, int), "history/0": np.zeros(3)},
+        {"iter/x": np.zeros(3), "history/0": np.zeros(3)},
+        {"iter": np.zeros(1, int), "history/7": np.zeros(3)},
+        {"iter": np.zeros(1, int), "history": np.zeros(3)},
+        {"iter": np.zeros(1, int), "history/0": np.zeros(3), "netlib": "no JSON"},
+        {"iter": np.zeros(1, int), "history/0": np.zeros(3), "netlib": "[1, 2]"},
+        {"iter": np.zeros(1, int), "history/0": np.zeros(3), "learned_net": np.zeros(2)},
+    ],
+    ids=str,
+)
+def test_the_right_groups_with_nonsense_in_them(
+    net: netlib.Net, tmp_path: Path, structure: dict[str, Any]
+) -> None:
     path = write_hdf5(tmp_path / "x.h5", **structure)
     try:
         snapshot.read_state(path) if "iter" in str(structure) else net.copy_from(path)

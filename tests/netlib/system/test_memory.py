@@ -38,20 +38,36 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
 def test_a_size_in_words() -> None:
     sizes = [0, 999, 1000, 9_949, 9_960, 20e9, 8.64e12, 999.6e6, 5e30]
     assert [format_bytes(int(size)) for size in sizes] == [
-        "0 bytes", "999 bytes", "1.0 kB", "9.9 kB", "10 kB", "20 GB", "8.6 TB", "1.0 GB", "5000000000000 EB"
+        "0 bytes",
+        "999 bytes",
+        "1.0 kB",
+        "9.9 kB",
+        "10 kB",
+        "20 GB",
+        "8.6 TB",
+        "1.0 GB",
+        "5000000000000 EB",
     ]
 
 
 def test_parameters(net_of: MakeNet, machine: Callable[[float], None]) -> None:
     """The error is raised before allocation and is also a MemoryError; shared parameters count once."""
     machine(2_000_000)
-    text = INPUT + "".join(INNER.replace("FC1", f"FC{i}").replace('"y"', f'"y{i}"') for i in range(4))
+    text = INPUT + "".join(
+        INNER.replace("FC1", f"FC{i}").replace('"y"', f'"y{i}"') for i in range(4)
+    )
     with pytest.raises(OutOfMemoryError) as raised:
         net_of(text)
     assert isinstance(raised.value, netlib.LayerError) and isinstance(raised.value, MemoryError)
-    assert str(raised.value) == ("net.prototxt:5:7: error: layer 'FC2': setup: 2.4 MB of parameters; this machine has "
-                                 "2.0 MB; use a smaller batch or layer")
-    net_of(text.replace("inner_product_param", 'param { name: "w" } param { name: "b" } inner_product_param'))
+    assert str(raised.value) == (
+        "net.prototxt:5:7: error: layer 'FC2': setup: 2.4 MB of parameters; this machine has "
+        "2.0 MB; use a smaller batch or layer"
+    )
+    net_of(
+        text.replace(
+            "inner_product_param", 'param { name: "w" } param { name: "b" } inner_product_param'
+        )
+    )
 
 
 def test_what_fits_is_not_refused(net_of: MakeNet, machine: Callable[[float], None]) -> None:
@@ -60,14 +76,21 @@ def test_what_fits_is_not_refused(net_of: MakeNet, machine: Callable[[float], No
     machine(everything)
     net_of(INPUT + INNER).forward()
     machine(everything - 1)
-    with pytest.raises(OutOfMemoryError, match=r"layer 'FC1': forward: 892 kB for all blobs of the net; this machine"):
+    with pytest.raises(
+        OutOfMemoryError,
+        match=r"layer 'FC1': forward: 892 kB for all blobs of the net; this machine",
+    ):
         net_of(INPUT + INNER).forward()
 
 
-def test_a_smaller_batch_can_be_set_before_a_pass(net_of: MakeNet, machine: Callable[[float], None]) -> None:
+def test_a_smaller_batch_can_be_set_before_a_pass(
+    net_of: MakeNet, machine: Callable[[float], None]
+) -> None:
     machine(1000)
     net = net_of(INPUT + 'layer { name: "r" type: "ReLU" bottom: "x" top: "y" }')
-    with pytest.raises(OutOfMemoryError, match=r"layer 'x': forward: 8\.0 kB for all blobs of the net"):
+    with pytest.raises(
+        OutOfMemoryError, match=r"layer 'x': forward: 8\.0 kB for all blobs of the net"
+    ):
         net.forward()
     net.blobs["x"].reshape(1, 100)
     net.reshape()
@@ -82,12 +105,23 @@ def test_a_gradient(net_of: MakeNet, machine: Callable[[float], None]) -> None:
         net.backward()
 
 
-@pytest.mark.parametrize(("error", "line"), [
-    (MemoryError("Unable to allocate 7 GiB"), "needs more memory than there is: Unable to allocate 7 GiB;"),
-    (MemoryError(), "needs more memory than there is;"),
-    (ValueError("array is too big; `arr.size`"), "needs more memory than there is: array is too big; "),
-])
-def test_a_layers_own_arrays(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch, error: Exception, line: str) -> None:
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        (
+            MemoryError("Unable to allocate 7 GiB"),
+            "needs more memory than there is: Unable to allocate 7 GiB;",
+        ),
+        (MemoryError(), "needs more memory than there is;"),
+        (
+            ValueError("array is too big; `arr.size`"),
+            "needs more memory than there is: array is too big; ",
+        ),
+    ],
+)
+def test_a_layers_own_arrays(
+    net_of: MakeNet, monkeypatch: pytest.MonkeyPatch, error: Exception, line: str
+) -> None:
     net = net_of(INPUT + INNER)
 
     def forward(*blobs: object) -> None:
@@ -101,7 +135,9 @@ def test_a_layers_own_arrays(net_of: MakeNet, monkeypatch: pytest.MonkeyPatch, e
 
 def test_a_blob_without_a_net(machine: Callable[[float], None]) -> None:
     machine(1000)
-    with pytest.raises(OutOfMemoryError, match=r"^4\.0 kB for an array \(1000,\); this machine has 1\.0 kB$"):
+    with pytest.raises(
+        OutOfMemoryError, match=r"^4\.0 kB for an array \(1000,\); this machine has 1\.0 kB$"
+    ):
         netlib.Blob((1000,)).data  # noqa: B018
 
 
@@ -113,10 +149,15 @@ def test_a_solver(tmp_path: Path, machine: Callable[[float], None]) -> None:
     machine(4 * 808_000)
     netlib.get_solver(solver)
     machine(4 * 808_000 - 1)
-    with pytest.raises(OutOfMemoryError, match=r"3\.2 MB for parameters, their gradients and the history of solver "
-                                               "type Adam; this machine has"):
+    with pytest.raises(
+        OutOfMemoryError,
+        match=r"3\.2 MB for parameters, their gradients and the history of solver "
+        "type Adam; this machine has",
+    ):
         netlib.get_solver(solver)
-    frozen = INNER.replace("inner_product_param", "param { lr_mult: 0 } param { lr_mult: 0 } inner_product_param")
+    frozen = INNER.replace(
+        "inner_product_param", "param { lr_mult: 0 } param { lr_mult: 0 } inner_product_param"
+    )
     (tmp_path / "net.prototxt").write_text(INPUT + frozen)
     netlib.get_solver(solver)
 

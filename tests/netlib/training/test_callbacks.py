@@ -28,8 +28,14 @@ def test_the_order_of_an_iteration(solver_of: MakeSolver) -> None:
     solver.step(2)
     assert seen == [
         ("step", 0, 0),
-        *[("test", 0, 0)] * 2, ("start", 0, 0), ("ready", 0, 2), ("update", 1, 2),
-        *[("test", 1, 2)] * 2, ("start", 1, 0), ("ready", 1, 2), ("update", 2, 2),
+        *[("test", 0, 0)] * 2,
+        ("start", 0, 0),
+        ("ready", 0, 2),
+        ("update", 1, 2),
+        *[("test", 1, 2)] * 2,
+        ("start", 1, 0),
+        ("ready", 1, 2),
+        ("update", 2, 2),
     ]
 
 
@@ -45,7 +51,7 @@ def test_a_function_that_removes_itself(solver_of: MakeSolver) -> None:
     assert seen == ["once", "always", "always"]
 
 
-NO_LOSS = ONE_WEIGHT[: ONE_WEIGHT.index("layer { name: \"loss\"")]
+NO_LOSS = ONE_WEIGHT[: ONE_WEIGHT.index('layer { name: "loss"')]
 PYTHON_LOSS = """layer { name: "half" type: "Python" bottom: "y" bottom: "t" top: "distance"
                          python_param { module: "half_square" layer: "HalfSquare" } %s }"""
 HALF_SQUARE = """
@@ -65,38 +71,69 @@ LIKE_A_LOSS = 'layer { name: "loss" type: "Reduction" bottom: "y" top: "sum" }'
 SILENCED = 'layer { name: "end" type: "Silence" bottom: "y" bottom: "t" }'
 
 
-@pytest.mark.parametrize(("end", "advice"), [
-    (PYTHON_LOSS % "", "top 'distance' of layer 'half' looks like one: add loss_weight: 1 to the layer"),
-    (LIKE_A_LOSS, "top 'sum' of layer 'loss' looks like one: add loss_weight: 1 to the layer"),
-    ("", "top 'y' of layer 'ip' looks like one: add loss_weight: 1 to the layer"),
-    (SILENCED, "its outputs: none"),
-], ids=["a Python layer", "a layer named loss", "a single number", "no output"])
+@pytest.mark.parametrize(
+    ("end", "advice"),
+    [
+        (
+            PYTHON_LOSS % "",
+            "top 'distance' of layer 'half' looks like one: add loss_weight: 1 to the layer",
+        ),
+        (LIKE_A_LOSS, "top 'sum' of layer 'loss' looks like one: add loss_weight: 1 to the layer"),
+        ("", "top 'y' of layer 'ip' looks like one: add loss_weight: 1 to the layer"),
+        (SILENCED, "its outputs: none"),
+    ],
+    ids=["a Python layer", "a layer named loss", "a single number", "no output"],
+)
 def test_a_net_without_a_loss_is_reported_once(
-    solver_of: MakeSolver, module: MakeModule, caplog: pytest.LogCaptureFixture, end: str, advice: str
+    solver_of: MakeSolver,
+    module: MakeModule,
+    caplog: pytest.LogCaptureFixture,
+    end: str,
+    advice: str,
 ) -> None:
     module("half_square", HALF_SQUARE)
     solver = solver_of(NO_LOSS % "" + end)
     for _ in range(5):
         solver.step(1)
     warnings = [message for message in caplog.messages if "loss_weight" in message]
-    assert warnings == [f"net '' has no loss: no output has a loss_weight, so no weight changes; {advice}"]
+    assert warnings == [
+        f"net '' has no loss: no output has a loss_weight, so no weight changes; {advice}"
+    ]
 
 
-@pytest.mark.parametrize(("given", "messages"), [
-    ("loss_weight: 1", []), ("loss_weight: 0", []),
-    ("", ["top 'penalty' of layer 'penalty_loss' looks like a loss, but has no loss_weight; it is ignored"]),
-])
+@pytest.mark.parametrize(
+    ("given", "messages"),
+    [
+        ("loss_weight: 1", []),
+        ("loss_weight: 0", []),
+        (
+            "",
+            [
+                "top 'penalty' of layer 'penalty_loss' looks like a loss, but has no loss_weight; it is ignored"
+            ],
+        ),
+    ],
+)
 def test_a_python_loss_beside_another_needs_a_weight(
-    solver_of: MakeSolver, module: MakeModule, caplog: pytest.LogCaptureFixture, given: str, messages: list[str]
+    solver_of: MakeSolver,
+    module: MakeModule,
+    caplog: pytest.LogCaptureFixture,
+    given: str,
+    messages: list[str],
 ) -> None:
     module("half_square", HALF_SQUARE)
-    second = (PYTHON_LOSS % given).replace('"half"', '"penalty_loss"').replace('"distance"', '"penalty"')
+    second = (
+        (PYTHON_LOSS % given).replace('"half"', '"penalty_loss"').replace('"distance"', '"penalty"')
+    )
     solver_of(ONE_WEIGHT % "" + second).step(5)
     assert caplog.messages == messages
 
 
-DEAD = NO_LOSS % "" + """layer { name: "dead" type: "ReLU" bottom: "y" top: "y" }
+DEAD = (
+    NO_LOSS % ""
+    + """layer { name: "dead" type: "ReLU" bottom: "y" top: "y" }
 layer { name: "loss" type: "EuclideanLoss" bottom: "y" bottom: "t" top: "loss" }"""
+)
 
 
 def test_gradients_that_are_all_zero_are_reported_once(
@@ -108,10 +145,15 @@ def test_gradients_that_are_all_zero_are_reported_once(
     for _ in range(3):
         solver.step(1)
     assert [message[:72] for message in caplog.messages] == [
-        "the gradients of all parameters were exactly 0 in the first 3 iterations"]
+        "the gradients of all parameters were exactly 0 in the first 3 iterations"
+    ]
 
 
-@pytest.mark.parametrize("net", [DEAD, ONE_WEIGHT % "param { lr_mult: 0 }"], ids=["a living ReLU", "frozen on purpose"])
-def test_no_warning_of_gradients(solver_of: MakeSolver, caplog: pytest.LogCaptureFixture, net: str) -> None:
+@pytest.mark.parametrize(
+    "net", [DEAD, ONE_WEIGHT % "param { lr_mult: 0 }"], ids=["a living ReLU", "frozen on purpose"]
+)
+def test_no_warning_of_gradients(
+    solver_of: MakeSolver, caplog: pytest.LogCaptureFixture, net: str
+) -> None:
     solver_of(net).step(5)
     assert not caplog.messages

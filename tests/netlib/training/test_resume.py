@@ -22,6 +22,7 @@ from tests.netlib.conftest import RECORDINGS, MakeSolver, everything, furnish
 
 pytestmark = pytest.mark.both_engines
 
+
 @pytest.fixture
 def older(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     furnish(tmp_path)
@@ -36,7 +37,9 @@ def after_3(engine_in_use: str | None, tmp_path_factory: pytest.TempPathFactory)
     furnish(folder)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        assert netlib.get_solver("solver.prototxt", seed=1, max_iter=3, snapshot_format="HDF5").solve()
+        assert netlib.get_solver(
+            "solver.prototxt", seed=1, max_iter=3, snapshot_format="HDF5"
+        ).solve()
     return folder
 
 
@@ -55,11 +58,14 @@ def distance(got: dict[str, np.ndarray], want: dict[str, np.ndarray]) -> float:
     return max(float(np.abs(got[name] - want[name]).max()) for name in got)
 
 
-@pytest.mark.parametrize(("name", "crc32"), [
-    ("older_iter_5.solverstate.h5", [233770473, 1782572153]),
-    ("checked_iter_5.solverstate.h5", [1909220512, 2251532900]),
-    ("checked_iter_5.solverstate", [1909220512, 2251532900]),
-])
+@pytest.mark.parametrize(
+    ("name", "crc32"),
+    [
+        ("older_iter_5.solverstate.h5", [233770473, 1782572153]),
+        ("checked_iter_5.solverstate.h5", [1909220512, 2251532900]),
+        ("checked_iter_5.solverstate", [1909220512, 2251532900]),
+    ],
+)
 def test_a_state_of_an_earlier_version_goes_on(older: Path, name: str, crc32: list[int]) -> None:
     """States of version 0.1.0, without a checksum, and of before the seal, with one of their content only, are read to
     the bit, and resume with their rows, masks, momentum and losses, to rounding.
@@ -67,7 +73,10 @@ def test_a_state_of_an_earlier_version_goes_on(older: Path, name: str, crc32: li
     state = snapshot.read_state(name)
     layers = snapshot.read_weights(snapshot.weights_of(name, state))
     arrays = [array for own in layers.values() for _, array in sorted(own.items())]
-    assert [zlib.crc32(b"".join(array.tobytes() for array in found)) for found in (arrays, state.history)] == crc32
+    assert [
+        zlib.crc32(b"".join(array.tobytes() for array in found))
+        for found in (arrays, state.history)
+    ] == crc32
     solver = netlib.get_solver("solver.prototxt", seed=99)
     assert solver.solve(name)
     recorded = dict(np.load("after_12.npz"))
@@ -105,9 +114,13 @@ def test_a_resume_is_exact_whatever_was_looked_at(solver_of: MakeSolver, looks: 
     """A look at a blob that the fast engine does not store changes the rounding, so a state has what is stored."""
 
     def make() -> netlib.Solver:
-        solver = solver_of(IMAGES, f"display: 2 debug_info: {str(looks == 'debug_info').lower()} random_seed: 1")
+        solver = solver_of(
+            IMAGES, f"display: 2 debug_info: {str(looks == 'debug_info').lower()} random_seed: 1"
+        )
         if looks == "a callback":
-            solver.add_callback(lambda: None, lambda: solver.iter == 3 and solver.net.blobs["c"].diff)
+            solver.add_callback(
+                lambda: None, lambda: solver.iter == 3 and solver.net.blobs["c"].diff
+            )
         return solver
 
     one, other = make(), make()
@@ -143,21 +156,61 @@ def of_layers(number: int, name: str, **fields: Any) -> Callable[[SolverState], 
 
 DAMAGE: dict[str, tuple[Callable[[SolverState], dict[str, Any]], str]] = {
     "an iteration below 0": (lambda state: {"iter": -1}, "iter is -1"),
-    "text as a history": (lambda state: {"history": [np.array([b"x"]), *state.history[1:]]}, "history 0 holds |S1"),
-    "complex numbers": (lambda state: {"history": [h.astype(complex) for h in state.history]}, "holds complex128"),
-    "NaN": (lambda state: {"history": [h * np.nan for h in state.history]}, "has values that are not finite"),
-    "another shape": (lambda state: {"history": [h[..., None] for h in state.history]}, "history 0 has shape"),
-    "a history too few": (lambda state: {"history": state.history[1:]}, "histories, but SGD on this net has"),
+    "text as a history": (
+        lambda state: {"history": [np.array([b"x"]), *state.history[1:]]},
+        "history 0 holds |S1",
+    ),
+    "complex numbers": (
+        lambda state: {"history": [h.astype(complex) for h in state.history]},
+        "holds complex128",
+    ),
+    "NaN": (
+        lambda state: {"history": [h * np.nan for h in state.history]},
+        "has values that are not finite",
+    ),
+    "another shape": (
+        lambda state: {"history": [h[..., None] for h in state.history]},
+        "history 0 has shape",
+    ),
+    "a history too few": (
+        lambda state: {"history": state.history[1:]},
+        "histories, but SGD on this net has",
+    ),
     "numbers beyond float32": (
-        lambda state: {"history": [np.full(h.shape, 1e300) for h in state.history]}, "too large for float32"),
-    "unknown fields": (lambda state: {"extra": {"solvex": {}}}, "found 'solvex', expected solver, smoothed"),
-    "a row that is not there": (of_layers(0, "data", cursor=[0, 0, 10**9]), "there is no row at [0, 0, 1000000000]"),
+        lambda state: {"history": [np.full(h.shape, 1e300) for h in state.history]},
+        "too large for float32",
+    ),
+    "unknown fields": (
+        lambda state: {"extra": {"solvex": {}}},
+        "found 'solvex', expected solver, smoothed",
+    ),
+    "a row that is not there": (
+        of_layers(0, "data", cursor=[0, 0, 10**9]),
+        "there is no row at [0, 0, 1000000000]",
+    ),
     "a file that is not there": (of_layers(0, "data", cursor=[0, 7, 0]), "cannot be restored"),
-    "a cursor of two": (of_layers(0, "data", cursor=[0, 0]), "cannot be restored: not enough values"),
+    "a cursor of two": (
+        of_layers(0, "data", cursor=[0, 0]),
+        "cannot be restored: not enough values",
+    ),
     "a seed below 0": (of_layers(0, "data", seed=-1), "cannot be restored"),
-    "no random numbers": (of_layers(0, "drop", rng={"bit_generator": "SFC64"}), "cannot be restored"),
-    "numbers of 70 bits": (of_layers(0, "drop", rng={"bit_generator": "SFC64", "state": {"state": [2**70] * 4},
-                                                     "has_uint32": 0, "uinteger": 0}), "cannot be restored"),
+    "no random numbers": (
+        of_layers(0, "drop", rng={"bit_generator": "SFC64"}),
+        "cannot be restored",
+    ),
+    "numbers of 70 bits": (
+        of_layers(
+            0,
+            "drop",
+            rng={
+                "bit_generator": "SFC64",
+                "state": {"state": [2**70] * 4},
+                "has_uint32": 0,
+                "uinteger": 0,
+            },
+        ),
+        "cannot be restored",
+    ),
 }
 
 
@@ -184,7 +237,9 @@ def test_layers_without_a_state_are_told(state_3: Path, caplog: pytest.LogCaptur
     assert "the resume is exact" not in caplog.text
 
 
-def test_what_an_earlier_version_did_not_write_is_told(older: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_what_an_earlier_version_did_not_write_is_told(
+    older: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     """The state has no checksum; an option that it lacks had its default."""
     caplog.set_level("INFO", "netlib")
     netlib.get_solver("solver.prototxt", rampup_interval=8).restore("older_iter_5.solverstate.h5")
@@ -241,17 +296,22 @@ def copy_rows() -> None:
 @pytest.mark.parametrize("within", ["training", "a test"])
 def test_data_that_are_cut_on_the_way(older: Path, within: str) -> None:
     """If a data file is truncated, training ends with an error and a snapshot, from which the resume is exact."""
-    norm = 'layer { name: "norm" type: "BatchNorm" bottom: "pool" top: "pool" }\n'  # changes with every batch
+    # changes with every batch
+    norm = 'layer { name: "norm" type: "BatchNorm" bottom: "pool" top: "pool" }\n'
     net_file, relu = Path("net.prototxt"), 'layer { name: "relu"'
     net_file.write_text(net_file.read_text().replace(relu, norm + relu))
     copy_rows()
     Path("list.txt").write_text("train0.h5\ntrain1.h5\n")
     whole = netlib.get_solver("solver.prototxt", iter_size=2, **WITH_TESTS)
     assert whole.solve()
-    broken = netlib.get_solver("solver.prototxt", iter_size=2, snapshot_after_train=within == "a test", **WITH_TESTS)
+    broken = netlib.get_solver(
+        "solver.prototxt", iter_size=2, snapshot_after_train=within == "a test", **WITH_TESTS
+    )
     net = broken.net if within == "training" else broken.test_nets[0]
     interrupt(broken, net, lambda: [os.truncate(name, 100) for name in ROWS])
-    with pytest.raises(netlib.DataError, match=r"train[01]\.h5: was cut to 100 of \d+ bytes while in use"):
+    with pytest.raises(
+        netlib.DataError, match=r"train[01]\.h5: was cut to 100 of \d+ bytes while in use"
+    ):
         broken.solve()
     copy_rows()
     stop = broken.iter

@@ -10,7 +10,9 @@ import pytest
 from handpose.frames.cameras import CAMERAS, KINECT2, VIEWS, Camera
 from tools.common import arguments, sources
 
-CAMERA_FORM = f"a file, {', '.join((*CAMERAS, *VIEWS))}, or FX,FY,U0,V0 in px, the intrinsics from its SDK"
+CAMERA_FORM = (
+    f"a file, {', '.join((*CAMERAS, *VIEWS))}, or FX,FY,U0,V0 in px, the intrinsics from its SDK"
+)
 
 
 @pytest.mark.parametrize(
@@ -18,7 +20,8 @@ CAMERA_FORM = f"a file, {', '.join((*CAMERAS, *VIEWS))}, or FX,FY,U0,V0 in px, t
     [
         (arguments.positive, "12", 12),
         (arguments.natural, "0", 0),
-        *((kind, str(2**63 - 1), 2**63 - 1) for kind in (arguments.positive, arguments.natural)),  # of 64 bits
+        # of 64 bits
+        *((kind, str(2**63 - 1), 2**63 - 1) for kind in (arguments.positive, arguments.natural)),
         (arguments.whole(0, 100), "100", 100),
         (sources.cube, "10000", 10000.0),
         (arguments.weight, "0", 0.0),
@@ -28,7 +31,8 @@ CAMERA_FORM = f"a file, {', '.join((*CAMERAS, *VIEWS))}, or FX,FY,U0,V0 in px, t
         (arguments.address, "a:65535", ("a", 65535)),
         (arguments.pixels, "224x112", (224, 112)),
         (sources.camera, "kinect2", KINECT2),
-        (sources.camera, "500,510,320,240", Camera("own", 500, 510, 320, 240, 0, 0)),  # of images of any size
+        # of images of any size
+        (sources.camera, "500,510,320,240", Camera("own", 500, 510, 320, 240, 0, 0)),
         (sources.center, "1,2.5", (1.0, 2.5)),
         (sources.center, "1,2,-3", (1.0, 2.0, -3.0)),
     ],
@@ -46,7 +50,10 @@ def test_values(kind: Callable[[str], object], text: str, value: object) -> None
         (arguments.natural, "-1", "an integer of at least 0"),
         (arguments.natural, "1.0", "an integer of at least 0"),
         (arguments.natural, "9" * 5000, "an integer of at least 0"),
-        *((kind, str(2**63), f"an integer of at most {2**63 - 1}") for kind in (arguments.positive, arguments.natural)),
+        *(
+            (kind, str(2**63), f"an integer of at most {2**63 - 1}")
+            for kind in (arguments.positive, arguments.natural)
+        ),
         (arguments.whole(0, 100), "101", "an integer of at most 100"),
         (sources.cube, "0.3", "a number of at least 50 and at most 10000 mm"),
         (sources.cube, "nan", "a number of at least 50 and at most 10000 mm"),
@@ -54,9 +61,14 @@ def test_values(kind: Callable[[str], object], text: str, value: object) -> None
         (arguments.weight, "-1", "a number of at least 0"),
         (arguments.weight, "inf", "a number of at least 0"),
         (arguments.weight, "x", "a number of at least 0"),
-        *((sources.camera, text, CAMERA_FORM) for text in ("1,2,3,nan", "0,2,3,4", "588,588,1e300,240")),
-        *((arguments.address, text, "HOST:PORT, a port from 0 to 65535")
-          for text in ("a:-1", "a:65536", ":1", "a", "a: 1", "a:" + "9" * 5000)),
+        *(
+            (sources.camera, text, CAMERA_FORM)
+            for text in ("1,2,3,nan", "0,2,3,4", "588,588,1e300,240")
+        ),
+        *(
+            (arguments.address, text, "HOST:PORT, a port from 0 to 65535")
+            for text in ("a:-1", "a:65536", ":1", "a", "a: 1", "a:" + "9" * 5000)
+        ),
         (arguments.numbers(), "1,x", "numbers separated by commas"),
         (arguments.pixels, "224", "WIDTHxHEIGHT in px, such as 224x224"),
         (arguments.name_in(".png", ".jpg"), "folder/.png", "a file name with suffix .png, .jpg"),

@@ -40,15 +40,23 @@ def test_detections_of_several_passes(results_of: Callable[..., Results]) -> Non
     first, second = results.add(rows[None, None], 2)
     assert len(first) == 0 and np.array_equal(second, rows)
     (nothing,) = results.add(np.array([[0, *[-1] * 6]], np.float32)[None, None], 1)
-    assert results.array().shape == (1, 1, 3, 7) and results.array()[0, 0, :, 0].tolist() == [1, 1, 2]
+    assert results.array().shape == (1, 1, 3, 7) and results.array()[0, 0, :, 0].tolist() == [
+        1,
+        1,
+        2,
+    ]
     expected = ["found: 2 detections", "  0.9000  class 1  20 20 60 40"]
     assert list(results.lines(second, Shown(1), STEPS, (100, 200, 3))) == expected
     assert list(results.lines(nothing, Shown(5), STEPS, (100, 200, 3))) == ["found: 0 detections"]
     assert len(list(results.lines(second, Shown(None, 0.5), STEPS, (100, 200, 3)))) == 3
 
 
-@pytest.mark.parametrize("image", [np.zeros((100, 200, 3), np.uint8), np.zeros((100, 200, 1), np.uint8)])
-def test_detections_in_the_picture(results_of: Callable[..., Results], image: NDArray[np.uint8]) -> None:
+@pytest.mark.parametrize(
+    "image", [np.zeros((100, 200, 3), np.uint8), np.zeros((100, 200, 1), np.uint8)]
+)
+def test_detections_in_the_picture(
+    results_of: Callable[..., Results], image: NDArray[np.uint8]
+) -> None:
     """Each class has its colour, along the sides of the box and behind its name; the rest stays as it is."""
     results = results_of("found", ["background", "hand"])
     rows = np.array([[0, 1, 0.9, 0.25, 0.5, 0.75, 0.9], [0, 0, 0.4, -1, 0, 9, 0.2]], np.float32)
@@ -63,16 +71,29 @@ def test_detections_in_the_picture(results_of: Callable[..., Results], image: ND
     assert len({tuple(both[80, 50]), tuple(both[20, 100])}) == 2
 
 
-@pytest.mark.parametrize(("names", "lines"), [
-    (["a", "b"], ["true \\ found  a  b", "a             2  1", "b             0  1", "accuracy 0.7500 (3 of 4)"]),
-    ([*map(str, range(30))], ["0 taken for 1: 1", "accuracy 0.7500 (3 of 4)"]),
-])
+@pytest.mark.parametrize(
+    ("names", "lines"),
+    [
+        (
+            ["a", "b"],
+            [
+                "true \\ found  a  b",
+                "a             2  1",
+                "b             0  1",
+                "accuracy 0.7500 (3 of 4)",
+            ],
+        ),
+        ([*map(str, range(30))], ["0 taken for 1: 1", "accuracy 0.7500 (3 of 4)"]),
+    ],
+)
 def test_confusion(names: list[str], lines: list[str]) -> None:
     found = Confusion(names)
     for truth, best in ((0, 0), (0, 0), (0, 1), (1, 1)):
         found.add("x", truth, np.eye(len(names))[best])
     assert list(found.lines()) == lines
-    with pytest.raises(NetlibError, match=f"x: its label is {len(names)}; expected 0 to {len(names) - 1}"):
+    with pytest.raises(
+        NetlibError, match=f"x: its label is {len(names)}; expected 0 to {len(names) - 1}"
+    ):
         found.add("x", len(names), np.zeros(len(names)))
 
 
@@ -80,7 +101,9 @@ def test_all_taken_for_one() -> None:
     found = Confusion(["cat", "dog"])
     for truth in (0, 1):
         found.add("x", truth, np.array([0.1, 0.9]))
-    assert list(found.lines())[-1].startswith("all images were taken for 'dog': are the mean, the scale")
+    assert list(found.lines())[-1].startswith(
+        "all images were taken for 'dog': are the mean, the scale"
+    )
 
 
 def test_classes(results_of: Callable[..., Results]) -> None:
@@ -88,14 +111,19 @@ def test_classes(results_of: Callable[..., Results]) -> None:
     scores = np.array([[0.25, 0.75]], np.float32)
     results = results_of("soft")
     assert list(results.lines(results.add(scores, 1)[0], Shown(), STEPS, (1, 1, 3))) == [
-        "soft", "  0.7500  class 1", "  0.2500  class 0"
+        "soft",
+        "  0.7500  class 1",
+        "  0.2500  class 0",
     ]
     results = results_of("conf")
     assert list(results.lines(results.add(scores, 1)[0], Shown(), STEPS, (1, 1, 3))) == [
         "conf (2,), values from 0.25 to 0.75, mean 0.5"
     ]
     results = results_of("conf", ["cat", "dog"])
-    assert list(results.lines(results.add(scores, 1)[0], Shown(1), STEPS, (1, 1, 3))) == ["conf", "  0.7500  dog"]
+    assert list(results.lines(results.add(scores, 1)[0], Shown(1), STEPS, (1, 1, 3))) == [
+        "conf",
+        "  0.7500  dog",
+    ]
 
 
 def test_a_blob_without_images(results_of: Callable[..., Results]) -> None:

@@ -30,8 +30,13 @@ def test_an_input_by_whatever_name(out: str) -> None:
 
 @pytest.mark.parametrize(
     ("out", "said"),
-    [("none/b.txt", "none/b.txt: folder none does not exist"), ("inner", "Is a directory"), ("", "Is a directory"),
-     ("/", "Is a directory"), ("a.txt/b", "folder a.txt does not exist")],
+    [
+        ("none/b.txt", "none/b.txt: folder none does not exist"),
+        ("inner", "Is a directory"),
+        ("", "Is a directory"),
+        ("/", "Is a directory"),
+        ("a.txt/b", "folder a.txt does not exist"),
+    ],
 )
 def test_places_where_no_file_can_be(out: str, said: str) -> None:
     """Impossible places raise an error, and the check leaves no file."""
@@ -42,5 +47,7 @@ def test_places_where_no_file_can_be(out: str, said: str) -> None:
 
 
 def test_an_image_of_too_many_pixels_for_its_format() -> None:
-    with pytest.raises(NetlibError, match=r"a\.jpg: cannot write the image: 1 x 66000 px are too many"):
+    with pytest.raises(
+        NetlibError, match=r"a\.jpg: cannot write the image: 1 x 66000 px are too many"
+    ):
         outputs.write_image("a.jpg", np.zeros((66000, 1, 3), np.uint8))

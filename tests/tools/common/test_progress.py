@@ -22,7 +22,10 @@ class Terminal(io.StringIO):
 def test_a_bar_on_a_terminal() -> None:
     """The bar shows progress and notes, allows lines to be printed above it, and is closed at the end."""
     pytest.importorskip("tqdm")
-    with redirect_stderr(Terminal()) as terminal, ProgressBar(10, what="fitting", done=2) as progress:
+    with (
+        redirect_stderr(Terminal()) as terminal,
+        ProgressBar(10, what="fitting", done=2) as progress,
+    ):
         assert progress.is_shown
         progress(3)
         progress.reach(9)
@@ -31,20 +34,28 @@ def test_a_bar_on_a_terminal() -> None:
         progress.print("a line", terminal)
     assert not progress.is_shown
     shown = terminal.getvalue()
-    assert "fitting: " in shown and "10/10" in shown and " frames/s" in shown and "\ra line\n" in shown
+    assert (
+        "fitting: " in shown and "10/10" in shown and " frames/s" in shown and "\ra line\n" in shown
+    )
     assert shown.endswith("\n")
 
 
 def test_a_bar_is_closed_by_an_error() -> None:
     pytest.importorskip("tqdm")
-    with pytest.raises(KeyError), redirect_stderr(Terminal()) as terminal, ProgressBar(10) as progress:
+    with (
+        pytest.raises(KeyError),
+        redirect_stderr(Terminal()) as terminal,
+        ProgressBar(10) as progress,
+    ):
         progress(1)
         raise KeyError
     assert terminal.getvalue().endswith("\n")
 
 
 @pytest.mark.parametrize("total", [0, 10])
-def test_no_bar(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], total: int) -> None:
+def test_no_bar(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], total: int
+) -> None:
     """Without work, a terminal or tqdm no bar is shown, and the other methods can still be called."""
     if total:
         monkeypatch.setitem(sys.modules, "tqdm", None)

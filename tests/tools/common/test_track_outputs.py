@@ -58,8 +58,12 @@ def written(*argv: str, count: int = 4) -> list[str]:
 
 @pytest.mark.parametrize(
     ("argv", "drawn"),
-    [(["--json", "-"], False), (["--csv", "a.csv"], False), (["--sheet", "a.jpg"], True),
-     (["--video", "a.mp4"], True)],
+    [
+        (["--json", "-"], False),
+        (["--csv", "a.csv"], False),
+        (["--sheet", "a.jpg"], True),
+        (["--video", "a.mp4"], True),
+    ],
 )
 def test_what_shows_surface(argv: list[str], drawn: bool) -> None:
     assert is_drawn(parsed(*argv)) == drawn
@@ -90,7 +94,11 @@ def test_one_that_fails_at_the_end(stopped: bool, monkeypatch: pytest.MonkeyPatc
     track = read_track("a.json")
     assert bool(track.cut) == stopped and len(track.frames) == 4
     assert len(Path("a.csv").read_text().splitlines()) == 5 and cv2.imread("a.png") is not None
-    assert sorted(outputs.written) == ["a.csv", "a.json", "a.png"] == sorted(path.name for path in Path().iterdir())
+    assert (
+        sorted(outputs.written)
+        == ["a.csv", "a.json", "a.png"]
+        == sorted(path.name for path in Path().iterdir())
+    )
     with (
         pytest.raises(NetlibError, match=r"^the camera was unplugged$"),
         Outputs(parsed(*ALL), HEADER, 30.0) as outputs,
@@ -168,7 +176,9 @@ def test_a_recording_is_no_faster_than_it_was(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(track_outputs.LiveServer, "wait_for_client", lambda self, seconds: True)
     clock = [100.0]
     monkeypatch.setattr(track_outputs.time, "perf_counter", lambda: clock[0])
-    monkeypatch.setattr(track_outputs.time, "sleep", lambda seconds: clock.append(clock.pop() + seconds))
+    monkeypatch.setattr(
+        track_outputs.time, "sleep", lambda seconds: clock.append(clock.pop() + seconds)
+    )
     with LiveOutput(parsed("--serve"), HEADER) as output:
         output.write(DEPTH, frame(50))
         output.begin(source(live=True), ends, sys.stdout)
@@ -191,14 +201,21 @@ def test_what_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     with LiveOutput(parsed("--serve"), HEADER) as output:
         output.begin(source(live=True), ends, sys.stdout)
         first, second = capsys.readouterr().out.splitlines()
-        assert first.startswith("page: http://127.0.0.1:") and second.startswith("for programs: ws://127.0.0.1:")
+        assert first.startswith("page: http://127.0.0.1:") and second.startswith(
+            "for programs: ws://127.0.0.1:"
+        )
         with pytest.raises(StoppedError):
             output.begin(source(live=False), ends, sys.stdout)
-        assert capsys.readouterr().out.splitlines()[2:] == ["waiting for the first connection; Ctrl-C stops"]
+        assert capsys.readouterr().out.splitlines()[2:] == [
+            "waiting for the first connection; Ctrl-C stops"
+        ]
         output.write(DEPTH, frame(0))
     with LiveOutput(parsed("--serve", "0.0.0.0:0"), HEADER) as output:
         output.begin(source(live=True), ends, sys.stdout)
-        assert capsys.readouterr().err == "warning: other machines can watch, if they have these addresses\n"
+        assert (
+            capsys.readouterr().err
+            == "warning: other machines can watch, if they have these addresses\n"
+        )
 
 
 def test_the_addresses_in_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -210,7 +227,9 @@ def test_the_addresses_in_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         found = json.loads(path.read_text(encoding="utf-8"))
         assert path.stat().st_mode & 0o777 == 0o600
     assert not path.exists() and found["token"] == "0123456789abcdefABCDEF-_"
-    assert found["frames"].startswith("ws://127.0.0.1:") and found["page"].endswith(f"/?token={found['token']}")
+    assert found["frames"].startswith("ws://127.0.0.1:") and found["page"].endswith(
+        f"/?token={found['token']}"
+    )
 
 
 # ------------------------------------------------------------------------------------------------ the whole command
@@ -253,7 +272,9 @@ def client_of(process: subprocess.Popen[str]) -> contextlib.AbstractContextManag
     return client.connect(address_of(process))
 
 
-def test_a_program_gets_all_frames_of_a_recording(running: Callable[..., subprocess.Popen[str]]) -> None:
+def test_a_program_gets_all_frames_of_a_recording(
+    running: Callable[..., subprocess.Popen[str]],
+) -> None:
     """Tracking starts when a client connects; it receives the lines of --json up to the end of the recording."""
     process = running("take.npz", "--serve", "--json", "a.jsonl", "--joints", "mano")
     with client_of(process) as client:
@@ -262,7 +283,9 @@ def test_a_program_gets_all_frames_of_a_recording(running: Callable[..., subproc
     assert process.returncode == 0 and error == "" and "wrote a.jsonl" in out
     assert header["format"] == "handpose" and header["joint_format"]["name"] == "mano"
     assert [frame["number"] for frame in frames] == list(range(COUNT))
-    assert all(len(hand["mano"]["positions_m"]) == 21 for frame in frames for hand in frame["hands"])
+    assert all(
+        len(hand["mano"]["positions_m"]) == 21 for frame in frames for hand in frame["hands"]
+    )
 
 
 def test_a_signal_ends_it(running: Callable[..., subprocess.Popen[str]]) -> None:
@@ -270,11 +293,17 @@ def test_a_signal_ends_it(running: Callable[..., subprocess.Popen[str]]) -> None
     waiting = running("slow.npz", "--serve")
     address_of(waiting)
     waiting.send_signal(signal.SIGINT)
-    assert waiting.communicate(timeout=LONGEST_S)[1].splitlines()[-1] == "stopped" and waiting.returncode == 130
+    assert (
+        waiting.communicate(timeout=LONGEST_S)[1].splitlines()[-1] == "stopped"
+        and waiting.returncode == 130
+    )
     tracking = running("slow.npz", "--serve")
     with client_of(tracking) as client:
         json.loads(client.recv(timeout=LONGEST_S))
         json.loads(client.recv(timeout=LONGEST_S))
         tracking.send_signal(signal.SIGTERM)
         list(client)
-    assert tracking.wait(LONGEST_S) == 143 and client.protocol.close_reason == "the tracker was stopped"
+    assert (
+        tracking.wait(LONGEST_S) == 143
+        and client.protocol.close_reason == "the tracker was stopped"
+    )

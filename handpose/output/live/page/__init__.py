@@ -19,7 +19,9 @@ FOLDER = Path(__file__).parent
 def page(header: TrackHeader) -> str:
     """The page as HTML. Its title is the name of the source without its folder, because others may see the page."""
     data = {
-        "stream": VIEWS.removeprefix("/"), "camera": vars(header.camera), "skeleton": skeleton_values(header.skeleton),
+        "stream": VIEWS.removeprefix("/"),
+        "camera": vars(header.camera),
+        "skeleton": skeleton_values(header.skeleton),
         "colours": [colour[::-1] for colour in COLOURS],
     }
     style, body = source("page.css") + source("live.css", FOLDER), source("live.html", FOLDER)

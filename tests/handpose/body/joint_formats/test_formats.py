@@ -18,12 +18,30 @@ from netlib.blob import Array
 
 def test_orders() -> None:
     assert [list(FORMATS["mediapipe"].joints)[i] for i in (0, 1, 4, 5, 8, 17, 20)] == [
-        "WRIST", "THUMB_CMC", "THUMB_TIP", "INDEX_FINGER_MCP", "INDEX_FINGER_TIP", "PINKY_MCP", "PINKY_TIP",
+        "WRIST",
+        "THUMB_CMC",
+        "THUMB_TIP",
+        "INDEX_FINGER_MCP",
+        "INDEX_FINGER_TIP",
+        "PINKY_MCP",
+        "PINKY_TIP",
     ]
     assert [list(FORMATS["mano"].joints)[i] for i in (0, 1, 4, 7, 10, 13, 15, 16, 20)] == [
-        "wrist", "index1", "middle1", "pinky1", "ring1", "thumb1", "thumb3", "thumb_tip", "pinky_tip",
+        "wrist",
+        "index1",
+        "middle1",
+        "pinky1",
+        "ring1",
+        "thumb1",
+        "thumb3",
+        "thumb_tip",
+        "pinky_tip",
     ]
-    assert {name: len(one.joints) for name, one in FORMATS.items()} == {"mediapipe": 21, "mano": 21, "nyu": 14}
+    assert {name: len(one.joints) for name, one in FORMATS.items()} == {
+        "mediapipe": 21,
+        "mano": 21,
+        "nyu": 14,
+    }
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -35,12 +53,16 @@ def test_bones_are_pairs_of_joints(name: FormatName) -> None:
 
 def test_nyu_is_the_evaluation() -> None:
     joints = right_hand(any_pose(np.random.default_rng(0)))
-    assert np.array_equal(formatted("nyu", PEOPLE, "right", joints).positions, joints[list(EVALUATION_JOINTS)])
+    assert np.array_equal(
+        formatted("nyu", PEOPLE, "right", joints).positions, joints[list(EVALUATION_JOINTS)]
+    )
 
 
 def test_axes_and_units() -> None:
     """A hand at x 100, y 50, z 500 mm, in metres: y points down."""
-    joints = np.broadcast_to([100.0, 50.0, 500.0], (31, 3)) + 1e-3 * right_hand(any_pose(np.random.default_rng(0)))
+    joints = np.broadcast_to([100.0, 50.0, 500.0], (31, 3)) + 1e-3 * right_hand(
+        any_pose(np.random.default_rng(0))
+    )
     for name in ("mediapipe", "mano"):
         found = formatted(name, PEOPLE, "right", joints).positions  # type: ignore[arg-type]
         assert np.abs(found - (0.1, -0.05, 0.5)).max() < 2e-3
@@ -65,7 +87,8 @@ def test_landmarks_without_an_image() -> None:
     found = formatted("mediapipe", PEOPLE, "right", joints, cube_mm=300.0).landmarks
     assert found is not None
     assert np.allclose(
-        found[:, :2] * 300, formatted("mediapipe", PEOPLE, "right", joints).positions[:, :2] * 1000 + 150
+        found[:, :2] * 300,
+        formatted("mediapipe", PEOPLE, "right", joints).positions[:, :2] * 1000 + 150,
     )
     assert formatted("mediapipe", PEOPLE, "right", joints).landmarks is None
     own = dataclasses.replace(KINECT2, width=0, height=0)
@@ -103,8 +126,12 @@ def test_hinges_are_the_models(seed: int) -> None:
     theta = dict(zip(PEOPLE.dof_names, np.degrees(PEOPLE.theta(inputs[None])[0])))
     found = angles(inputs)
     for finger in FINGERS:
-        assert found[f"{finger}_pip_flexion"] == pytest.approx(-theta[f"{finger}_pip_rot_x"], abs=1e-6)
-        assert found[f"{finger}_dip_flexion"] == pytest.approx(-theta[f"{finger}_dip_rot_x"], abs=1e-6)
+        assert found[f"{finger}_pip_flexion"] == pytest.approx(
+            -theta[f"{finger}_pip_rot_x"], abs=1e-6
+        )
+        assert found[f"{finger}_dip_flexion"] == pytest.approx(
+            -theta[f"{finger}_dip_rot_x"], abs=1e-6
+        )
     assert found["thumb_mcp_flexion"] == pytest.approx(theta["thumb_dip_rot_z"], abs=1e-6)
     assert found["thumb_ip_flexion"] == pytest.approx(theta["thumb_tip_rot_z"], abs=1e-6)
 
@@ -131,7 +158,9 @@ def test_noise_near_a_right_angle(finger: str) -> None:
     rng = np.random.default_rng(0)
     for bend in np.radians([-88, -90, -92]):
         inputs = np.zeros(len(PEOPLE.initial))
-        knuckle, pip = (PEOPLE.dof_names.index(f"{finger}_{joint}_rot_x") for joint in ("base", "pip"))
+        knuckle, pip = (
+            PEOPLE.dof_names.index(f"{finger}_{joint}_rot_x") for joint in ("base", "pip")
+        )
         inputs[knuckle], inputs[pip] = bend - PEOPLE.initial[knuckle], -1.0
         exact = -np.degrees(PEOPLE.theta(inputs[None])[0, pip])
         for _ in range(20):
@@ -159,7 +188,8 @@ def test_signs(finger: str) -> None:
     low = PEOPLE.lower[PEOPLE.dof_names.index(f"{finger}_base_rot_x")]
     bent = angles(with_dof(f"{finger}_base_rot_x", low))
     assert bent[f"{finger}_mcp_flexion"] > rest[f"{finger}_mcp_flexion"] + np.degrees(-low) / 2
-    towards_thumb = angles(with_dof(f"{finger}_base_rot_z", -0.2))  # positive turns lead away from the thumb at x
+    # positive turns lead away from the thumb at x
+    towards_thumb = angles(with_dof(f"{finger}_base_rot_z", -0.2))
     change = towards_thumb[f"{finger}_mcp_abduction"] - rest[f"{finger}_mcp_abduction"]
     assert change < -5 if finger in ("ring", "little") else change > 5
 

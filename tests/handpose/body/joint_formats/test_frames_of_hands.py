@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 from posed_hands import MIRROR, PEOPLE, any_pose, right_hand
 
-from handpose.body.joint_formats.frames import FINGERS, POINTS, SKIN, hinges_of, palm_frame, weights_of
+from handpose.body.joint_formats.frames import (
+    FINGERS,
+    POINTS,
+    SKIN,
+    hinges_of,
+    palm_frame,
+    weights_of,
+)
 from layers.hand.skeleton import NYU_HAND, Skeleton, load
 from netlib.errors import DataError
 
@@ -32,7 +39,9 @@ def test_a_finger_bends_at_three_joints(skeleton: Skeleton, bends_at: tuple[str,
     """The hinges are the joints about which a finger's angles turn; the packaged hand's are the anatomical joints."""
     hinges = hinges_of(skeleton)
     for finger in FINGERS:
-        assert [skeleton.joint_names[joint] for joint in hinges[finger]] == [f"{finger}_{part}" for part in bends_at]
+        assert [skeleton.joint_names[joint] for joint in hinges[finger]] == [
+            f"{finger}_{part}" for part in bends_at
+        ]
         own = [POINTS[f"{finger}_{part}"].weights for part in ("mcp", "pip", "dip", "tip")]
         assert skeleton is not PEOPLE or own == [{f"{finger}_{part}": 1} for part in bends_at]
     assert [skeleton.joint_names[joint] for joint in hinges["thumb"]] == [
@@ -41,7 +50,8 @@ def test_a_finger_bends_at_three_joints(skeleton: Skeleton, bends_at: tuple[str,
 
 
 @pytest.mark.parametrize(
-    ("angle", "now"), [("index_dip_rot_x", "fixed: true"), ("little_mcp_rot_x", "lower: -0.1 upper: 0.1")]
+    ("angle", "now"),
+    [("index_dip_rot_x", "fixed: true"), ("little_mcp_rot_x", "lower: -0.1 upper: 0.1")],
 )
 def test_a_joint_that_cannot_bend(tmp_path: Path, angle: str, now: str) -> None:
     """Fixed angles of a finger are hinges, too, and free ones of a metacarpal are none."""
@@ -53,11 +63,21 @@ def test_a_joint_that_cannot_bend(tmp_path: Path, angle: str, now: str) -> None:
 
 def test_phalanges_of_people() -> None:
     """Phalanges have the proportions measured by Buryanov and Kotiuk, 2010; the last one without 3.8 mm."""
-    measured = {"index": (39.8, 22.4, 15.8), "middle": (44.6, 26.3, 17.4), "ring": (41.4, 25.7, 17.3)}
+    measured = {
+        "index": (39.8, 22.4, 15.8),
+        "middle": (44.6, 26.3, 17.4),
+        "ring": (41.4, 25.7, 17.3),
+    }
     measured["little"] = (32.7, 18.1, 16.0)
     for finger, lengths in measured.items():
-        of = [PEOPLE.bones[PEOPLE.joint_names.index(f"{finger}_{part}")] for part in ("base", *PARTS)]
-        ratios = np.array([of[0] + of[1], of[2] + of[3], of[4]]) * 150 / (lengths - np.array([0, 0, 3.8]))
+        of = [
+            PEOPLE.bones[PEOPLE.joint_names.index(f"{finger}_{part}")] for part in ("base", *PARTS)
+        ]
+        ratios = (
+            np.array([of[0] + of[1], of[2] + of[3], of[4]])
+            * 150
+            / (lengths - np.array([0, 0, 3.8]))
+        )
         assert ratios == pytest.approx(ratios[0], abs=1e-3) and 1.15 < ratios[0] < 1.3
 
 

@@ -52,18 +52,39 @@ def with_value(value: float) -> Array:
     return xyz
 
 
-POSITION = "joint 'ring_tip' at [-0.24..., {}, 574...]; expected finite numbers of mm, at most 1e+06"
+POSITION = (
+    "joint 'ring_tip' at [-0.24..., {}, 574...]; expected finite numbers of mm, at most 1e+06"
+)
 
 
 @pytest.mark.parametrize("call", CALLS)
-@bad_inputs(DataError, {
-    **{str(value): (with_value(value), POSITION.format(value)) for value in (np.nan, np.inf, 1e300)},
-    **{name: (xyz, f"joints of shape {np.shape(xyz)}; expected (31, 3), those of skeleton 'people'")
-       for name, xyz in (("short", XYZ[:-1]), ("2-D", XYZ[:, :2]), ("batch", XYZ[None]), ("flat", XYZ.ravel()),
-                         ("None", None), ("empty", np.zeros((0, 3))))},
-    **{text: (xyz, f"joints are not numbers: could not convert string to float: {text!r}")
-       for text, xyz in (("hand", "hand"), ("x", [["x"]]))},
-})
+@bad_inputs(
+    DataError,
+    {
+        **{
+            str(value): (with_value(value), POSITION.format(value))
+            for value in (np.nan, np.inf, 1e300)
+        },
+        **{
+            name: (
+                xyz,
+                f"joints of shape {np.shape(xyz)}; expected (31, 3), those of skeleton 'people'",
+            )
+            for name, xyz in (
+                ("short", XYZ[:-1]),
+                ("2-D", XYZ[:, :2]),
+                ("batch", XYZ[None]),
+                ("flat", XYZ.ravel()),
+                ("None", None),
+                ("empty", np.zeros((0, 3))),
+            )
+        },
+        **{
+            text: (xyz, f"joints are not numbers: could not convert string to float: {text!r}")
+            for text, xyz in (("hand", "hand"), ("x", [["x"]]))
+        },
+    },
+)
 def test_joints_that_are_no_positions(call: str, given: Any, rejected: Any) -> None:
     with rejected:
         CALLS[call](given)
@@ -72,12 +93,32 @@ def test_joints_that_are_no_positions(call: str, given: Any, rejected: Any) -> N
 @pytest.mark.parametrize("call", CALLS)
 @pytest.mark.parametrize(
     "xyz",
-    [XYZ * 0 + 500, XYZ * [1, 0, 0] + [0, 0, 500], XYZ * [1, 1, 0] + [0, 0, 500], XYZ * 1e-30 + [0, 0, 500],
-     moved("index_tip", "index_pip_b"), moved("thumb_tip", "thumb_dip"), moved("middle_mcp", "wrist_middle"),
-     moved("wrist_middle", "wrist_left"), moved("little_mcp", "index_mcp"), XYZ - [0, 0, 2000],
-     np.random.default_rng(0).normal(0, 100, XYZ.shape) + [0, 0, 500]],
-    ids=["point", "line", "plane", "tiny", "no bone", "no thumb bone", "no palm", "wrist", "knuckles", "behind",
-         "random"],
+    [
+        XYZ * 0 + 500,
+        XYZ * [1, 0, 0] + [0, 0, 500],
+        XYZ * [1, 1, 0] + [0, 0, 500],
+        XYZ * 1e-30 + [0, 0, 500],
+        moved("index_tip", "index_pip_b"),
+        moved("thumb_tip", "thumb_dip"),
+        moved("middle_mcp", "wrist_middle"),
+        moved("wrist_middle", "wrist_left"),
+        moved("little_mcp", "index_mcp"),
+        XYZ - [0, 0, 2000],
+        np.random.default_rng(0).normal(0, 100, XYZ.shape) + [0, 0, 500],
+    ],
+    ids=[
+        "point",
+        "line",
+        "plane",
+        "tiny",
+        "no bone",
+        "no thumb bone",
+        "no palm",
+        "wrist",
+        "knuckles",
+        "behind",
+        "random",
+    ],
 )
 def test_degenerate_hands(call: str, xyz: Array) -> None:
     """A degenerate hand raises DataError, or gives finite values; nothing warns."""
@@ -87,9 +128,13 @@ def test_degenerate_hands(call: str, xyz: Array) -> None:
         assert "expected" in str(error)
 
 
-@bad_inputs(DataError, dict.fromkeys(
-    ("angles", "scores", "gestures"),
-    "the wrist and the knuckles of index and little finger are on a line; expected a palm"))
+@bad_inputs(
+    DataError,
+    dict.fromkeys(
+        ("angles", "scores", "gestures"),
+        "the wrist and the knuckles of index and little finger are on a line; expected a palm",
+    ),
+)
 def test_one_point_has_no_directions(given: str, rejected: Any) -> None:
     """Directions, angles and gestures need a palm; positions of a format do not."""
     with rejected:
@@ -104,13 +149,26 @@ def read_at(time: float) -> Callable[[], object]:
     return lambda: reader.read(1, "right", XYZ, time)
 
 
-@bad_inputs(DataError, {
-    "side": (lambda: anatomical_angles(SKELETON, "both", XYZ), "hand 'both'; expected right or left"),  # type: ignore[arg-type]
-    "format": (lambda: formatted("manos", SKELETON, "left", XYZ),  # type: ignore[arg-type]
-               "format 'manos' (did you mean 'mano'?); expected mediapipe, mano, nyu"),
-    **{f"{time} s": (read_at(time), f"hand 1 at {time} s after 1 s; expected finite times that do not descend")
-       for time in (0.5, np.nan, np.inf)},
-})
+@bad_inputs(
+    DataError,
+    {
+        "side": (
+            lambda: anatomical_angles(SKELETON, "both", XYZ),
+            "hand 'both'; expected right or left",
+        ),  # type: ignore[arg-type]
+        "format": (
+            lambda: formatted("manos", SKELETON, "left", XYZ),  # type: ignore[arg-type]
+            "format 'manos' (did you mean 'mano'?); expected mediapipe, mano, nyu",
+        ),
+        **{
+            f"{time} s": (
+                read_at(time),
+                f"hand 1 at {time} s after 1 s; expected finite times that do not descend",
+            )
+            for time in (0.5, np.nan, np.inf)
+        },
+    },
+)
 def test_other_arguments(given: Callable[[], object], rejected: Any) -> None:
     with rejected:
         given()

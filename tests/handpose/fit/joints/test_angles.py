@@ -24,7 +24,8 @@ def draw(rng, N=20, spread=np.pi):
 def test_wrap():
     """Angles are wrapped into (-180, 180] degrees."""
     assert np.allclose(
-        angles.wrap([0, np.pi, -np.pi, 3 * np.pi / 2, -7]), [0, np.pi, np.pi, -np.pi / 2, -7 + 2 * np.pi]
+        angles.wrap([0, np.pi, -np.pi, 3 * np.pi / 2, -7]),
+        [0, np.pi, np.pi, -np.pi / 2, -7 + 2 * np.pi],
     )
 
 
@@ -36,7 +37,10 @@ def test_the_hand_has_six_pairs():
     assert sum(flip.whole for flip in found) == 1 and len(found) == 6
     thumb = next(flip for flip in found if names[flip.mirrored].startswith("thumb"))
     assert [names[d] for d in (*thumb.turned, thumb.mirrored, *thumb.negated)] == [
-        "thumb_pip_rot_z", "thumb_pip_rot_y", "thumb_dip_rot_z", "thumb_tip_rot_z",
+        "thumb_pip_rot_z",
+        "thumb_pip_rot_y",
+        "thumb_dip_rot_z",
+        "thumb_tip_rot_z",
     ]
 
 
@@ -44,7 +48,9 @@ def test_canonical_keeps_the_pose_and_is_unique(rng):
     """Joints are unchanged; all 64 combinations of flips, and whole turns, give the same angles."""
     x = draw(rng, 5)
     want = angles.canonical(NYU_HAND, x)
-    assert np.allclose(kinematics_of(NYU_HAND).joints(want), kinematics_of(NYU_HAND).joints(x), atol=1e-12)
+    assert np.allclose(
+        kinematics_of(NYU_HAND).joints(want), kinematics_of(NYU_HAND).joints(x), atol=1e-12
+    )
     assert np.allclose(angles.canonical(NYU_HAND, want), want, atol=1e-12)
     turns = angles.rotations(NYU_HAND)
     for pattern in range(64):
@@ -55,7 +61,10 @@ def test_canonical_keeps_the_pose_and_is_unique(rng):
                 theta[:, flip.mirrored] = np.pi - theta[:, flip.mirrored]
                 theta[:, list(flip.negated)] *= -1
         theta[:, turns] += 2 * np.pi * rng.integers(-2, 3, (5, 23))
-        assert np.abs(angles.wrap(angles.canonical(NYU_HAND, theta - NYU_HAND.initial) - want)).max() < 1e-9
+        assert (
+            np.abs(angles.wrap(angles.canonical(NYU_HAND, theta - NYU_HAND.initial) - want)).max()
+            < 1e-9
+        )
 
 
 @settings(deadline=None, max_examples=30)
@@ -83,15 +92,21 @@ def test_no_flip_where_a_bone_would_feel_it():
     """A bone across the flip's axis, a fixed rotation below it, or a DoF of two joints rules the flip out."""
 
     def skeleton(second, extra=""):
-        dofs = "".join(f'dof {{ name: "{d}" }} ' for d in "abcd") + 'dof { name: "f" initial: 0.5 fixed: true } '
-        first = (
-            'joint { name: "r" rotate { axis: Z dof: "a" } rotate { axis: X dof: "b" } bone { axis: Y length: 1 } } '
+        dofs = (
+            "".join(f'dof {{ name: "{d}" }} ' for d in "abcd")
+            + 'dof { name: "f" initial: 0.5 fixed: true } '
         )
+        first = 'joint { name: "r" rotate { axis: Z dof: "a" } rotate { axis: X dof: "b" } bone { axis: Y length: 1 } } '
         text = dofs + first + f'joint {{ name: "t" parent: "r" {second} }} {extra}'
         return skeleton_of(text)
 
-    assert len(angles.flips(skeleton('rotate { axis: X dof: "c" } bone { axis: Y length: 1 }'))) == 1
+    assert (
+        len(angles.flips(skeleton('rotate { axis: X dof: "c" } bone { axis: Y length: 1 }'))) == 1
+    )
     assert not angles.flips(skeleton('rotate { axis: X dof: "c" } bone { axis: X length: 1 }'))
     assert not angles.flips(skeleton('rotate { axis: X dof: "f" } bone { axis: Y length: 1 }'))
     assert not angles.flips(skeleton('rotate { axis: X dof: "b" } bone { axis: Y length: 1 }'))
-    assert angles.flips(skeleton('rotate { axis: Y dof: "c" } bone { axis: Y length: 1 }'))[0].negated == ()
+    assert (
+        angles.flips(skeleton('rotate { axis: Y dof: "c" } bone { axis: Y length: 1 }'))[0].negated
+        == ()
+    )

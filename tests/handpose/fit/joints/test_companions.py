@@ -27,7 +27,8 @@ def source(tmp_path):
     inputs = BodySampler(PACKAGED_BONES).draw(np.random.default_rng(3), FRAMES).inputs
     inputs[0, NYU_HAND.dof_names.index("palm_y")] += 0.6
     write(
-        tmp_path / "data" / "part.h5", joint=np.clip(kinematics_of(NYU_HAND).joints(inputs), -1, 1).reshape(FRAMES, 93)
+        tmp_path / "data" / "part.h5",
+        joint=np.clip(kinematics_of(NYU_HAND).joints(inputs), -1, 1).reshape(FRAMES, 93),
     )
     return tmp_path / "data" / "part.h5"
 
@@ -108,7 +109,10 @@ def test_a_list_of_companions_reads_like_the_list_of_the_data(source, tmp_path, 
         assert (sorted(file), file.attrs["rest_in"]) == (["dof", "residual_mm"], "../data/part.h5")
 
 
-LONGER = [replace(j, bone=j.bone and replace(j.bone, length=1.1 * j.bone.length)) for j in NYU_HAND.param.joint]
+LONGER = [
+    replace(j, bone=j.bone and replace(j.bone, length=1.1 * j.bone.length))
+    for j in NYU_HAND.param.joint
+]
 
 
 @pytest.mark.parametrize(
@@ -118,10 +122,19 @@ LONGER = [replace(j, bone=j.bone and replace(j.bone, length=1.1 * j.bone.length)
         lambda source, target: os.utime(source, ns=(1, 1)) or {},
         lambda source, target: {"limits": False},
         lambda source, target: {"ridge": 1e-3},
-        lambda source, target: {"hand": skeleton.Skeleton(replace(NYU_HAND.param, joint=tuple(LONGER)))},
+        lambda source, target: {
+            "hand": skeleton.Skeleton(replace(NYU_HAND.param, joint=tuple(LONGER)))
+        },
         lambda source, target: target.write_bytes(target.read_bytes()[:200]) and {},
     ],
-    ids=["nothing", "the file", "limits", "ridge", "another hand of this name", "a broken companion"],
+    ids=[
+        "nothing",
+        "the file",
+        "limits",
+        "ridge",
+        "another hand of this name",
+        "a broken companion",
+    ],
 )
 def test_what_has_changed_is_made_again(source, change, request):
     """A companion made in the same way from the same file is reused; all frames count as progress."""
@@ -129,30 +142,56 @@ def test_what_has_changed_is_made_again(source, change, request):
     options, reported = change(source, target), []
     os.utime(target, ns=(1, 1))
     fitted(source, progress=reported.append, **options)
-    assert (target.stat().st_mtime_ns == 1) == (request.node.callspec.id == "nothing") and sum(reported) == FRAMES
+    assert (target.stat().st_mtime_ns == 1) == (request.node.callspec.id == "nothing") and sum(
+        reported
+    ) == FRAMES
 
 
-@bad_inputs(DataError, {
-    "the data": (("more.h5", "data"), "...part.h5: would replace the data themselves; choose another --out"),
-    "the data, by another name": (("more.h5", "out/../data"),
-                                  "...part.h5: would replace the data themselves; choose another --out"),
-    "one name twice": (("../other/part.h5", "out"),
-                       "...out: two files of the list have the same name, expected different ones"),
-    "far away": (("more.h5", "far/away"), "...part.h5: is not next to the folder of the data, ...part.h5; expected "
-                 "--out ...data_angles, for example"),
-})
+@bad_inputs(
+    DataError,
+    {
+        "the data": (
+            ("more.h5", "data"),
+            "...part.h5: would replace the data themselves; choose another --out",
+        ),
+        "the data, by another name": (
+            ("more.h5", "out/../data"),
+            "...part.h5: would replace the data themselves; choose another --out",
+        ),
+        "one name twice": (
+            ("../other/part.h5", "out"),
+            "...out: two files of the list have the same name, expected different ones",
+        ),
+        "far away": (
+            ("more.h5", "far/away"),
+            "...part.h5: is not next to the folder of the data, ...part.h5; expected "
+            "--out ...data_angles, for example",
+        ),
+    },
+)
 def test_companions_replace_nothing(source, tmp_path, given, rejected):
     """Neither data nor other companions are overwritten, and the folders are next to each other."""
     with rejected:
         companions.companions_of([source, source.parent / given[0]], tmp_path / given[1])
 
 
-@bad_inputs(DataError, {
-    "no joints": ({"other": np.zeros(2)}, "...bad.h5: no data set 'joint'; it has depth, half_cube, other"),
-    "14 joints": ({"joint": np.zeros((2, 42))},
-                  "...bad.h5: data set 'joint' has shape (2, 42), expected (N, 93) for 31 joints"),
-    "all cut off": ({"joint": np.ones((2, 93))}, "...bad.h5: frame 0 has no known joint (2 such frames)"),
-})
+@bad_inputs(
+    DataError,
+    {
+        "no joints": (
+            {"other": np.zeros(2)},
+            "...bad.h5: no data set 'joint'; it has depth, half_cube, other",
+        ),
+        "14 joints": (
+            {"joint": np.zeros((2, 42))},
+            "...bad.h5: data set 'joint' has shape (2, 42), expected (N, 93) for 31 joints",
+        ),
+        "all cut off": (
+            {"joint": np.ones((2, 93))},
+            "...bad.h5: frame 0 has no known joint (2 such frames)",
+        ),
+    },
+)
 def test_files_with_something_wrong_in_them(tmp_path, given, rejected):
     """The error names the file on one line, and no file is written."""
     write(tmp_path / "data" / "bad.h5", **given)

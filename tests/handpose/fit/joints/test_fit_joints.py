@@ -58,7 +58,10 @@ def test_a_root_that_turns_about_two_axes(rng, limits):
     arm = skeleton_of(text)
     found = fit_joints(arm, joints_of(arm, rng.uniform(-2, 1, (50, 3))), limits=limits)
     assert found.residuals.max() < 1e-5
-    assert not limits or ((found.inputs >= arm.lower - 1e-9) & (found.inputs <= arm.upper + 1e-9)).all()
+    assert (
+        not limits
+        or ((found.inputs >= arm.lower - 1e-9) & (found.inputs <= arm.upper + 1e-9)).all()
+    )
 
 
 def test_joints_that_are_not_known(inputs):
@@ -70,7 +73,10 @@ def test_joints_that_are_not_known(inputs):
     found = fit_joints(NYU_HAND, hidden, starts=32)
     assert np.isnan(found.residuals[::2, [0, 5, 28]]).all() and np.isnan(found.residuals[3, 7])
     assert np.nanmax(found.residuals) < 1e-5
-    assert np.abs(joints_of(NYU_HAND, found.inputs)[:, [1, 6, 29]] - targets[:, [1, 6, 29]]).max() < 1e-4
+    assert (
+        np.abs(joints_of(NYU_HAND, found.inputs)[:, [1, 6, 29]] - targets[:, [1, 6, 29]]).max()
+        < 1e-4
+    )
 
 
 def test_joints_at_absolute_positions(inputs):
@@ -89,9 +95,12 @@ def test_limits_hold(inputs, rng):
     """With limits no input exceeds them, and without limits the residual is lower."""
     targets = joints_of(NYU_HAND, inputs)[:20, EVALUATION_JOINTS] + rng.normal(0, 0.05, (20, 14, 3))
     inside, free = (
-        fit_joints(NYU_HAND, targets, EVALUATION_JOINTS, limits=limits, starts=4) for limits in (True, False)
+        fit_joints(NYU_HAND, targets, EVALUATION_JOINTS, limits=limits, starts=4)
+        for limits in (True, False)
     )
-    assert (inside.inputs >= NYU_HAND.lower - 1e-12).all() and (inside.inputs <= NYU_HAND.upper + 1e-12).all()
+    assert (inside.inputs >= NYU_HAND.lower - 1e-12).all() and (
+        inside.inputs <= NYU_HAND.upper + 1e-12
+    ).all()
     assert (free.inputs[:, NYU_HAND.fixed] == 0).all()
     assert (free.residuals**2).sum() < (inside.residuals**2).sum()
     assert (free.inputs > NYU_HAND.upper).any()
@@ -145,6 +154,10 @@ def test_published_predictions_lie_on_the_model(nyu_data):
     half = cube_of_test_frame(np.arange(0, 8252, 160))[:, None, None] / 2
     xyz = NYU.unproject(uvd)
     found = fit_joints(
-        NYU_HAND, (xyz - xyz.mean(axis=1, keepdims=True)) / half, EVALUATION_JOINTS, limits=False, starts=64
+        NYU_HAND,
+        (xyz - xyz.mean(axis=1, keepdims=True)) / half,
+        EVALUATION_JOINTS,
+        limits=False,
+        starts=64,
     )
     assert (found.residuals * half[:, :, 0]).mean(axis=1).max() < 0.001

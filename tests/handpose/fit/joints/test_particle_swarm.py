@@ -34,6 +34,8 @@ def test_a_swarm_on_a_body_without_limits():
         joint { name: "tip" parent: "root" translate { axis: X dof: "slide" } }"""
     free, bound = (skeleton_of(text % limits) for limits in ("", "lower: 0 upper: 1"))
     inputs = np.array([[-2.5, 0.3]])
-    assert np.allclose(fit_joints_by_swarm(bound, kinematics_of(bound).joints(inputs)).inputs, inputs, atol=1e-3)
+    assert np.allclose(
+        fit_joints_by_swarm(bound, kinematics_of(bound).joints(inputs)).inputs, inputs, atol=1e-3
+    )
     with pytest.raises(DataError, match="'' has translations without limits"):
         fit_joints_by_swarm(free, kinematics_of(free).joints(inputs))

@@ -33,7 +33,9 @@ def test_frames_by_number(folder: Path) -> None:
     assert [frame.depth[20, 30] for frame in frames] == [500.5, 501, 502]
     assert recording.remarks == (
         "frames in the order of the numbers in their names; numbers missing between 1 and 4: 1, which stay gaps in "
-        "time (--time-unit if they are times)", "camera own, by --camera")
+        "time (--time-unit if they are times)",
+        "camera own, by --camera",
+    )
     recording = FolderRecording(folder, replace(GIVEN, rate=None))
     assert [frame.time for frame in recording] == [0, 1 / 30, 0.1]
     assert recording.remarks[-1].startswith("rate unknown: 30 frames per second assumed")
@@ -44,7 +46,9 @@ def test_a_given_unit_of_the_times(tmp_path: Path) -> None:
     for stamp in (5000, 5100, 5200):
         put(tmp_path / f"{stamp}.png", hand_sized())
     given = replace(GIVEN, rate=None)
-    assert [frame.time for frame in FolderRecording(tmp_path, given)] == pytest.approx([0, 100 / 30, 200 / 30])
+    assert [frame.time for frame in FolderRecording(tmp_path, given)] == pytest.approx(
+        [0, 100 / 30, 200 / 30]
+    )
     timed = FolderRecording(tmp_path, replace(given, time_unit="ms"))
     assert [frame.time for frame in timed] == [0, 0.1, 0.2]
     assert timed.remarks[0] == "times from the file names, in ms as given: a frame every 100 ms"
@@ -62,7 +66,9 @@ def test_a_pattern_and_a_name(tmp_path: Path, suffix: str) -> None:
     with pytest.raises(DataError, match="holds 2 sequences"):
         FolderRecording(tmp_path, GIVEN)
     assert FolderRecording(tmp_path / f"a_*{suffix}", GIVEN).count == 2
-    assert [frame.depth[20, 30] for frame in FolderRecording(tmp_path / f"b_1{suffix}", GIVEN)] == [500]
+    assert [frame.depth[20, 30] for frame in FolderRecording(tmp_path / f"b_1{suffix}", GIVEN)] == [
+        500
+    ]
 
 
 def test_camera_json(folder: Path) -> None:
@@ -74,8 +80,12 @@ def test_camera_json(folder: Path) -> None:
     assert FolderRecording(folder / "*.png", CameraInfo(unit_mm=1.0)).unit_mm == 1
 
 
-@pytest.mark.parametrize(("name", "left"), [("1.png", [(1, 0.1), (2, 0.3)]), ("2.png", [(0, 0.0), (2, 0.3)])])
-def test_a_damaged_frame_is_left_out_and_said(folder: Path, name: str, left: list[tuple[int, float]]) -> None:
+@pytest.mark.parametrize(
+    ("name", "left"), [("1.png", [(1, 0.1), (2, 0.3)]), ("2.png", [(0, 0.0), (2, 0.3)])]
+)
+def test_a_damaged_frame_is_left_out_and_said(
+    folder: Path, name: str, left: list[tuple[int, float]]
+) -> None:
     """Its number and time are skipped, also of the first one, and a remark reports it."""
     path = folder / name
     path.write_bytes(path.read_bytes()[:-30])
@@ -84,7 +94,9 @@ def test_a_damaged_frame_is_left_out_and_said(folder: Path, name: str, left: lis
     for _ in range(2):
         assert [(frame.number, frame.time) for frame in recording] == left
         assert recording.remarks == (
-            *before, f"1 damaged frames are left out, the first: {path}: truncated or damaged PNG")
+            *before,
+            f"1 damaged frames are left out, the first: {path}: truncated or damaged PNG",
+        )
 
 
 def test_no_frame_is_whole(folder: Path) -> None:
@@ -94,23 +106,36 @@ def test_no_frame_is_whole(folder: Path) -> None:
         FolderRecording(folder, GIVEN)
 
 
-@bad_inputs(DataError, {
-    "another size": (hand_sized((24, 32)), "...2.png: 32 x 24 pixels; the camera has 64 x 48"),
-    "8 bits": (np.zeros((48, 64), np.uint8),
-               "...2.png: a picture of uint8 grey values; expected depth, a 16-bit grey picture"),
-    "colours": (np.zeros((48, 64, 3), np.uint8),
-                "...2.png: a picture of uint8 colours; expected depth, a 16-bit grey ..."),
-    "16-bit colours": (np.zeros((48, 64, 3), np.uint16),
-                       "...2.png: a picture of uint16 colours; expected depth, a 16-bit grey ..."),
-})
-def test_another_kind_of_picture_is_no_damage(folder: Path, given: np.ndarray, rejected: Any) -> None:
+@bad_inputs(
+    DataError,
+    {
+        "another size": (hand_sized((24, 32)), "...2.png: 32 x 24 pixels; the camera has 64 x 48"),
+        "8 bits": (
+            np.zeros((48, 64), np.uint8),
+            "...2.png: a picture of uint8 grey values; expected depth, a 16-bit grey picture",
+        ),
+        "colours": (
+            np.zeros((48, 64, 3), np.uint8),
+            "...2.png: a picture of uint8 colours; expected depth, a 16-bit grey ...",
+        ),
+        "16-bit colours": (
+            np.zeros((48, 64, 3), np.uint16),
+            "...2.png: a picture of uint16 colours; expected depth, a 16-bit grey ...",
+        ),
+    },
+)
+def test_another_kind_of_picture_is_no_damage(
+    folder: Path, given: np.ndarray, rejected: Any
+) -> None:
     """A picture of another size or type raises an error instead of being skipped."""
     put(folder / "2.png", given)
     with rejected:
         list(FolderRecording(folder, GIVEN))
 
 
-@pytest.mark.parametrize("form", ["{}_{}.png", "{} ({}).png", "[{}] {}.png", "{}[{}].tif", "what?{}*{}.png"])
+@pytest.mark.parametrize(
+    "form", ["{}_{}.png", "{} ({}).png", "[{}] {}.png", "{}[{}].tif", "what?{}*{}.png"]
+)
 def test_the_pattern_in_the_error_names_the_depth(tmp_path: Path, form: str) -> None:
     """Of names without leading zeros, with infrared beside, in a folder with special characters."""
     for number in range(12):
@@ -120,7 +145,9 @@ def test_the_pattern_in_the_error_names_the_depth(tmp_path: Path, form: str) -> 
         FolderRecording(tmp_path / "a [b]", GIVEN)
     pattern = str(raised.value).partition("; name one, as '")[2].removesuffix("'")
     recording = FolderRecording(Path(pattern), GIVEN)
-    assert [frame.depth[20, 30] for frame in recording] == [500 + number / 2 for number in range(12)]
+    assert [frame.depth[20, 30] for frame in recording] == [
+        500 + number / 2 for number in range(12)
+    ]
 
 
 def test_the_packing_of_nyu(tmp_path: Path) -> None:
@@ -152,23 +179,42 @@ def test_an_array_for_each_frame(tmp_path: Path, kind: str) -> None:
     for number in range(12):
         put_array(tmp_path / f"depth_{number}.{kind}", hand_sized(distance=1000 + number))
     recording = FolderRecording(tmp_path, GIVEN)
-    assert (recording.count, recording.camera, recording.rate, recording.warnings) == (12, CAMERA, 10, ())
+    assert (recording.count, recording.camera, recording.rate, recording.warnings) == (
+        12,
+        CAMERA,
+        10,
+        (),
+    )
     for _ in range(2):
-        assert [frame.depth[20, 30] for frame in recording] == [500 + number / 2 for number in range(12)]
-    assert [frame.time for frame in recording] == pytest.approx([number / 10 for number in range(12)])
+        assert [frame.depth[20, 30] for frame in recording] == [
+            500 + number / 2 for number in range(12)
+        ]
+    assert [frame.time for frame in recording] == pytest.approx(
+        [number / 10 for number in range(12)]
+    )
     assert FolderRecording(tmp_path / f"depth_1*.{kind}", GIVEN).count == 3
 
 
 def test_times_in_the_names_of_arrays(tmp_path: Path) -> None:
     for time in (1616799936158, 1616799936125, 1616799936191):
         put_array(tmp_path / f"x_Depth_{time}.25000000000000.raw", hand_sized())
-    assert [frame.time for frame in FolderRecording(tmp_path, GIVEN)] == pytest.approx([0, 0.033, 0.066])
+    assert [frame.time for frame in FolderRecording(tmp_path, GIVEN)] == pytest.approx(
+        [0, 0.033, 0.066]
+    )
 
 
-@pytest.mark.parametrize("values", [
-    hand_sized().astype(">u2"), hand_sized().astype(np.float32), hand_sized().astype(np.int32), hand_sized()[None],
-    hand_sized()[..., None], np.asfortranarray(hand_sized()),
-], ids=["big endian", "float32", "int32", "an axis in front", "an axis behind", "by columns"])
+@pytest.mark.parametrize(
+    "values",
+    [
+        hand_sized().astype(">u2"),
+        hand_sized().astype(np.float32),
+        hand_sized().astype(np.int32),
+        hand_sized()[None],
+        hand_sized()[..., None],
+        np.asfortranarray(hand_sized()),
+    ],
+    ids=["big endian", "float32", "int32", "an axis in front", "an axis behind", "by columns"],
+)
 @pytest.mark.parametrize("kind", ["npy", "npz"])
 def test_types_of_arrays(tmp_path: Path, values: np.ndarray, kind: str) -> None:
     put_array(tmp_path / f"1.{kind}", values)
@@ -182,7 +228,9 @@ def test_infrared_is_not_joined_into_depth(tmp_path: Path, kind: str) -> None:
     for number in range(3):
         put_array(tmp_path / f"depth_{number}.{kind}", hand_sized(distance=1000 + number))
         put_array(tmp_path / f"infrared_{number}.{kind}", hand_sized(distance=3000))
-    with pytest.raises(DataError, match=rf"holds 2 sequences: .*; name one, as '{tmp_path}/depth_\*\.{kind}'"):
+    with pytest.raises(
+        DataError, match=rf"holds 2 sequences: .*; name one, as '{tmp_path}/depth_\*\.{kind}'"
+    ):
         FolderRecording(tmp_path, GIVEN)
     recording = FolderRecording(tmp_path / f"depth_*.{kind}", GIVEN)
     assert [frame.depth[20, 30] for frame in recording] == [500, 500.5, 501]
@@ -198,7 +246,11 @@ def test_arrays_that_are_not_depth_may_lie_beside(tmp_path: Path, depth: str) ->
         put_array(tmp_path / f"color_{number}.npy", np.zeros((48, 64, 3), np.uint8))
         put_array(tmp_path / f"ir_{number}.npy", np.zeros((48, 64), np.uint8))
         put_array(tmp_path / f"joints_{number}.npy", np.zeros((21, 3)))
-        np.savez(tmp_path / f"labels_{number}.npz", seg=np.zeros((48, 64), np.uint8), pose=np.zeros((1, 51)))
+        np.savez(
+            tmp_path / f"labels_{number}.npz",
+            seg=np.zeros((48, 64), np.uint8),
+            pose=np.zeros((1, 51)),
+        )
     np.save(tmp_path / "K.npy", np.eye(3))
     np.savez(tmp_path / "take.npz", depth=np.zeros((3, 48, 64), np.uint16))
     assert [frame.depth[20, 30] for frame in FolderRecording(tmp_path, GIVEN)] == [500, 500.5, 501]
@@ -208,7 +260,10 @@ def test_arrays_that_are_not_depth_may_lie_beside(tmp_path: Path, depth: str) ->
 
 def test_what_the_archives_of_frames_hold(tmp_path: Path) -> None:
     """The camera of the first one is used; what is not used is named."""
-    others = {"K": [[60, 0, 31.5], [0, 61, 23.5], [0, 0, 1]], "color": np.zeros((48, 64, 3), np.uint8)}
+    others = {
+        "K": [[60, 0, 31.5], [0, 61, 23.5], [0, 0, 1]],
+        "color": np.zeros((48, 64, 3), np.uint8),
+    }
     for number in range(3):
         put_array(tmp_path / f"frame_{number}.npz", hand_sized(distance=1000 + number), **others)
     recording = FolderRecording(tmp_path)
@@ -218,19 +273,24 @@ def test_what_the_archives_of_frames_hold(tmp_path: Path) -> None:
     assert FolderRecording(tmp_path, CameraInfo(replace(CAMERA, fx=70.0))).camera.fx == 70
 
 
-@pytest.mark.parametrize(("name", "values", "unit", "times"), [
-    ("timestamp_ms", (7, 40, 106), None, [0, 0.033, 0.099]),
-    ("timestamp", (1616799936.125, 1616799936.25, 1616799936.5), None, [0, 0.125, 0.375]),
-    ("time", np.array([[7.5], [8.5], [9.0]]), None, [0, 1, 1.5]),
-    ("timestamp", (7.5, 8.5, 9.0), "s", [0, 1, 1.5]),
-    ("t", (3, 4, 6), "frames", [0, 0.1, 0.3]),
-])
+@pytest.mark.parametrize(
+    ("name", "values", "unit", "times"),
+    [
+        ("timestamp_ms", (7, 40, 106), None, [0, 0.033, 0.099]),
+        ("timestamp", (1616799936.125, 1616799936.25, 1616799936.5), None, [0, 0.125, 0.375]),
+        ("time", np.array([[7.5], [8.5], [9.0]]), None, [0, 1, 1.5]),
+        ("timestamp", (7.5, 8.5, 9.0), "s", [0, 1, 1.5]),
+        ("t", (3, 4, 6), "frames", [0, 0.1, 0.3]),
+    ],
+)
 def test_times_in_the_archives_of_frames(
     tmp_path: Path, name: str, values: Any, unit: str | None, times: list[float]
 ) -> None:
     """If the names have none; also if a frame is damaged, which is left out."""
     for number, time in enumerate(values):
-        put_array(tmp_path / f"{number + 8}.npz", hand_sized(distance=1000 + number), **{name: time})
+        put_array(
+            tmp_path / f"{number + 8}.npz", hand_sized(distance=1000 + number), **{name: time}
+        )
     given = replace(GIVEN, time_unit=unit)
     recording = FolderRecording(tmp_path, given)
     assert [frame.time for frame in recording] == pytest.approx(times)
@@ -241,15 +301,31 @@ def test_times_in_the_archives_of_frames(
     assert [frame.time for frame in FolderRecording(tmp_path, given)] == pytest.approx(times[::2])
     for number, time in enumerate(values):
         put_array(tmp_path / f"{(number + 1) * 100}us.npz", hand_sized(), **{name: time})
-    assert [frame.time for frame in FolderRecording(tmp_path / "*us.npz", GIVEN)] == pytest.approx([0, 1e-4, 2e-4])
+    assert [frame.time for frame in FolderRecording(tmp_path / "*us.npz", GIVEN)] == pytest.approx(
+        [0, 1e-4, 2e-4]
+    )
 
 
-@bad_inputs(DataError, {
-    "descending": ((2, 1), "...: timestamp_ms[1] is 1; expected finite times, each after the one before"),
-    "of another length": ((1, [2, 3]), "...: timestamp_ms is int64 (3,), expected (2,): a time for each frame"),
-    "missing": ((1, None), "...: timestamp_ms is float64 (1,), expected (2,): a time for each frame"),
-})
-def test_times_in_archives_that_do_not_fit(tmp_path: Path, given: tuple[Any, Any], rejected: Any) -> None:
+@bad_inputs(
+    DataError,
+    {
+        "descending": (
+            (2, 1),
+            "...: timestamp_ms[1] is 1; expected finite times, each after the one before",
+        ),
+        "of another length": (
+            (1, [2, 3]),
+            "...: timestamp_ms is int64 (3,), expected (2,): a time for each frame",
+        ),
+        "missing": (
+            (1, None),
+            "...: timestamp_ms is float64 (1,), expected (2,): a time for each frame",
+        ),
+    },
+)
+def test_times_in_archives_that_do_not_fit(
+    tmp_path: Path, given: tuple[Any, Any], rejected: Any
+) -> None:
     for number, time in enumerate(given):
         others = {} if time is None else {"timestamp_ms": time}
         put_array(tmp_path / f"{number}.npz", hand_sized(), **others)
@@ -262,26 +338,49 @@ def test_raw_values_have_the_size_of_the_camera(tmp_path: Path) -> None:
     put_array(tmp_path / "1.raw", hand_sized())
     camera_file.write(tmp_path / "camera.json", CameraInfo(CAMERA, unit_mm=2.0))
     assert [frame.depth[20, 30] for frame in FolderRecording(tmp_path)] == [2000]
-    assert FolderRecording(tmp_path, CameraInfo(replace(CAMERA, fx=70.0, width=0, height=0))).camera.fx == 70
+    assert (
+        FolderRecording(tmp_path, CameraInfo(replace(CAMERA, fx=70.0, width=0, height=0))).camera.fx
+        == 70
+    )
 
 
-@bad_inputs(DataError, {
-    "bytes": (("1.npy", np.zeros((48, 64), np.uint8)),
-              "...1.npy: values of type uint8; expected depths, of 16 bits or more"),
-    "colours": (("1.npy", np.zeros((48, 64, 3), np.uint8)),
-                "...1.npy: an array of shape (48, 64, 3); expected (height, width); a file with several frames is ..."),
-    "a whole take": (("1.npy", np.zeros((5, 48, 64), np.uint16)),
-                     "...1.npy: an array of shape (5, 48, 64); expected ..."),
-    "one value": (("1.npy", np.uint16(7)), "...1.npy: an array of shape (); expected (height, width); ..."),
-    "complex": (("1.npz", np.zeros((48, 64), complex)),
-                "...1.npz: values of type complex128; expected depths, of 16 ..."),
-    "raw bytes": (("1.raw", np.zeros((48, 64), np.uint8)),
-                  "...1.raw: 3072 bytes; expected 6144, 64 x 48 depths of 16 bits without a header"),
-    "raw float32": (("1.raw", np.zeros((48, 64), np.float32)),
-                    "...1.raw: 12288 bytes; expected 6144, 64 x 48 depths ..."),
-})
+@bad_inputs(
+    DataError,
+    {
+        "bytes": (
+            ("1.npy", np.zeros((48, 64), np.uint8)),
+            "...1.npy: values of type uint8; expected depths, of 16 bits or more",
+        ),
+        "colours": (
+            ("1.npy", np.zeros((48, 64, 3), np.uint8)),
+            "...1.npy: an array of shape (48, 64, 3); expected (height, width); a file with several frames is ...",
+        ),
+        "a whole take": (
+            ("1.npy", np.zeros((5, 48, 64), np.uint16)),
+            "...1.npy: an array of shape (5, 48, 64); expected ...",
+        ),
+        "one value": (
+            ("1.npy", np.uint16(7)),
+            "...1.npy: an array of shape (); expected (height, width); ...",
+        ),
+        "complex": (
+            ("1.npz", np.zeros((48, 64), complex)),
+            "...1.npz: values of type complex128; expected depths, of 16 ...",
+        ),
+        "raw bytes": (
+            ("1.raw", np.zeros((48, 64), np.uint8)),
+            "...1.raw: 3072 bytes; expected 6144, 64 x 48 depths of 16 bits without a header",
+        ),
+        "raw float32": (
+            ("1.raw", np.zeros((48, 64), np.float32)),
+            "...1.raw: 12288 bytes; expected 6144, 64 x 48 depths ...",
+        ),
+    },
+)
 @pytest.mark.parametrize("is_later", [False, True])
-def test_arrays_that_are_not_depth(tmp_path: Path, given: tuple[str, Any], is_later: bool, rejected: Any) -> None:
+def test_arrays_that_are_not_depth(
+    tmp_path: Path, given: tuple[str, Any], is_later: bool, rejected: Any
+) -> None:
     """In one line, also of a later frame, which is not taken for a damaged one."""
     name, values = given
     put_array(tmp_path / name, values)
@@ -293,13 +392,19 @@ def test_arrays_that_are_not_depth(tmp_path: Path, given: tuple[str, Any], is_la
 
 def test_two_arrays_in_an_archive(tmp_path: Path) -> None:
     np.savez(tmp_path / "1.npz", a=hand_sized(), b=hand_sized())
-    with pytest.raises(DataError, match=r"1\.npz: holds a \(48, 64\), b \(48, 64\); expected an array depth \(height"):
+    with pytest.raises(
+        DataError,
+        match=r"1\.npz: holds a \(48, 64\), b \(48, 64\); expected an array depth \(height",
+    ):
         FolderRecording(tmp_path, GIVEN)
 
 
 def test_raw_values_of_unknown_size(tmp_path: Path) -> None:
     put_array(tmp_path / "1.raw", hand_sized())
-    with pytest.raises(DataError, match=r"1\.raw: 6144 bytes without a header, of unknown height and width; give them"):
+    with pytest.raises(
+        DataError,
+        match=r"1\.raw: 6144 bytes without a header, of unknown height and width; give them",
+    ):
         FolderRecording(tmp_path, CameraInfo(replace(CAMERA, width=0, height=0)))
 
 
@@ -311,22 +416,40 @@ def tiff(path: Path, count: int) -> None:
     cv2.imwritemulti(str(path), [hand_sized()] * count)
 
 
-@bad_inputs(DataError, {
-    "an empty folder": (((), ""), "...: holds no depth frames (...); found nothing"),
-    "other pictures": ((("a.jpg", "b.JPG", ".1.png"), ""),
-                       "...: holds no depth frames (...); found a.jpg, b.JPG"),
-    "folders": ((("depth/1.png", "rgb/1.png"), ""),
-                "...: holds no depth frames (...); found depth, rgb; name the folder of the "
-                "frames, as '.../depth'"),
-    "another pattern": ((("left_1.png",), "lefts_*.png"),
-                        ".../lefts_*.png: no frame has such a name (did you mean 'left_1.png'?)"),
-    "another name": ((("frames_a/1.png",), "frame_a"),
-                     ".../frame_a: no such file or folder (did you mean 'frames_a'?)"),
-    "a TIFF of two pictures": ((("1.tif",), ""),
-                               ".../1.tif: a TIFF of 2 pictures; expected one for each frame, or all in an .npy"),
-    "a camera of another size": ((("1.png",), "", 640), ".../1.png: 64 x 48 pixels; camera own has 640 x 48"),
-})
-def test_nothing_to_read(tmp_path: Path, given: tuple[tuple[str, ...], str] | Any, rejected: Any) -> None:
+@bad_inputs(
+    DataError,
+    {
+        "an empty folder": (((), ""), "...: holds no depth frames (...); found nothing"),
+        "other pictures": (
+            (("a.jpg", "b.JPG", ".1.png"), ""),
+            "...: holds no depth frames (...); found a.jpg, b.JPG",
+        ),
+        "folders": (
+            (("depth/1.png", "rgb/1.png"), ""),
+            "...: holds no depth frames (...); found depth, rgb; name the folder of the "
+            "frames, as '.../depth'",
+        ),
+        "another pattern": (
+            (("left_1.png",), "lefts_*.png"),
+            ".../lefts_*.png: no frame has such a name (did you mean 'left_1.png'?)",
+        ),
+        "another name": (
+            (("frames_a/1.png",), "frame_a"),
+            ".../frame_a: no such file or folder (did you mean 'frames_a'?)",
+        ),
+        "a TIFF of two pictures": (
+            (("1.tif",), ""),
+            ".../1.tif: a TIFF of 2 pictures; expected one for each frame, or all in an .npy",
+        ),
+        "a camera of another size": (
+            (("1.png",), "", 640),
+            ".../1.png: 64 x 48 pixels; camera own has 640 x 48",
+        ),
+    },
+)
+def test_nothing_to_read(
+    tmp_path: Path, given: tuple[tuple[str, ...], str] | Any, rejected: Any
+) -> None:
     """The error names what was found instead, before any frame is read."""
     names, source, *width = given
     for name in names:
@@ -335,7 +458,10 @@ def test_nothing_to_read(tmp_path: Path, given: tuple[tuple[str, ...], str] | An
         else:
             put(tmp_path / name, hand_sized())
     with rejected:
-        FolderRecording(tmp_path / source, replace(GIVEN, camera=replace(CAMERA, width=width[0])) if width else GIVEN)
+        FolderRecording(
+            tmp_path / source,
+            replace(GIVEN, camera=replace(CAMERA, width=width[0])) if width else GIVEN,
+        )
 
 
 NANO = 10**9
@@ -344,35 +470,90 @@ NANO = 10**9
 @pytest.mark.parametrize(
     ("names", "times", "ticks", "interpretation"),
     [
-        (["10.png", "9.png", "007.png"], (0, 2, 3), 0, "names; numbers missing between 7 and 10: 1, which"),
+        (
+            ["10.png", "9.png", "007.png"],
+            (0, 2, 3),
+            0,
+            "names; numbers missing between 7 and 10: 1, which",
+        ),
         (["a_1_depth.png", "a_2_depth.png"], (0, 1), 0, "numbers"),
         (["cam0_00000000000000000001.png", "cam0_00000000000000000003.png"], (0, 2), 0, "numbers"),
         (["20210326-230536_110.png", "20210326-230536_30.png"], (0, 80), 0, "numbers"),
         ([f"v1.{n}.png" for n in range(98, 102)], tuple(range(4)), 0, "numbers"),
         (["background.png"], (0,), 0, "numbers"),
         (["z_34512.png", "z_34545.png"], (0, 33), 0, "(--time-unit if they are times)"),
-        (["5000000000.png", "5000000033.png"], (0, 33), 0, "numbers"),  # too late in s, too early in ms
+        # too late in s, too early in ms
+        (["5000000000.png", "5000000033.png"], (0, 33), 0, "numbers"),
         (["frame1616799936.png", "frame1616799938.png"], (0, 2 * NANO), NANO, "in s since 1970"),
-        (["1616799936125.png", "1616799936158.png"], (0, 33 * 10**6), NANO, "in ms since 1970: a frame every 33 ms"),
-        (["1616799936125000.png", "1616799936158000.png"], (0, 33 * 10**6), NANO, "in us since 1970"),
+        (
+            ["1616799936125.png", "1616799936158.png"],
+            (0, 33 * 10**6),
+            NANO,
+            "in ms since 1970: a frame every 33 ms",
+        ),
+        (
+            ["1616799936125000.png", "1616799936158000.png"],
+            (0, 33 * 10**6),
+            NANO,
+            "in us since 1970",
+        ),
         (["1616799936125000000.png", "1616799936125000007.png"], (0, 7), NANO, "in ns since 1970"),
         (["1305031102.5.png", "1305031102.160407.png"], (0, 339593000), NANO, "in s since 1970"),
-        (["x_Depth_1546543216654.25000000000000.png", "x_Depth_1546543216687.50000000000000.png"], (0, 33250000), NANO,
-         "in ms since 1970"),
-        (["1750000000_933000.png", "1750000001_000000.png"], (0, 67 * 10**6), NANO, "in s since 1970"),
-        (["00012_1750000000033.png", "00013_1750000000066.png"], (0, 33 * 10**6), NANO, "in ms since 1970"),
-        (["1750000000033_100000.png", "1750000000066_100001.png"], (0, 33 * 10**6), NANO, "in ms since 1970"),
+        (
+            [
+                "x_Depth_1546543216654.25000000000000.png",
+                "x_Depth_1546543216687.50000000000000.png",
+            ],
+            (0, 33250000),
+            NANO,
+            "in ms since 1970",
+        ),
+        (
+            ["1750000000_933000.png", "1750000001_000000.png"],
+            (0, 67 * 10**6),
+            NANO,
+            "in s since 1970",
+        ),
+        (
+            ["00012_1750000000033.png", "00013_1750000000066.png"],
+            (0, 33 * 10**6),
+            NANO,
+            "in ms since 1970",
+        ),
+        (
+            ["1750000000033_100000.png", "1750000000066_100001.png"],
+            (0, 33 * 10**6),
+            NANO,
+            "in ms since 1970",
+        ),
         (["1750000000033_7.png", "1750000000066_8.png"], (0, 33 * 10**6), NANO, "in ms since 1970"),
-        (["000000000000us.png", "000000033333us.png"], (0, 33333000), NANO, "in us: a frame every 33.3 ms"),
+        (
+            ["000000000000us.png", "000000033333us.png"],
+            (0, 33333000),
+            NANO,
+            "in us: a frame every 33.3 ms",
+        ),
         (["d7ms.png", "d10ms.png"], (0, 3 * 10**6), NANO, "in ms"),
         (["f1_t0msec.png", "f2_t33msec.png"], (0, 33 * 10**6), NANO, "in ms"),
-        (["20210326-230559.png", "20210326-230601.png"], (0, 1), 0, "the order of the dates in their names"),
+        (
+            ["20210326-230559.png", "20210326-230601.png"],
+            (0, 1),
+            0,
+            "the order of the dates in their names",
+        ),
         (["2021-12-31_23-59-59-750.png", "2022-01-01_00-00-00-000.png"], (0, 1), 0, "dates"),
         (["20211231235959999999.png", "20220101000000000000.png"], (0, 1), 0, "dates"),
-        ([f"20251103_0915{42 + s}_{i}.png" for s in (0, 1) for i in range(9, 12)], tuple(range(6)), 0, "dates"),
+        (
+            [f"20251103_0915{42 + s}_{i}.png" for s in (0, 1) for i in range(9, 12)],
+            tuple(range(6)),
+            0,
+            "dates",
+        ),
     ],
 )
-def test_what_names_tell(names: list[str], times: tuple[int, ...], ticks: int, interpretation: str) -> None:
+def test_what_names_tell(
+    names: list[str], times: tuple[int, ...], ticks: int, interpretation: str
+) -> None:
     """Numbers, and times with a known unit, relative to the first frame."""
     ordered, found = in_order(names, "here")
     assert (tuple(found.times), found.ticks) == (times, ticks)
@@ -397,27 +578,59 @@ def test_a_given_unit(names: list[str], unit: str, times: tuple[int, ...], ticks
     assert (tuple(found.times), found.ticks) == (times, ticks)
 
 
-@bad_inputs(DataError, {
-    "the same number": (["1.png", "001.png"],
-                        "here: 001.png and 1.png are frames of the same moment; remove one of them"),
-    "two letters": (["a_1.png", "a_2.png", "b_1.png"],
-                    "here: holds 2 sequences: a_*.png (2), b_*.png (1); name one, as 'here/a_*.png'"),
-    "colours": ([f"frame-{i:06}.{kind}.png" for kind in ("color", "depth") for i in range(2)],
-                "here: holds 2 sequences: ...; name one, as 'here/frame-*.depth.png'"),
-    "two kinds": (["1.png", "2.tif"], "here: holds 2 sequences: *.png (1), *.tif (1); name one, as 'here/*.png'"),
-    "a background": (["1.png", "background.png"],
-                     "here: holds 2 sequences: *.png (1), background.png (1); name one, as 'here/*.png'"),
-    "eight letters": ([f"{kind}_1.png" for kind in "abcdefgh"],
-                      "here: holds 8 sequences: a_*.png (1), ..., f_*.png (1) and 2 more; name one, as 'here/a_*.png'"),
-    "two takes": ([f"take{take}_{i:03}.png" for take in (1, 2) for i in (1, 2)],
-                  "here: holds 2 sequences: take1_*.png (2), take2_*.png (2); name one, as 'here/take1_*.png'"),
-    "two dated takes": ([f"{take}_2021-03-26_23-05-{i}.png" for take in (1, 2) for i in (36, 37)],
-                        "here: holds 2 sequences: 1_2021-03-26_23-05-*.png (2), ..."),
-    "two cameras": ([f"cam{camera}_{i:03}_{1750000000000 + 33 * i}.png" for camera in (1, 2) for i in range(3)],
-                    "here: holds 2 sequences: cam1_*_*.png (3), cam2_*_*.png (3); name one, as 'here/cam1_*_*.png'"),
-    "two sides": ([f"{side}_{i:03}_{1750000000000 + 33 * i}.png" for side in ("left", "right") for i in range(3)],
-                  "here: holds 2 sequences: left_*_*.png (3), right_*_*.png (3); name one, as 'here/left_*_*.png'"),
-})
+@bad_inputs(
+    DataError,
+    {
+        "the same number": (
+            ["1.png", "001.png"],
+            "here: 001.png and 1.png are frames of the same moment; remove one of them",
+        ),
+        "two letters": (
+            ["a_1.png", "a_2.png", "b_1.png"],
+            "here: holds 2 sequences: a_*.png (2), b_*.png (1); name one, as 'here/a_*.png'",
+        ),
+        "colours": (
+            [f"frame-{i:06}.{kind}.png" for kind in ("color", "depth") for i in range(2)],
+            "here: holds 2 sequences: ...; name one, as 'here/frame-*.depth.png'",
+        ),
+        "two kinds": (
+            ["1.png", "2.tif"],
+            "here: holds 2 sequences: *.png (1), *.tif (1); name one, as 'here/*.png'",
+        ),
+        "a background": (
+            ["1.png", "background.png"],
+            "here: holds 2 sequences: *.png (1), background.png (1); name one, as 'here/*.png'",
+        ),
+        "eight letters": (
+            [f"{kind}_1.png" for kind in "abcdefgh"],
+            "here: holds 8 sequences: a_*.png (1), ..., f_*.png (1) and 2 more; name one, as 'here/a_*.png'",
+        ),
+        "two takes": (
+            [f"take{take}_{i:03}.png" for take in (1, 2) for i in (1, 2)],
+            "here: holds 2 sequences: take1_*.png (2), take2_*.png (2); name one, as 'here/take1_*.png'",
+        ),
+        "two dated takes": (
+            [f"{take}_2021-03-26_23-05-{i}.png" for take in (1, 2) for i in (36, 37)],
+            "here: holds 2 sequences: 1_2021-03-26_23-05-*.png (2), ...",
+        ),
+        "two cameras": (
+            [
+                f"cam{camera}_{i:03}_{1750000000000 + 33 * i}.png"
+                for camera in (1, 2)
+                for i in range(3)
+            ],
+            "here: holds 2 sequences: cam1_*_*.png (3), cam2_*_*.png (3); name one, as 'here/cam1_*_*.png'",
+        ),
+        "two sides": (
+            [
+                f"{side}_{i:03}_{1750000000000 + 33 * i}.png"
+                for side in ("left", "right")
+                for i in range(3)
+            ],
+            "here: holds 2 sequences: left_*_*.png (3), right_*_*.png (3); name one, as 'here/left_*_*.png'",
+        ),
+    },
+)
 def test_names_that_tell_nothing(given: list[str], rejected: Any) -> None:
     """Ambiguous or invalid names raise an error with the reason."""
     with rejected:

@@ -29,8 +29,16 @@ class FakeModule:
         self.stream = SimpleNamespace(depth="depth")
         self.format = SimpleNamespace(z16="z16")
         self.camera_info = SimpleNamespace(name="name", serial_number="serial_number")
-        self.intrinsics = SimpleNamespace(width=64, height=48, fx=60.5, fy=61.5, ppx=31.25, ppy=23.75,
-                                          model="distortion.brown_conrady", coeffs=[0.0] * 5)
+        self.intrinsics = SimpleNamespace(
+            width=64,
+            height=48,
+            fx=60.5,
+            fy=61.5,
+            ppx=31.25,
+            ppy=23.75,
+            model="distortion.brown_conrady",
+            coeffs=[0.0] * 5,
+        )
         self.video_stream_profile = SimpleNamespace(
             get_intrinsics=lambda: self.intrinsics, fps=lambda: 30, format=lambda: "z16"
         )
@@ -63,7 +71,9 @@ class FakeModule:
         return config
 
     def pipeline(self) -> Any:
-        return SimpleNamespace(start=self._start, stop=self._stop, wait_for_frames=self._wait_for_frames)
+        return SimpleNamespace(
+            start=self._start, stop=self._stop, wait_for_frames=self._wait_for_frames
+        )
 
     def _start(self, config: Any) -> Any:
         if config.serial not in ("", "0123"):
@@ -93,7 +103,12 @@ def test_frames_as_they_come(fake: FakeModule) -> None:
     """Depth is in the camera's unit, with its numbers and times; unplugging the camera ends the recording."""
     with open_live("0123", UNKNOWN) as recording:
         assert recording.camera == Camera("Fake D400 0123", 60.5, 61.5, 31.25, 23.75, 64, 48)
-        assert (recording.unit_mm, recording.rate, recording.live, recording.count) == (0.1, 30, True, None)
+        assert (recording.unit_mm, recording.rate, recording.live, recording.count) == (
+            0.1,
+            30,
+            True,
+            None,
+        )
         frames = list(recording)
         assert [f.number for f in frames] == [0, 1, 2, 3]
         assert [f.time for f in frames] == pytest.approx([0, 0.033, 0.066, 0.099])
@@ -104,14 +119,23 @@ def test_frames_as_they_come(fake: FakeModule) -> None:
     assert fake.stopped == 2
 
 
-@bad_inputs(DataError, {
-    "another serial number": (("999", 60.5, UNKNOWN),
-        "realsense: camera 999 cannot be started: No device connected; connected: 0123 (no other program may use it)"),
-    "no focal length": ((None, 0.0, UNKNOWN),
-                        "Fake D400 0123: camera 'Fake D400 0123': fx is 0.0, expected more than 1e-06 px"),
-    "another size": ((None, 60.5, CameraInfo(Camera("own", 60, 60, 32, 24, 640, 480))),
-                     "Fake D400 0123: 64 x 48 pixels; camera own has 640 x 480"),
-})
+@bad_inputs(
+    DataError,
+    {
+        "another serial number": (
+            ("999", 60.5, UNKNOWN),
+            "realsense: camera 999 cannot be started: No device connected; connected: 0123 (no other program may use it)",
+        ),
+        "no focal length": (
+            (None, 0.0, UNKNOWN),
+            "Fake D400 0123: camera 'Fake D400 0123': fx is 0.0, expected more than 1e-06 px",
+        ),
+        "another size": (
+            (None, 60.5, CameraInfo(Camera("own", 60, 60, 32, 24, 640, 480))),
+            "Fake D400 0123: 64 x 48 pixels; camera own has 640 x 480",
+        ),
+    },
+)
 def test_a_camera_that_does_not_fit(fake: FakeModule, given: Any, rejected: Any) -> None:
     """An unknown number lists the cameras connected; a camera that does not fit is stopped."""
     number, fake.intrinsics.fx, info = given
@@ -120,13 +144,22 @@ def test_a_camera_that_does_not_fit(fake: FakeModule, given: Any, rejected: Any)
     assert fake.stopped == (number is None)
 
 
-@bad_inputs(NetlibError, {
-    "not installed": (ModuleNotFoundError("No module named 'pyrealsense2'"),
-                      "pyrealsense2 is missing: pip install pyrealsense2"),
-    "no libusb": (ImportError("libusb-1.0.so.0: cannot open shared object file"),
-        "pyrealsense2 cannot be loaded: libusb-1.0.so.0: cannot open shared object file: apt install libusb-1.0-0"),
-})
-def test_without_the_package(monkeypatch: pytest.MonkeyPatch, given: ImportError, rejected: Any) -> None:
+@bad_inputs(
+    NetlibError,
+    {
+        "not installed": (
+            ModuleNotFoundError("No module named 'pyrealsense2'"),
+            "pyrealsense2 is missing: pip install pyrealsense2",
+        ),
+        "no libusb": (
+            ImportError("libusb-1.0.so.0: cannot open shared object file"),
+            "pyrealsense2 cannot be loaded: libusb-1.0.so.0: cannot open shared object file: apt install libusb-1.0-0",
+        ),
+    },
+)
+def test_without_the_package(
+    monkeypatch: pytest.MonkeyPatch, given: ImportError, rejected: Any
+) -> None:
     class Finder:
         def find_spec(self, name: str, *others: object) -> None:
             if name == "pyrealsense2":
@@ -140,17 +173,27 @@ def test_without_the_package(monkeypatch: pytest.MonkeyPatch, given: ImportError
 
 @pytest.fixture
 def rs() -> Any:
-    return pytest.importorskip("pyrealsense2", reason="pyrealsense2 is missing, or libusb", exc_type=ImportError)
+    return pytest.importorskip(
+        "pyrealsense2", reason="pyrealsense2 is missing, or libusb", exc_type=ImportError
+    )
 
 
 def test_the_stand_in_is_like_the_real_one(rs: Any) -> None:
     fake = FakeModule()
     for name, parts in vars(fake).items():
         if isinstance(parts, SimpleNamespace):
-            assert [part for part in vars(parts) if not hasattr(getattr(rs, name), part)] == [], name
-    for name, made in (("context", fake.context()), ("config", fake.config()), ("pipeline", fake.pipeline()),
-                       ("depth_frame", fake.depth_frame(0, 0))):
-        assert [part for part in vars(made) if part != "serial" and not hasattr(getattr(rs, name), part)] == [], name
+            assert [part for part in vars(parts) if not hasattr(getattr(rs, name), part)] == [], (
+                name
+            )
+    for name, made in (
+        ("context", fake.context()),
+        ("config", fake.config()),
+        ("pipeline", fake.pipeline()),
+        ("depth_frame", fake.depth_frame(0, 0)),
+    ):
+        assert [
+            part for part in vars(made) if part != "serial" and not hasattr(getattr(rs, name), part)
+        ] == [], name
     assert hasattr(rs.composite_frame, "get_depth_frame")
 
 
@@ -162,10 +205,21 @@ def software(rs: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
         device.register_info(key, value)
     sensor = device.add_sensor("Stereo Module")
     numbers = rs.intrinsics()
-    numbers.width, numbers.height, numbers.model, numbers.coeffs = 64, 48, rs.distortion.brown_conrady, [0.0] * 5
+    numbers.width, numbers.height, numbers.model, numbers.coeffs = (
+        64,
+        48,
+        rs.distortion.brown_conrady,
+        [0.0] * 5,
+    )
     numbers.fx, numbers.fy, numbers.ppx, numbers.ppy = 60.5, 61.5, 31.25, 23.75
     stream = rs.video_stream()
-    stream.type, stream.index, stream.uid, stream.fmt, stream.bpp = rs.stream.depth, 0, 0, rs.format.z16, 2
+    stream.type, stream.index, stream.uid, stream.fmt, stream.bpp = (
+        rs.stream.depth,
+        0,
+        0,
+        rs.format.z16,
+        2,
+    )
     stream.width, stream.height, stream.fps, stream.intrinsics = 64, 48, 30, numbers
     profile = sensor.add_video_stream(stream, True).as_video_stream_profile()
     sensor.add_read_only_option(rs.option.depth_units, 0.0001)
@@ -176,7 +230,11 @@ def software(rs: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     def send(number: int, time_ms: float, value: int) -> None:
         frame = rs.software_video_frame()
         frame.pixels, frame.stride, frame.bpp = np.full((48, 64), value, np.uint16), 128, 2
-        frame.timestamp, frame.domain, frame.frame_number = time_ms, rs.timestamp_domain.hardware_clock, number
+        frame.timestamp, frame.domain, frame.frame_number = (
+            time_ms,
+            rs.timestamp_domain.hardware_clock,
+            number,
+        )
         frame.profile, frame.depth_units = profile, 0.0001
         sensor.on_video_frame(frame)
 
@@ -191,11 +249,16 @@ def test_the_real_module(software: Any, monkeypatch: pytest.MonkeyPatch) -> None
         assert (recording.unit_mm, recording.rate) == (0.1, 30.0)
         frames = iter(recording)
         for i, number in enumerate((10, 11, 13)):
-            sender = threading.Thread(target=software, args=(number, 1000 + 33.0 * (number - 10), 1000 + i))
+            sender = threading.Thread(
+                target=software, args=(number, 1000 + 33.0 * (number - 10), 1000 + i)
+            )
             sender.start()
             frame = next(frames)
             sender.join()
-            assert (frame.number, round(frame.time, 6)) == (number - 10, round(0.033 * (number - 10), 6))
+            assert (frame.number, round(frame.time, 6)) == (
+                number - 10,
+                round(0.033 * (number - 10), 6),
+            )
             assert (frame.depth == np.float32(1000 + i) * np.float32(0.1)).all()
         monkeypatch.setattr(realsense, "WAIT_MS", 1)
         assert list(frames) == []

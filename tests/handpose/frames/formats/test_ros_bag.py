@@ -28,14 +28,19 @@ IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 GIVEN = CameraInfo(camera=Camera("own", 60, 60, 32, 24, 0, 0), origin="--camera")
 KINDS: dict[str, Any] = {
     "realsense.bag": bags.write_realsense,
-    "older_realsense.bag": functools.partial(bags.write_realsense, tail=False, option="Depth Units"),
+    "older_realsense.bag": functools.partial(
+        bags.write_realsense, tail=False, option="Depth Units"
+    ),
     "plain.bag": bags.write_ros1,
     "bz2.bag": functools.partial(bags.write_ros1, compression="BZ2"),
     "sqlite": bags.write_ros2,
     "mcap": functools.partial(bags.write_ros2, storage="MCAP"),
     "realsense_db3": functools.partial(bags.write_ros2, make=bags.realsense_db3),
-    "a.db3": lambda path, depth: bags.write_ros2(path.with_suffix(""), depth) / "a.db3",  # files without their folder
-    "a.mcap": lambda path, depth: bags.write_ros2(path.with_suffix(""), depth, storage="MCAP") / "a.mcap",
+    # files without their folder
+    "a.db3": lambda path, depth: bags.write_ros2(path.with_suffix(""), depth) / "a.db3",
+    "a.mcap": lambda path, depth: (
+        bags.write_ros2(path.with_suffix(""), depth, storage="MCAP") / "a.mcap"
+    ),
 }
 
 
@@ -48,7 +53,9 @@ def images(*messages: tuple[bytes, int], topic: str = bags.TOPIC, **info: Any) -
     """A function that makes a bag with these images and the camera of ``info``."""
 
     def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
-        return bags.driver(of, depth[:0], topic, **info) + [(topic, IMAGE, ns, content) for content, ns in messages]
+        return bags.driver(of, depth[:0], topic, **info) + [
+            (topic, IMAGE, ns, content) for content, ns in messages
+        ]
 
     return make
 
@@ -65,19 +72,32 @@ def test_every_kind_of_bag(tmp_path: Path, name: str) -> None:
     assert recording.camera == Camera("ros", 60.5, 61.5, 31.25, 23.75, 64, 48)
     assert recording.unit_mm == (0.1 if "realsense" in name else 1.0)
     assert (recording.count, recording.cut) == (4, "")
-    assert [f.time for f in frames] == pytest.approx([i * bags.STEP_NS / 1e9 for i in range(4)], abs=1e-12)
+    assert [f.time for f in frames] == pytest.approx(
+        [i * bags.STEP_NS / 1e9 for i in range(4)], abs=1e-12
+    )
     assert [f.number for f in frames] == list(range(4))
-    assert all(np.array_equal(f.depth, d * np.float32(recording.unit_mm)) for f, d in zip(frames, DEPTH))
+    assert all(
+        np.array_equal(f.depth, d * np.float32(recording.unit_mm)) for f, d in zip(frames, DEPTH)
+    )
     assert len(list(recording)) == 4  # a second iteration starts at the first frame
 
 
-@pytest.mark.parametrize(("values", "options", "unit_mm"), [
-    (DEPTH[0], {"padding": 6}, 1.0),
-    (DEPTH[0], {"padding": 3, "big": True, "encoding": "mono16"}, 1.0),
-    (DEPTH[0].astype(np.float32) / 1000, {"encoding": "32FC1"}, 1000.0),
-    (DEPTH[0].astype(np.float32) / 1000, {"encoding": "32FC1", "big": True, "padding": 2}, 1000.0),
-])
-def test_layouts_of_images(tmp_path: Path, values: Any, options: dict[str, Any], unit_mm: float) -> None:
+@pytest.mark.parametrize(
+    ("values", "options", "unit_mm"),
+    [
+        (DEPTH[0], {"padding": 6}, 1.0),
+        (DEPTH[0], {"padding": 3, "big": True, "encoding": "mono16"}, 1.0),
+        (DEPTH[0].astype(np.float32) / 1000, {"encoding": "32FC1"}, 1000.0),
+        (
+            DEPTH[0].astype(np.float32) / 1000,
+            {"encoding": "32FC1", "big": True, "padding": 2},
+            1000.0,
+        ),
+    ],
+)
+def test_layouts_of_images(
+    tmp_path: Path, values: Any, options: dict[str, Any], unit_mm: float
+) -> None:
     """Padded rows, both byte orders, and millimetres or metres are read."""
     message = bags.Messages(True).image(values, 5, **options)
     recording, frames = read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=images((message, 5))))
@@ -85,7 +105,9 @@ def test_layouts_of_images(tmp_path: Path, values: Any, options: dict[str, Any],
     np.testing.assert_allclose(frames[0].depth, DEPTH[0], rtol=1e-6)
 
 
-def compressed(content: bytes, form: str, ending: str = "/compressed", topic: str = bags.TOPIC) -> Any:
+def compressed(
+    content: bytes, form: str, ending: str = "/compressed", topic: str = bags.TOPIC
+) -> Any:
     """A function that makes a bag of a camera and one compressed image."""
 
     def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
@@ -110,9 +132,13 @@ def compressed(content: bytes, form: str, ending: str = "/compressed", topic: st
         ("16UC1; compressedDepth", "/compressedDepth", bytes(12) + png(DEPTH[0])),
     ],
 )
-def test_compressed_images(tmp_path: Path, write: Any, form: str, ending: str, content: bytes) -> None:
+def test_compressed_images(
+    tmp_path: Path, write: Any, form: str, ending: str, content: bytes
+) -> None:
     """Depth as PNG or TIFF has the stored values, in mm, and the camera of the image's topic."""
-    recording, frames = read(write(tmp_path / "a.bag", DEPTH, make=compressed(content, form, ending)))
+    recording, frames = read(
+        write(tmp_path / "a.bag", DEPTH, make=compressed(content, form, ending))
+    )
     assert (recording.camera.fx, recording.unit_mm) == (bags.K[0], 1.0)
     assert np.array_equal(frames[0].depth, DEPTH[0])
 
@@ -122,23 +148,42 @@ NONE = {"k": [0] * 9, "p": [0] * 12}  # not calibrated
 REGION = {"sensor": (100, 200)}  # images of a region of the sensor, or of binned pixels
 
 
-@pytest.mark.parametrize(("options", "given", "camera"), [
-    ({"topic": "/camera/depth/image_rect", "d": (0.2, 0.1, 0, 0, 0), "p": RECT}, UNKNOWN, (70, 71, 30, 20)),
-    (NONE, GIVEN, (60, 60, 32, 24)), (REGION, GIVEN, (60, 60, 32, 24)),
-    ({"sensor": (0, 0)}, UNKNOWN, (60.5, 61.5, 31.25, 23.75)),
-])
-def test_cameras(tmp_path: Path, options: dict[str, Any], given: CameraInfo, camera: tuple[float, ...]) -> None:
+@pytest.mark.parametrize(
+    ("options", "given", "camera"),
+    [
+        (
+            {"topic": "/camera/depth/image_rect", "d": (0.2, 0.1, 0, 0, 0), "p": RECT},
+            UNKNOWN,
+            (70, 71, 30, 20),
+        ),
+        (NONE, GIVEN, (60, 60, 32, 24)),
+        (REGION, GIVEN, (60, 60, 32, 24)),
+        ({"sensor": (0, 0)}, UNKNOWN, (60.5, 61.5, 31.25, 23.75)),
+    ],
+)
+def test_cameras(
+    tmp_path: Path, options: dict[str, Any], given: CameraInfo, camera: tuple[float, ...]
+) -> None:
     """Of rectified images; a given one in place of one that does not fit; of images whose size is not said."""
-    path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=functools.partial(bags.driver, **options))
+    path = bags.write_ros1(
+        tmp_path / "a.bag", DEPTH, make=functools.partial(bags.driver, **options)
+    )
     found, frames = read(path, given)
     assert found.camera == Camera(found.camera.name, *camera, 64, 48)
     assert np.array_equal(frames[0].depth, DEPTH[0])
 
 
-@pytest.mark.parametrize(("model", "d", "lens"), [
-    ("Inverse Brown Conrady", (0.2, 0.1, 0, 0, 0), Lens((0.2, 0.1, 0, 0, 0), "inverse_brown_conrady")),
-    ("", (), Lens()),
-])
+@pytest.mark.parametrize(
+    ("model", "d", "lens"),
+    [
+        (
+            "Inverse Brown Conrady",
+            (0.2, 0.1, 0, 0, 0),
+            Lens((0.2, 0.1, 0, 0, 0), "inverse_brown_conrady"),
+        ),
+        ("", (), Lens()),
+    ],
+)
 def test_lenses(tmp_path: Path, model: str, d: tuple[float, ...], lens: Lens) -> None:
     make = functools.partial(bags.driver, model=model, d=d)
     path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make)
@@ -153,10 +198,14 @@ def test_several_topics_of_depth(tmp_path: Path) -> None:
     aligned = "/camera/aligned_depth_to_color/image_raw"
 
     def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
-        return bags.driver(of, depth) + bags.driver(of, depth[:2], aligned, k=[90, 0, 30, 0, 90, 20, 0, 0, 1])
+        return bags.driver(of, depth) + bags.driver(
+            of, depth[:2], aligned, k=[90, 0, 30, 0, 90, 20, 0, 0, 1]
+        )
 
     path = bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make)
-    with pytest.raises(DataError, match=f"depth of 2 topics: {aligned}, /camera/depth/image_raw; name one by"):
+    with pytest.raises(
+        DataError, match=f"depth of 2 topics: {aligned}, /camera/depth/image_raw; name one by"
+    ):
         BagRecording(path, UNKNOWN)
     recording, frames = read(Path(f"{path}#{aligned}"))
     assert open_recording(f"{path}#{aligned}").camera == recording.camera
@@ -167,35 +216,53 @@ def test_several_topics_of_depth(tmp_path: Path) -> None:
 
 def test_other_topics_than_depth(tmp_path: Path) -> None:
     """Infrared, colours, and the compressed copy of an image."""
+
     def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
-        return [("/camera/ir/image_raw", IMAGE, 1, of.image(depth[0], 1, "mono16")),
-                ("/camera/color/image_raw", IMAGE, 1, of.image(depth[0], 1, "rgb8")),
-                (f"{bags.TOPIC}/compressedDepth", COMPRESSED, 1, of.packed(depth[0], 1)), *bags.driver(of, depth)]
+        return [
+            ("/camera/ir/image_raw", IMAGE, 1, of.image(depth[0], 1, "mono16")),
+            ("/camera/color/image_raw", IMAGE, 1, of.image(depth[0], 1, "rgb8")),
+            (f"{bags.TOPIC}/compressedDepth", COMPRESSED, 1, of.packed(depth[0], 1)),
+            *bags.driver(of, depth),
+        ]
 
     assert len(read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make))[1]) == 4
 
 
 def test_images_without_stamps(tmp_path: Path) -> None:
     make = images((IMAGE_OF(DEPTH[0], 0), 10**9), (IMAGE_OF(DEPTH[1], 0), 3 * 10**9))
-    assert [f.time for f in read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make))[1]] == [0.0, 2.0]
+    assert [f.time for f in read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=make))[1]] == [
+        0.0,
+        2.0,
+    ]
 
 
 def test_the_same_image_again(tmp_path: Path) -> None:
     """A repeated image is omitted, and a remark reports it."""
-    sent = [(IMAGE_OF(DEPTH[i], ns), 10 + k) for k, (i, ns) in enumerate([(0, 10**9), (0, 10**9), (1, 2 * 10**9)])]
+    sent = [
+        (IMAGE_OF(DEPTH[i], ns), 10 + k)
+        for k, (i, ns) in enumerate([(0, 10**9), (0, 10**9), (1, 2 * 10**9)])
+    ]
     recording, frames = read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=images(*sent)))
     assert [(f.number, f.time) for f in frames] == [(0, 0.0), (2, 1.0)]
-    assert recording.remarks == ("frames left out because they are not later than the one before: 1",)
+    assert recording.remarks == (
+        "frames left out because they are not later than the one before: 1",
+    )
 
 
-@pytest.mark.parametrize(("name", "expected"), [
-    ("plain.bag", "cannot read the bag.*rosbag reindex"), ("sqlite", "cannot read the bag: damaged or cut: "),
-    ("mcap", "cannot read the bag: damaged or cut: "),
-])
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("plain.bag", "cannot read the bag.*rosbag reindex"),
+        ("sqlite", "cannot read the bag: damaged or cut: "),
+        ("mcap", "cannot read the bag: damaged or cut: "),
+    ],
+)
 def test_a_cut_bag(tmp_path: Path, name: str, expected: str) -> None:
     """A truncated bag of ROS 1 has no index; the error names the command that repairs it."""
     path = KINDS[name](tmp_path / name, DEPTH)
-    file = path if path.is_file() else next(file for file in path.iterdir() if file.suffix != ".yaml")
+    file = (
+        path if path.is_file() else next(file for file in path.iterdir() if file.suffix != ".yaml")
+    )
     file.write_bytes(file.read_bytes()[:1000])
     with pytest.raises(DataError, match=expected):
         BagRecording(file, UNKNOWN)
@@ -213,7 +280,10 @@ def test_a_bag_that_is_cut_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         return values_of(message, where)
 
     monkeypatch.setattr(ros_bag, "values_of", failing)
-    assert len(list(recording)) == 2 and recording.cut == "damaged or cut after frame 1: the chunk ends"
+    assert (
+        len(list(recording)) == 2
+        and recording.cut == "damaged or cut after frame 1: the chunk ends"
+    )
 
 
 def of_rows(rows: int) -> bytes:
@@ -226,45 +296,85 @@ IMAGE_OF = bags.Messages(True).image
 COLOUR = "/camera/color/image_raw"
 
 
-@bad_inputs(DataError, {
-    "a camera that is not calibrated": (functools.partial(bags.driver, **NONE), "...: the camera of these frames ..."),
-    "a camera of another size": (functools.partial(bags.driver, **REGION), "...a.bag: /camera/depth/camera_info: the "
-                                 "camera has 200 x 100 pixels, the images have 64 x 48; expected the same; ..."),
-    "a lens that is not known": (functools.partial(bags.driver, model="equidistant", d=(0.2, 0.1, 0, 0)),
-                                 "...a.bag: /camera/depth/camera_info: distortion model 'equidistant' is not ..."),
-    "colours": (images((IMAGE_OF(DEPTH[0], 5, "rgb8"), 5), topic=COLOUR),
-                f"...a.bag: no images of depth, which have the encoding 16UC1, mono16, 32FC1; it has {COLOUR} of the "
-                "encoding 'rgb8'"),
-    "an encoding that is not read": (images((IMAGE_OF(DEPTH[0], 5, "64FC1"), 5)),
-                                     f"...a.bag: no images of depth, ...; it has {bags.TOPIC} of the encoding '64FC1'"),
-    "colours as PNG": (compressed(png(np.zeros((48, 64, 3), np.uint8)), "png", topic=COLOUR),
-                       f"...a.bag: no images of depth, ...; it has {COLOUR}/compressed of the encoding '...'"),
-    "too few bytes": (images((of_rows(49), 5)),
-        f"...a.bag: {bags.TOPIC}: 6144 bytes in rows of 128, which are no 64 x 49 pixels of 16UC1"),
-    **{form: (compressed(content, form), f"...a.bag: {bags.TOPIC}/compressed: {line}") for form, content, line in (
-        *((form, content, f"compressed depth of the format '{form}'; expected a PNG or TIFF of 16 bits (of others, ...")
-          for form, content in (("16UC1; jpeg compressed", b"\xff\xd8\xff"),
-                                ("16UC1; compressedDepth rvl", bytes(12) + b"none"),
-                                ("32FC1; compressedDepth png", bytes(12) + png(DEPTH[0])))),
-        ("16UC1; png compressed ", png(DEPTH[0].astype(np.uint8)), "a picture of uint8 (48, 64), expected 16-bit ..."),
-    )},
-})
+@bad_inputs(
+    DataError,
+    {
+        "a camera that is not calibrated": (
+            functools.partial(bags.driver, **NONE),
+            "...: the camera of these frames ...",
+        ),
+        "a camera of another size": (
+            functools.partial(bags.driver, **REGION),
+            "...a.bag: /camera/depth/camera_info: the "
+            "camera has 200 x 100 pixels, the images have 64 x 48; expected the same; ...",
+        ),
+        "a lens that is not known": (
+            functools.partial(bags.driver, model="equidistant", d=(0.2, 0.1, 0, 0)),
+            "...a.bag: /camera/depth/camera_info: distortion model 'equidistant' is not ...",
+        ),
+        "colours": (
+            images((IMAGE_OF(DEPTH[0], 5, "rgb8"), 5), topic=COLOUR),
+            f"...a.bag: no images of depth, which have the encoding 16UC1, mono16, 32FC1; it has {COLOUR} of the "
+            "encoding 'rgb8'",
+        ),
+        "an encoding that is not read": (
+            images((IMAGE_OF(DEPTH[0], 5, "64FC1"), 5)),
+            f"...a.bag: no images of depth, ...; it has {bags.TOPIC} of the encoding '64FC1'",
+        ),
+        "colours as PNG": (
+            compressed(png(np.zeros((48, 64, 3), np.uint8)), "png", topic=COLOUR),
+            f"...a.bag: no images of depth, ...; it has {COLOUR}/compressed of the encoding '...'",
+        ),
+        "too few bytes": (
+            images((of_rows(49), 5)),
+            f"...a.bag: {bags.TOPIC}: 6144 bytes in rows of 128, which are no 64 x 49 pixels of 16UC1",
+        ),
+        **{
+            form: (compressed(content, form), f"...a.bag: {bags.TOPIC}/compressed: {line}")
+            for form, content, line in (
+                *(
+                    (
+                        form,
+                        content,
+                        f"compressed depth of the format '{form}'; expected a PNG or TIFF of 16 bits (of others, ...",
+                    )
+                    for form, content in (
+                        ("16UC1; jpeg compressed", b"\xff\xd8\xff"),
+                        ("16UC1; compressedDepth rvl", bytes(12) + b"none"),
+                        ("32FC1; compressedDepth png", bytes(12) + png(DEPTH[0])),
+                    )
+                ),
+                (
+                    "16UC1; png compressed ",
+                    png(DEPTH[0].astype(np.uint8)),
+                    "a picture of uint8 (48, 64), expected 16-bit ...",
+                ),
+            )
+        },
+    },
+)
 def test_bags_that_are_refused(tmp_path: Path, given: Any, rejected: Any) -> None:
     """Other lenses and topics, compression that does not preserve depth, and damage raise an error."""
     with rejected:
         read(bags.write_ros1(tmp_path / "a.bag", DEPTH, make=given))
 
 
-@bad_inputs(DataError, {
-    text: f"...a: ...option/Depth_Units/value: depth units of '{text}' m; expected a number between 0 and 1"
-    for text in ("e", "1e", "--", "", "2", "0", "nan")
-})
+@bad_inputs(
+    DataError,
+    {
+        text: f"...a: ...option/Depth_Units/value: depth units of '{text}' m; expected a number between 0 and 1"
+        for text in ("e", "1e", "--", "", "2", "0", "nan")
+    },
+)
 def test_depth_units_that_are_no_number(tmp_path: Path, given: str, rejected: Any) -> None:
     """The unit of the depth in a .db3 of RealSense is a number of metres."""
 
     def make(of: bags.Messages, depth: bags.Depth) -> bags.Content:
         content = bags.realsense_db3(of, depth)
-        return [(topic, kind, ns, of.text(given) if "option" in topic else it) for topic, kind, ns, it in content]
+        return [
+            (topic, kind, ns, of.text(given) if "option" in topic else it)
+            for topic, kind, ns, it in content
+        ]
 
     with rejected:
         BagRecording(bags.write_ros2(tmp_path / "a", DEPTH, make=make), UNKNOWN)

@@ -46,9 +46,19 @@ def times_of(recording: Recording) -> list[float]:
 @pytest.mark.parametrize("dtype", [np.uint16, ">u2", np.float32, np.float64])
 def test_frames(tmp_path: Path, suffix: str, dtype: str) -> None:
     recording = StackRecording(save(tmp_path / f"take{suffix}", DEPTH.astype(dtype)), GIVEN)
-    assert (recording.camera, recording.unit_mm, recording.count, recording.rate) == (CAMERA, 0.5, 4, 10)
+    assert (recording.camera, recording.unit_mm, recording.count, recording.rate) == (
+        CAMERA,
+        0.5,
+        4,
+        10,
+    )
     for _ in range(2):
-        assert [(frame.number, frame.time) for frame in recording] == [(0, 0), (1, 0.1), (2, 0.2), (3, 0.3)]
+        assert [(frame.number, frame.time) for frame in recording] == [
+            (0, 0),
+            (1, 0.1),
+            (2, 0.2),
+            (3, 0.3),
+        ]
     for frame, stored in zip(recording, DEPTH):
         np.testing.assert_array_equal(frame.depth, stored / np.float32(2))
     assert recording.cut == ""
@@ -59,8 +69,10 @@ def test_what_stands_beside_the_frames(tmp_path: Path) -> None:
     recording = opened(tmp_path, UNKNOWN, time=5 + SECONDS, **BESIDE)
     assert times_of(recording) == pytest.approx(SECONDS)
     assert (recording.camera, recording.unit_mm, recording.rate) == (CAMERA, 0.5, None)
-    assert recording.remarks == ("parameters from 'fx', 'fy', 'u0', 'v0', 'unit_mm'; times from 'time', taken for s; "
-                                 "--time-unit if wrong",)
+    assert recording.remarks == (
+        "parameters from 'fx', 'fy', 'u0', 'v0', 'unit_mm'; times from 'time', taken for s; "
+        "--time-unit if wrong",
+    )
     text = camera_file.to_text(CameraInfo(CAMERA, unit_mm=0.25, rate=20.0))
     recording = opened(tmp_path, UNKNOWN, camera=text)
     assert (recording.camera, recording.unit_mm, recording.rate) == (CAMERA, 0.25, 20)
@@ -70,7 +82,9 @@ def test_what_stands_beside_the_frames(tmp_path: Path) -> None:
 def test_times_of_a_given_unit(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"c\.npy: has no times, so --time-unit has no meaning"):
         StackRecording(save(tmp_path / "c.npy"), replace(GIVEN, time_unit="ms"))
-    counted = opened(tmp_path, UNKNOWN, time=np.array([3, 4, 6, 7]), rate=20.0, time_unit="frames", **BESIDE)
+    counted = opened(
+        tmp_path, UNKNOWN, time=np.array([3, 4, 6, 7]), rate=20.0, time_unit="frames", **BESIDE
+    )
     assert times_of(counted) == pytest.approx([0, 0.05, 0.15, 0.2])
 
 
@@ -80,7 +94,10 @@ def test_a_stack_by_another_name(tmp_path: Path) -> None:
 
 
 def test_a_single_frame_has_no_rate(tmp_path: Path) -> None:
-    assert StackRecording(save(tmp_path / "one.npy", DEPTH[:1]), replace(GIVEN, rate=None)).rate is None
+    assert (
+        StackRecording(save(tmp_path / "one.npy", DEPTH[:1]), replace(GIVEN, rate=None)).rate
+        is None
+    )
 
 
 EXPECTED = "expected an array depth (frames, height, width)"
@@ -105,55 +122,127 @@ def cut(path: Path, size: int | None = None, flip: int = 0) -> Path:
     return path
 
 
-@bad_inputs(DataError, {
-    **{f"{name} in {suffix}": (lambda tmp, suffix=suffix, depth=depth: save(tmp / f"take{suffix}", depth),
-                               f"...take{suffix}: {line}")
-       for suffix in (".npy", ".npz") for name, depth, line in (
-        ("one image", np.zeros((48, 64), np.uint16), "an array of shape (48, 64); expected (frames, height, width)"),
-        ("four axes", np.zeros((3, 4, 5, 1), np.uint16),
-         "an array of shape (3, 4, 5, 1); expected (frames, height, width)"),
-        ("frames last", np.zeros((24, 32, 5), np.uint16),
-         "an array of shape (24, 32, 5); expected (frames, height, width): np.moveaxis(array, 2, 0)"),
-        ("8 bits", np.zeros((3, 4, 5), np.uint8), "values of type uint8; expected depths, of 16 bits or more"),
-        ("another size", np.zeros((3, 24, 32), np.uint16), "32 x 24 pixels; camera own has 64 x 48"),
-    )},
-    "no frames": (lambda tmp: archive(tmp / "a.npz", depth=np.zeros((0, 4, 5), np.uint16)),
-                  "...a.npz: an array of shape (0, 4, 5); expected (frames, ..."),
-    "objects": (lambda tmp: save(tmp / "take.npz", np.full((3, 4, 5), None)),  # not unpickled
-                "...take.npz: values of type object; expected depths, of 16 bits or more"),
-    "a text file": (lambda tmp: text(tmp / "take.npy"), "...take.npy: cut, or not an array as NumPy writes it: ..."),
-    "a negative depth": (lambda tmp: save(tmp / "take.npy", np.where(DEPTH == 1001, -1.0, DEPTH)),
-                         "...take.npy: frame 1: a depth of -0.5 mm; expected 0 where nothing was read, else more"),
-    "a cut array": (lambda tmp: cut(save(tmp / "take.npy"), 9000),
-                    "...take.npy: cut, or not an array as NumPy writes it: ..."),
-    "a wrong checksum": (lambda tmp: cut(archive(tmp / "take.npz", depth=DEPTH), flip=5000),
-                         "...take.npz: a damaged .npz file: Bad CRC-32..."),
-    "a cut archive": (lambda tmp: cut(archive(tmp / "take.npz", depth=DEPTH), 9000),
-                      "...take.npz: a damaged .npz file: File is not a zip file"),
-    "columns first": (lambda tmp: archive(tmp / "a.npz", depth=np.asfortranarray(DEPTH)),
-                      "...a.npz: an array in Fortran's order; write it with numpy.ascontiguousarray"),
-    "joints": (lambda tmp: archive(tmp / "a.npz", joints=np.zeros((3, 2))),
-               f"...a.npz: holds joints (3, 2); {EXPECTED}"),
-    "two stacks": (lambda tmp: archive(tmp / "a.npz", a=DEPTH, b=DEPTH),
-                   f"...a.npz: holds a (4, 48, 64), b (4, 48, 64); {EXPECTED}"),
-    "a text": (lambda tmp: text(tmp / "a.npz"), f"...a.npz: holds nothing; {EXPECTED}"),
-})
+@bad_inputs(
+    DataError,
+    {
+        **{
+            f"{name} in {suffix}": (
+                lambda tmp, suffix=suffix, depth=depth: save(tmp / f"take{suffix}", depth),
+                f"...take{suffix}: {line}",
+            )
+            for suffix in (".npy", ".npz")
+            for name, depth, line in (
+                (
+                    "one image",
+                    np.zeros((48, 64), np.uint16),
+                    "an array of shape (48, 64); expected (frames, height, width)",
+                ),
+                (
+                    "four axes",
+                    np.zeros((3, 4, 5, 1), np.uint16),
+                    "an array of shape (3, 4, 5, 1); expected (frames, height, width)",
+                ),
+                (
+                    "frames last",
+                    np.zeros((24, 32, 5), np.uint16),
+                    "an array of shape (24, 32, 5); expected (frames, height, width): np.moveaxis(array, 2, 0)",
+                ),
+                (
+                    "8 bits",
+                    np.zeros((3, 4, 5), np.uint8),
+                    "values of type uint8; expected depths, of 16 bits or more",
+                ),
+                (
+                    "another size",
+                    np.zeros((3, 24, 32), np.uint16),
+                    "32 x 24 pixels; camera own has 64 x 48",
+                ),
+            )
+        },
+        "no frames": (
+            lambda tmp: archive(tmp / "a.npz", depth=np.zeros((0, 4, 5), np.uint16)),
+            "...a.npz: an array of shape (0, 4, 5); expected (frames, ...",
+        ),
+        "objects": (
+            lambda tmp: save(tmp / "take.npz", np.full((3, 4, 5), None)),  # not unpickled
+            "...take.npz: values of type object; expected depths, of 16 bits or more",
+        ),
+        "a text file": (
+            lambda tmp: text(tmp / "take.npy"),
+            "...take.npy: cut, or not an array as NumPy writes it: ...",
+        ),
+        "a negative depth": (
+            lambda tmp: save(tmp / "take.npy", np.where(DEPTH == 1001, -1.0, DEPTH)),
+            "...take.npy: frame 1: a depth of -0.5 mm; expected 0 where nothing was read, else more",
+        ),
+        "a cut array": (
+            lambda tmp: cut(save(tmp / "take.npy"), 9000),
+            "...take.npy: cut, or not an array as NumPy writes it: ...",
+        ),
+        "a wrong checksum": (
+            lambda tmp: cut(archive(tmp / "take.npz", depth=DEPTH), flip=5000),
+            "...take.npz: a damaged .npz file: Bad CRC-32...",
+        ),
+        "a cut archive": (
+            lambda tmp: cut(archive(tmp / "take.npz", depth=DEPTH), 9000),
+            "...take.npz: a damaged .npz file: File is not a zip file",
+        ),
+        "columns first": (
+            lambda tmp: archive(tmp / "a.npz", depth=np.asfortranarray(DEPTH)),
+            "...a.npz: an array in Fortran's order; write it with numpy.ascontiguousarray",
+        ),
+        "joints": (
+            lambda tmp: archive(tmp / "a.npz", joints=np.zeros((3, 2))),
+            f"...a.npz: holds joints (3, 2); {EXPECTED}",
+        ),
+        "two stacks": (
+            lambda tmp: archive(tmp / "a.npz", a=DEPTH, b=DEPTH),
+            f"...a.npz: holds a (4, 48, 64), b (4, 48, 64); {EXPECTED}",
+        ),
+        "a text": (lambda tmp: text(tmp / "a.npz"), f"...a.npz: holds nothing; {EXPECTED}"),
+    },
+)
 def test_what_is_no_stack(tmp_path: Path, given: Callable[[Path], Path], rejected: Any) -> None:
     path = given(tmp_path)
     with rejected:
         list(StackRecording(path, GIVEN))
 
 
-@pytest.mark.parametrize(("name", "times", "how"), [
-    *((name, 1_700_000_000 + SECONDS, "in s since 1970") for name in (
-        "time", "times", "t", "ts", "timestamp", "Timestamps", "time_stamps", "stamps", "frame_times",
-        "depth_timestamps")),
-    *(("timestamps", ticks * (1_700_000_000 + SECONDS), f"in {unit} since 1970")
-      for unit, ticks in (("ms", 10**3), ("us", 10**6), ("ns", 10**9))),
-    *((f"{name}_{ending}", 5 + ticks * SECONDS, f"in {unit} by its name")
-      for name in ("time", "t", "timestamps") for ending, unit, ticks in (
-        ("s", "s", 1), ("seconds", "s", 1), ("ms", "ms", 10**3), ("usec", "us", 10**6), ("ns", "ns", 10**9))),
-])
+@pytest.mark.parametrize(
+    ("name", "times", "how"),
+    [
+        *(
+            (name, 1_700_000_000 + SECONDS, "in s since 1970")
+            for name in (
+                "time",
+                "times",
+                "t",
+                "ts",
+                "timestamp",
+                "Timestamps",
+                "time_stamps",
+                "stamps",
+                "frame_times",
+                "depth_timestamps",
+            )
+        ),
+        *(
+            ("timestamps", ticks * (1_700_000_000 + SECONDS), f"in {unit} since 1970")
+            for unit, ticks in (("ms", 10**3), ("us", 10**6), ("ns", 10**9))
+        ),
+        *(
+            (f"{name}_{ending}", 5 + ticks * SECONDS, f"in {unit} by its name")
+            for name in ("time", "t", "timestamps")
+            for ending, unit, ticks in (
+                ("s", "s", 1),
+                ("seconds", "s", 1),
+                ("ms", "ms", 10**3),
+                ("usec", "us", 10**6),
+                ("ns", "ns", 10**9),
+            )
+        ),
+    ],
+)
 def test_names_and_units_of_times(tmp_path: Path, name: str, times: Any, how: str) -> None:
     recording = opened(tmp_path, **{name: times})
     assert times_of(recording) == pytest.approx(SECONDS, abs=1e-6)
@@ -163,9 +252,16 @@ def test_names_and_units_of_times(tmp_path: Path, name: str, times: Any, how: st
 def test_times_of_no_known_unit(tmp_path: Path) -> None:
     """A step of 1 may be a second or a frame: refused under any name but the documented one, until it is given."""
     for numbers, step in ((np.arange(4), "1"), ([0.0, 33.0, 66.0, 99.0], "33")):
-        with pytest.raises(DataError, match=rf"npz: times has times of an unknown unit, .* of {step}; .* times_ms"):
+        with pytest.raises(
+            DataError, match=rf"npz: times has times of an unknown unit, .* of {step}; .* times_ms"
+        ):
             opened(tmp_path, times=numbers)
-    assert times_of(opened(tmp_path, replace(GIVEN, time_unit="frames"), times=np.arange(4))) == [0, 0.1, 0.2, 0.3]
+    assert times_of(opened(tmp_path, replace(GIVEN, time_unit="frames"), times=np.arange(4))) == [
+        0,
+        0.1,
+        0.2,
+        0.3,
+    ]
     seconds = opened(tmp_path, time=np.arange(4))
     assert times_of(seconds) == [0, 1, 2, 3]
     assert seconds.remarks[0] == "times from 'time', taken for s; --time-unit if wrong"
@@ -189,9 +285,14 @@ def test_of_several_arrays_of_times_one_is_used(tmp_path: Path) -> None:
     """The documented name, otherwise one with a unit; the others are named."""
     recording = opened(tmp_path, stamps_s=5 * SECONDS, time_us=10**6 * SECONDS, time=2 * SECONDS)
     assert times_of(recording) == pytest.approx(2 * SECONDS)
-    assert recording.warnings[0].startswith("arrays 'stamps_s', 'time_us' are not used; known names are time, ")
+    assert recording.warnings[0].startswith(
+        "arrays 'stamps_s', 'time_us' are not used; known names are time, "
+    )
     recording = opened(tmp_path, stamps=5 * SECONDS, time_us=10**6 * SECONDS)
-    assert times_of(recording) == pytest.approx(SECONDS) and "array 'stamps' is not used" in recording.warnings[0]
+    assert (
+        times_of(recording) == pytest.approx(SECONDS)
+        and "array 'stamps' is not used" in recording.warnings[0]
+    )
 
 
 def test_what_is_named_like_times(tmp_path: Path) -> None:
@@ -201,13 +302,17 @@ def test_what_is_named_like_times(tmp_path: Path) -> None:
     assert "arrays 'timestamp', 't' are not used" in recording.warnings[0]
 
 
-@pytest.mark.parametrize("name", ["distortion", "coeffs", "dist", "dist_coeffs", "distortion_coefficients", "D"])
+@pytest.mark.parametrize(
+    "name", ["distortion", "coeffs", "dist", "dist_coeffs", "distortion_coefficients", "D"]
+)
 def test_distortion(tmp_path: Path, name: str) -> None:
     """Also as OpenCV's calibration returns it, (1, 5); that of another camera is not removed."""
     recording = opened(tmp_path, CameraInfo(unit_mm=0.5), K=MATRIX, **{name: [[-0.2, 0, 0, 0, 0]]})
     assert recording.remarks[0] == f"parameters from 'K', {name!r}"
     assert "the distortion of the lens is taken out" in recording.remarks
-    assert not any(name in line.split("'") for line in StackRecording(tmp_path / "take.npz", GIVEN).remarks)
+    assert not any(
+        name in line.split("'") for line in StackRecording(tmp_path / "take.npz", GIVEN).remarks
+    )
 
 
 def test_precedence(tmp_path: Path) -> None:
@@ -223,33 +328,86 @@ def test_precedence(tmp_path: Path) -> None:
     found = opened(tmp_path, GIVEN, **mine, width=64, height=48, min_range_mm=100)
     assert (found.camera, found.unit_mm, found.rate, found.warnings) == (CAMERA, 0.5, 10, ())
     assert not any("'K'" in line or "'fps'" in line for line in found.remarks)
-    assert opened(tmp_path, GIVEN, K=np.zeros((4, 3, 3))).camera == CAMERA  # of each frame: replaced, not refused
+    # of each frame: replaced, not refused
+    assert opened(tmp_path, GIVEN, K=np.zeros((4, 3, 3))).camera == CAMERA
 
 
 def test_what_is_not_used_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In one warning of the report: also what is too large or of another kind to be a parameter."""
-    recording = opened(tmp_path, foo=1, color=np.zeros((4, 48, 64, 3), np.uint8), notes=np.array([None]), time=SECONDS)
+    recording = opened(
+        tmp_path,
+        foo=1,
+        color=np.zeros((4, 48, 64, 3), np.uint8),
+        notes=np.array([None]),
+        time=SECONDS,
+    )
     (line,) = (line for line in inspect(recording).warnings if "not used" in line)
-    assert line.startswith("arrays 'foo', 'color', 'notes' are not used; ") and line.endswith("(docs/camera.md)")
+    assert line.startswith("arrays 'foo', 'color', 'notes' are not used; ") and line.endswith(
+        "(docs/camera.md)"
+    )
     many = opened(tmp_path, **{f"a{i}": i for i in range(12)})
     assert "'a7' and 4 more are not used" in many.warnings[0]
 
 
-@bad_inputs(DataError, {
-    name: (others, f"...take.npz: {line}") for name, others, line in (
-        ("no time", {"time": [0.0, 1.0, np.nan, 2]}, "time[2] is nan; expected finite times, each after ..."),
-        ("fewer times", {"timestamps": SECONDS[:3]}, "timestamps is float64 (3,), expected (4,): a time ..."),
-        ("pairs of times", {"stamps": np.zeros((4, 2))}, "stamps is float64 (4, 2), expected (4,): a time ..."),
-        ("words as times", {"times": list("abcd")}, "times is <U1 (4,), expected (4,): a time for each frame"),
-        ("times back", {"t": SECONDS[::-1]}, "t[1] is 0.2; expected finite times, each after the one before"),
-        ("fx alone", {"fx": 60.0}, "has fx, but not fy and u0 and v0"),
-        ("matrices", {"K": np.zeros((4, 3, 3))}, "K is [[[0.0, 0.0, 0.0], ...; expected [[fx, 0, cx], ..."),
-        ("two units", {"unit_mm": [1.0, 2.0]}, "unit_mm is [1.0, 2.0]; expected a number more than 1e-06 and ..."),
-        ("too many numbers", {"K": np.zeros(1001)}, "K is float64 (1001,), expected numbers, or a text"),
-        ("a camera's fx alone", {"camera": '{"fx": 1}'}, "camera: has fx, but not fy and u0 and v0"),
-        ("two cameras", {"camera": ["a", "b"]}, "camera is <U1 (2,), expected numbers, or a text"),
-    )
-})
+@bad_inputs(
+    DataError,
+    {
+        name: (others, f"...take.npz: {line}")
+        for name, others, line in (
+            (
+                "no time",
+                {"time": [0.0, 1.0, np.nan, 2]},
+                "time[2] is nan; expected finite times, each after ...",
+            ),
+            (
+                "fewer times",
+                {"timestamps": SECONDS[:3]},
+                "timestamps is float64 (3,), expected (4,): a time ...",
+            ),
+            (
+                "pairs of times",
+                {"stamps": np.zeros((4, 2))},
+                "stamps is float64 (4, 2), expected (4,): a time ...",
+            ),
+            (
+                "words as times",
+                {"times": list("abcd")},
+                "times is <U1 (4,), expected (4,): a time for each frame",
+            ),
+            (
+                "times back",
+                {"t": SECONDS[::-1]},
+                "t[1] is 0.2; expected finite times, each after the one before",
+            ),
+            ("fx alone", {"fx": 60.0}, "has fx, but not fy and u0 and v0"),
+            (
+                "matrices",
+                {"K": np.zeros((4, 3, 3))},
+                "K is [[[0.0, 0.0, 0.0], ...; expected [[fx, 0, cx], ...",
+            ),
+            (
+                "two units",
+                {"unit_mm": [1.0, 2.0]},
+                "unit_mm is [1.0, 2.0]; expected a number more than 1e-06 and ...",
+            ),
+            (
+                "too many numbers",
+                {"K": np.zeros(1001)},
+                "K is float64 (1001,), expected numbers, or a text",
+            ),
+            (
+                "a camera's fx alone",
+                {"camera": '{"fx": 1}'},
+                "camera: has fx, but not fy and u0 and v0",
+            ),
+            (
+                "two cameras",
+                {"camera": ["a", "b"]},
+                "camera is <U1 (2,), expected numbers, or a text",
+            ),
+        )
+    },
+)
 def test_what_is_wrong(tmp_path: Path, given: dict[str, Any], rejected: Any) -> None:
     with rejected:
         opened(tmp_path, UNKNOWN, **given)

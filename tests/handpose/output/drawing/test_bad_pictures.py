@@ -21,20 +21,40 @@ from tests.support.tracked_hands import HEADER
 DEPTH = np.zeros((480, 640), np.float32)
 
 
-@bad_inputs(DataError, {
-    "no pictures": (lambda: strokes.sheet([], 1), "0 pictures in 1 columns, expected at least one of each"),
-    "an empty page": (lambda: ContactSheet().page(), "0 pictures in 4 columns, expected at least one of each"),
-    "14 joints": (lambda: hands.overlay(EMPTY, np.zeros((14, 3)), SKELETON),
-                  "joints of shape (14, 3), expected (31, 3) finite numbers"),
-    "no joints": (lambda: hands.view_3d(JOINTS * np.nan, SKELETON),
-                  "joints of shape (31, 3), expected (31, 3) finite numbers"),
-    "an oblong crop": (lambda: hands.overlay(np.ones((10, 20)), JOINTS, SKELETON),
-                       "crop of shape (10, 20), expected a square of depths"),
-    "another size": (lambda: Painter(HEADER).picture(DEPTH, TrackedFrame(30, 1.0, ())),
-                     "depth image of shape (480, 640), expected (120, 160) of camera 'small'"),
-    "a track as text": (lambda: open_writer("a.txt", header_of(SKELETON)), "a.txt: cannot write a track of this kind; "
-                        "expected a name in .json, .jsonl or .csv, or - for standard output"),
-})
+@bad_inputs(
+    DataError,
+    {
+        "no pictures": (
+            lambda: strokes.sheet([], 1),
+            "0 pictures in 1 columns, expected at least one of each",
+        ),
+        "an empty page": (
+            lambda: ContactSheet().page(),
+            "0 pictures in 4 columns, expected at least one of each",
+        ),
+        "14 joints": (
+            lambda: hands.overlay(EMPTY, np.zeros((14, 3)), SKELETON),
+            "joints of shape (14, 3), expected (31, 3) finite numbers",
+        ),
+        "no joints": (
+            lambda: hands.view_3d(JOINTS * np.nan, SKELETON),
+            "joints of shape (31, 3), expected (31, 3) finite numbers",
+        ),
+        "an oblong crop": (
+            lambda: hands.overlay(np.ones((10, 20)), JOINTS, SKELETON),
+            "crop of shape (10, 20), expected a square of depths",
+        ),
+        "another size": (
+            lambda: Painter(HEADER).picture(DEPTH, TrackedFrame(30, 1.0, ())),
+            "depth image of shape (480, 640), expected (120, 160) of camera 'small'",
+        ),
+        "a track as text": (
+            lambda: open_writer("a.txt", header_of(SKELETON)),
+            "a.txt: cannot write a track of this kind; "
+            "expected a name in .json, .jsonl or .csv, or - for standard output",
+        ),
+    },
+)
 def test_what_cannot_be_drawn(given: Callable[[], object], rejected: Any) -> None:
     with rejected:
         given()

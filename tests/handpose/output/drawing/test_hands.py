@@ -16,7 +16,8 @@ JOINTS = kinematics_of(SKELETON).joints(np.zeros((1, 47)))[0]
 EMPTY = np.ones((128, 128), np.float32)
 CENTER = np.array([250.0, 200.0, 700.0])
 TIP = NYU.project(JOINTS[SKELETON.joint_names.index("thumb_tip")] * 150 + NYU.unproject(CENTER))
-U, V = np.rint(crop_pixels(TIP[None, None], CENTER[None], 300.0)[0, 0] * 4 + 1.5).astype(int)  # its pixel
+# its pixel
+U, V = np.rint(crop_pixels(TIP[None, None], CENTER[None], 300.0)[0, 0] * 4 + 1.5).astype(int)
 
 
 def colours_in(picture: Image) -> set[tuple[int, ...]]:
@@ -63,7 +64,9 @@ def test_truth_is_drawn_too() -> None:
     both = hands.overlay(EMPTY, JOINTS, SKELETON, truth=JOINTS + 0.2)
     white = (both == 255).all(axis=2) & ~(without == 255).all(axis=2)
     assert white.sum() > 50
-    assert not np.array_equal(hands.view_3d(JOINTS, SKELETON), hands.view_3d(JOINTS, SKELETON, truth=JOINTS + 0.2))
+    assert not np.array_equal(
+        hands.view_3d(JOINTS, SKELETON), hands.view_3d(JOINTS, SKELETON, truth=JOINTS + 0.2)
+    )
 
 
 def test_joints_far_outside_do_no_harm() -> None:

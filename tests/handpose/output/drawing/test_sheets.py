@@ -39,7 +39,9 @@ def test_moments_evenly_apart(frames: int) -> None:
 
 def test_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
     received, draw = {}, strokes.sheet
-    monkeypatch.setattr(strokes, "sheet", lambda *given: received.update(given=given) or draw(*given))
+    monkeypatch.setattr(
+        strokes, "sheet", lambda *given: received.update(given=given) or draw(*given)
+    )
     sheet = ContactSheet()
     for n in range(3):
         sheet.add(n / 30, lambda n=n: np.full((300, 960, 3), n, np.uint8))
@@ -55,23 +57,41 @@ def test_two_views() -> None:
 
     An annotation of other joints, such as ICVL's 16, is not drawn.
     """
-    joints = kinematics_of(SKELETON).joints(np.random.default_rng(0).normal(0, 0.1, (2, len(SKELETON.initial))))
+    joints = kinematics_of(SKELETON).joints(
+        np.random.default_rng(0).normal(0, 0.1, (2, len(SKELETON.initial)))
+    )
     centers, cubes = np.array([(250.0, 200, 700), (300, 220, 800)]), [300.0, 250.0]
     for truth, at in ((joints[:, ::-1], centers), (joints[:, :16], None)):
-        drawn = hands.two_views(CROPS, joints, truth, SKELETON, [("frame 0", "1 mm"), ("frame 7", "2 mm")], at, ICVL,
-                                cubes)
+        drawn = hands.two_views(
+            CROPS,
+            joints,
+            truth,
+            SKELETON,
+            [("frame 0", "1 mm"), ("frame 7", "2 mm")],
+            at,
+            ICVL,
+            cubes,
+        )
         cells = []
         for n, (crop, hand) in enumerate(zip(CROPS, joints)):
-            true, place = (None, {}) if at is None else (truth[n], {"center_uvd": at[n], "cube_mm": cubes[n]})
-            cells += [hands.overlay(crop, hand, SKELETON, true, camera=ICVL, zoom=3, **place),
-                      hands.view_3d(hand, SKELETON, true, size=384)]
+            true, place = (
+                (None, {}) if at is None else (truth[n], {"center_uvd": at[n], "cube_mm": cubes[n]})
+            )
+            cells += [
+                hands.overlay(crop, hand, SKELETON, true, camera=ICVL, zoom=3, **place),
+                hands.view_3d(hand, SKELETON, true, size=384),
+            ]
         page = strokes.sheet(cells, 6, ["frame 0", "1 mm", "frame 7", "2 mm"])
         legend, below = np.split(drawn, [len(drawn) - len(page)])
         assert np.array_equal(below, page) and 0.02 < (legend < 100).any(axis=2).mean() < 0.5
 
 
 def test_sheet() -> None:
-    pictures = [np.full((60, 40), 10, np.uint8), np.full((30, 80, 3), 20, np.uint8), np.full((60, 80), 30, np.uint8)]
+    pictures = [
+        np.full((60, 40), 10, np.uint8),
+        np.full((30, 80, 3), 20, np.uint8),
+        np.full((60, 80), 30, np.uint8),
+    ]
     page = strokes.sheet(pictures, 2, ["one", "a title that is far too long for its cell", "three"])
     assert page.shape == (2 * (60 + 22 + 8) + 8, 2 * (80 + 8) + 8, 3)
     for value, picture in zip((10, 20, 30), pictures, strict=True):

@@ -25,11 +25,18 @@ def test_surface_over_its_own_picture() -> None:
     blue, _, red = np.moveaxis(drawn.astype(int), -1, 0)
     assert (red[surface] > blue[surface] + 5).mean() > 0.95
     np.testing.assert_array_equal(drawn[~surface], hands.picture(crop, 2)[~surface])
-    alone = over_crop(np.ones_like(crop), model.capsules(x, np.zeros((1, 3))), uvd, 300.0, NYU, zoom=2)
+    alone = over_crop(
+        np.ones_like(crop), model.capsules(x, np.zeros((1, 3))), uvd, 300.0, NYU, zoom=2
+    )
     assert alone[surface][:, 1].mean() < 0.6 * drawn[surface][:, 1].mean()  # less green: red
 
 
-BALL = Capsules(np.array([[[20.0, 10, 500]]]), np.array([[[20.0, 10, 500]]]), np.array([[60.0]]), np.array([[60.0]]))
+BALL = Capsules(
+    np.array([[[20.0, 10, 500]]]),
+    np.array([[[20.0, 10, 500]]]),
+    np.array([[60.0]]),
+    np.array([[60.0]]),
+)
 
 
 @pytest.mark.parametrize("size", [100, 1000], ids=["every pixel", "one of many"])
@@ -45,7 +52,10 @@ def test_surface_is_painted_where_a_camera_sees_it(size: int) -> None:
     light = canvas.sum(axis=2)
     quarter = round(0.06 * size)
     middle_row, middle_column = round(v), round(u)
-    assert light[middle_row - quarter, middle_column - quarter] > light[middle_row + quarter, middle_column + quarter]
+    assert (
+        light[middle_row - quarter, middle_column - quarter]
+        > light[middle_row + quarter, middle_column + quarter]
+    )
 
 
 def test_surface_beside_the_picture_or_behind_the_camera_is_not_painted() -> None:

@@ -45,10 +45,16 @@ def test_joints_are_where_the_camera_sees_them() -> None:
     for hand, (finger, colour) in itertools.product((guess, LEFT), hands.COLOURS.items()):
         u, v, _ = CAMERA.project(hand.xyz[HEADER.skeleton.joint_names.index(f"{finger}_tip")])
         x, y = (round((edge + 0.5) * ZOOM - 0.5) for edge in (u - VIEW.left, v - VIEW.top))
-        assert tuple(picture[y, x]) == (hands.WHITE if hand is guess and finger == "index" else colour), finger
+        assert tuple(picture[y, x]) == (
+            hands.WHITE if hand is guess and finger == "index" else colour
+        ), finger
     for hand in (RIGHT, LEFT):
         left, top, right, bottom = box_of(hand, CAMERA)
-        for u, v in ((left, (top + 3 * bottom) / 4), ((left + 3 * right) / 4, bottom), (right, (top + 3 * bottom) / 4)):
+        for u, v in (
+            (left, (top + 3 * bottom) / 4),
+            ((left + 3 * right) / 4, bottom),
+            (right, (top + 3 * bottom) / 4),
+        ):
             x, y = (round(edge * ZOOM - 0.5) for edge in (u - VIEW.left, v - VIEW.top))
             np.testing.assert_allclose(picture[y, x].astype(int), colour_of(hand.id), atol=20)
 
@@ -57,7 +63,9 @@ def test_surface_lies_over_the_depth_that_it_explains() -> None:
     """The hand's pixels are skin-coloured, and nearly all others are unchanged."""
     without = replace(RIGHT, capsules=None)
     depth = seen([RIGHT])
-    bare, with_surface = (Painter(HEADER).seen(depth, of(hand)).astype(int) for hand in (without, RIGHT))
+    bare, with_surface = (
+        Painter(HEADER).seen(depth, of(hand)).astype(int) for hand in (without, RIGHT)
+    )
     alone = depth < 1500
     changed = (bare != with_surface).any(axis=2)
     view = Window(CAMERA).see(1.0, [RIGHT])
@@ -103,14 +111,21 @@ def test_a_hand_without_joints_is_outlined_or_marked() -> None:
     """Its pixels are outlined in its colour; if they are unknown there is a circle about its middle."""
     mask = np.zeros((120, 160), bool)
     mask[40:80, 30:70] = True
-    hand = PresentHand(2, None, 0.43, 0.0, (0.0, 0.0, 600.0), "the pose is uncertain (confidence 0%)", mask)
+    hand = PresentHand(
+        2, None, 0.43, 0.0, (0.0, 0.0, 600.0), "the pose is uncertain (confidence 0%)", mask
+    )
     zoom = MAX_WIDTH / 160
-    pictures = [annotated(DEPTH, of()._replace(present=(one,))) for one in (hand, hand._replace(mask=None))]
+    pictures = [
+        annotated(DEPTH, of()._replace(present=(one,))) for one in (hand, hand._replace(mask=None))
+    ]
     coloured = [(picture[HEAD:] == colour_of(2)).all(axis=2) for picture in pictures]
     edge, inside = ((round(60 * zoom), round(column * zoom)) for column in (30, 50))
     assert coloured[0][edge[0], edge[1] - 3 : edge[1] + 4].any() and not coloured[0][inside]
     u, v, _ = CAMERA.project(np.array([60.0, 0, 600])) * zoom
-    assert coloured[1][round(v), round(u) - 6 : round(u) + 7].any() and not coloured[0][round(v), round(u)]
+    assert (
+        coloured[1][round(v), round(u) - 6 : round(u) + 7].any()
+        and not coloured[0][round(v), round(u)]
+    )
 
 
 def test_a_hand_partly_or_wholly_beside_the_image_does_no_harm() -> None:
@@ -119,10 +134,18 @@ def test_a_hand_partly_or_wholly_beside_the_image_does_no_harm() -> None:
         assert annotated(seen([]), of(hand)).shape == (HEAD + MAX_HEIGHT, MAX_WIDTH, 3)
 
 
-@pytest.mark.parametrize("camera", [*CAMERAS.values(), Camera("upright", 500, 500, 240, 320, 480, 640)], ids=str)
+@pytest.mark.parametrize(
+    "camera", [*CAMERAS.values(), Camera("upright", 500, 500, 240, 320, 480, 640)], ids=str
+)
 def test_sizes(camera: Camera) -> None:
     """The depth image has the camera's aspect ratio, and reaches the largest width or height."""
-    picture = annotated(np.full((camera.height, camera.width), 900, np.float32), of(), replace(HEADER, camera=camera))
+    picture = annotated(
+        np.full((camera.height, camera.width), 900, np.float32),
+        of(),
+        replace(HEADER, camera=camera),
+    )
     height, width = picture.shape[0] - HEAD, picture.shape[1]
     assert abs(width / height - camera.width / camera.height) < 0.01
-    assert height <= MAX_HEIGHT and width <= MAX_WIDTH and (height == MAX_HEIGHT or width == MAX_WIDTH)
+    assert (
+        height <= MAX_HEIGHT and width <= MAX_WIDTH and (height == MAX_HEIGHT or width == MAX_WIDTH)
+    )

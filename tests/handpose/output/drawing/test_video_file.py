@@ -32,7 +32,10 @@ def write(path: Path, times: list[float] = TIMES) -> None:
 def read(path: Path) -> list[tuple[float, int]]:
     """The time and the grey of every frame."""
     with av.open(str(path)) as file:
-        return [(frame.time, int(frame.to_ndarray(format="gray")[9, 9])) for frame in file.decode(video=0)]
+        return [
+            (frame.time, int(frame.to_ndarray(format="gray")[9, 9]))
+            for frame in file.decode(video=0)
+        ]
 
 
 def test_every_picture_at_its_time_as_browsers_play_it(tmp_path: Path) -> None:
@@ -42,14 +45,17 @@ def test_every_picture_at_its_time_as_browsers_play_it(tmp_path: Path) -> None:
     """
     write(tmp_path / "a.mp4")
     frames = read(tmp_path / "a.mp4")
-    np.testing.assert_allclose([time for time, _ in frames], np.subtract(TIMES, 5.0), atol=1 / TICKS)
+    np.testing.assert_allclose(
+        [time for time, _ in frames], np.subtract(TIMES, 5.0), atol=1 / TICKS
+    )
     np.testing.assert_allclose([grey for _, grey in frames], 40 * np.arange(6), atol=4)
     content = (tmp_path / "a.mp4").read_bytes()
     assert 0 < content.index(b"moov") < content.index(b"mdat")
     with av.open(str(tmp_path / "a.mp4")) as file:
         coder = file.streams.video[0].codec_context
         assert (coder.name, coder.pix_fmt, coder.width, coder.height) == ("h264", "yuv420p", 96, 64)
-        assert coder.color_range == 1  # limited range, 16 to 235, to which the pictures are converted
+        # limited range, 16 to 235, to which the pictures are converted
+        assert coder.color_range == 1
         assert file.duration / 1e6 == pytest.approx(1.6 + 1 / 30, abs=0.001)
 
 
@@ -61,7 +67,9 @@ def test_odd_sizes_and_rates_that_no_player_knows(tmp_path: Path) -> None:
             video.write(picture(3, 63, 95), 0.5)
         with av.open(str(tmp_path / "a.mp4")) as file:
             images = [frame.to_ndarray(format="gray") for frame in file.decode(video=0)]
-        assert [image.shape for image in images] == [(64, 96)] * 2 and np.ptp(np.array(images, int)) < 5
+        assert [image.shape for image in images] == [(64, 96)] * 2 and np.ptp(
+            np.array(images, int)
+        ) < 5
 
 
 @pytest.mark.parametrize("stop", [KeyboardInterrupt, ValueError])
@@ -87,7 +95,9 @@ def test_without_a_picture_there_is_no_file(tmp_path: Path) -> None:
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"old"]
 
 
-def test_what_cannot_be_written_is_one_error_about_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_written_is_one_error_about_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A full disk, a missing folder and a folder of that name raise an error with the file name; no file is left."""
 
     def full(video: VideoFile, frame: object) -> None:
@@ -109,10 +119,13 @@ def test_what_cannot_be_written_is_one_error_about_the_file(tmp_path: Path, monk
 LATER = "expected a later one, by 1/60000 s at least and 1e+08 s at most"
 
 
-@bad_inputs(DataError, {
-    f"at {time} s": (time, f"...a.mp4: a picture at {time:.6g} s after one at 1 s; {LATER}")
-    for time in (1.0, 1.000001, 1e300)
-})
+@bad_inputs(
+    DataError,
+    {
+        f"at {time} s": (time, f"...a.mp4: a picture at {time:.6g} s after one at 1 s; {LATER}")
+        for time in (1.0, 1.000001, 1e300)
+    },
+)
 def test_times_that_do_not_ascend(tmp_path: Path, given: float, rejected: Any) -> None:
     with VideoFile(tmp_path / "a.mp4") as video:
         video.write(picture(1), 1.0)
@@ -121,12 +134,17 @@ def test_times_that_do_not_ascend(tmp_path: Path, given: float, rejected: Any) -
     assert len(read(tmp_path / "a.mp4")) == 1
 
 
-@bad_inputs(NetlibError, {
-    "a.avi": "...a.avi: a video is written as .mp4; expected such a name",
-    "a.mp4": "PyAV is missing: pip install av",
-    "b.mp4": "...b.mp4: PyAV has no encoder of H.264 here; expected libx264 or libopenh264, ...",
-})
-def test_what_is_not_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any) -> None:
+@bad_inputs(
+    NetlibError,
+    {
+        "a.avi": "...a.avi: a video is written as .mp4; expected such a name",
+        "a.mp4": "PyAV is missing: pip install av",
+        "b.mp4": "...b.mp4: PyAV has no encoder of H.264 here; expected libx264 or libopenh264, ...",
+    },
+)
+def test_what_is_not_begun(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, rejected: Any
+) -> None:
     """Another suffix, a missing PyAV, and one without an encoder of H.264 raise errors."""
     monkeypatch.setattr(av, "codecs_available", {"mpeg4", "png"})
     if given == "a.mp4":

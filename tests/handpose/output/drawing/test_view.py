@@ -26,7 +26,11 @@ from handpose.output.drawing.view import (
 from handpose.tracking.track import LostHand, PresentHand
 from tests.support.tracked_hands import CAMERA, tracked
 
-NEAR, FAR, BESIDE = tracked("right", (0, 0, 600)), tracked("left", (40, 0, 3000)), tracked("right", (-250, 0, 600))
+NEAR, FAR, BESIDE = (
+    tracked("right", (0, 0, 600)),
+    tracked("left", (40, 0, 3000)),
+    tracked("right", (-250, 0, 600)),
+)
 WHOLE = View(0.0, 0.0, CAMERA.width, CAMERA.height)
 
 
@@ -45,7 +49,10 @@ def test_a_part_lies_within_the_frame(hands: list, time: float) -> None:
     window.see(0.0, [NEAR])
     view = window.see(time, hands)
     assert view.left >= 0 and view.top >= 0
-    assert view.left + view.width <= CAMERA.width + 1e-6 and view.top + view.height <= CAMERA.height + 1e-6
+    assert (
+        view.left + view.width <= CAMERA.width + 1e-6
+        and view.top + view.height <= CAMERA.height + 1e-6
+    )
     assert CAMERA.width / MAX_ZOOM <= view.width * 1.0001
 
 
@@ -121,14 +128,25 @@ def test_words() -> None:
     assert spoken(tracked("left", confidence=float("nan"))) == "left"
     assert spoken(replace(tracked("left", confidence=0.49), side_confidence=0.7)) == "left? 49%"
     present = PresentHand(1, "left", 0.43, 0.1, (0.0, 0.0, 600.0), "no pose")
-    assert [spoken(one) for one in (present, present._replace(hand=None))] == ["left hand 43%", "hand 43%"]
+    assert [spoken(one) for one in (present, present._replace(hand=None))] == [
+        "left hand 43%",
+        "hand 43%",
+    ]
     assert [percent(sure) for sure in (0.0, 0.994, 0.996, 1.0)] == ["0%", "99%", ">99%", ">99%"]
-    assert spoken_loss(LostHand(1, "left", 2.0, "left the image"), 2.43) == "left hand lost 0.4 s: left the image"
-    assert spoken_loss(LostHand(1, None, 2.0, "left the image"), 2.43) == "hand lost 0.4 s: left the image"
+    assert (
+        spoken_loss(LostHand(1, "left", 2.0, "left the image"), 2.43)
+        == "left hand lost 0.4 s: left the image"
+    )
+    assert (
+        spoken_loss(LostHand(1, None, 2.0, "left the image"), 2.43)
+        == "hand lost 0.4 s: left the image"
+    )
 
 
 @given(PLACES)
-def test_all_are_within_the_picture_and_none_covers_another(places: list[tuple[float, float]]) -> None:
+def test_all_are_within_the_picture_and_none_covers_another(
+    places: list[tuple[float, float]],
+) -> None:
     """Labels lie within the picture and do not overlap, for hands at any place."""
     canvas = np.zeros((300, 400, 3), np.uint8)
     tags = Tags(canvas)

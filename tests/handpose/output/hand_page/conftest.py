@@ -32,8 +32,10 @@ def any_body(seed: int) -> Skeleton:
     rng, plain = np.random.default_rng(seed), any_skeleton(seed, 12)
     names = [*plain.joint_names, "own"]
     starts, radii = rng.choice(names[:-1], len(names)), rng.uniform(0.05, 0.2, len(names))
-    capsules = [f'capsule {{ from: "{start}" to: "{end}" radius: {radius:.3f} radius: 0.08 }}'
-                for start, end, radius in zip(starts, names, radii)]
+    capsules = [
+        f'capsule {{ from: "{start}" to: "{end}" radius: {radius:.3f} radius: 0.08 }}'
+        for start, end, radius in zip(starts, names, radii)
+    ]
     flesh = f"""flesh {{ dof {{ name: "own" initial: 0.3 lower: -1 upper: 1 }}
       joint {{ name: "own" parent: "{names[3]}" rotate {{ axis: NEG_Y dof: "own" }} bone {{ axis: X length: 0.4 }} }}
       offset {{ joint: "own" axes: "{names[2]}" x: 0.1 z: -0.2 }} offset {{ joint: "{names[4]}" axes: "own" y: 0.1 }}
@@ -43,7 +45,11 @@ def any_body(seed: int) -> Skeleton:
 
 def ask(tab: Any, function: str, question: object) -> Any:
     """The result of a JavaScript function; arguments and result are passed as JSON, which is fast."""
-    return json.loads(tab.evaluate(f"(text) => JSON.stringify(({function})(JSON.parse(text)))", json.dumps(question)))
+    return json.loads(
+        tab.evaluate(
+            f"(text) => JSON.stringify(({function})(JSON.parse(text)))", json.dumps(question)
+        )
+    )
 
 
 @pytest.fixture(scope="module")

@@ -20,8 +20,15 @@ from tests.handpose.output.hand_page.conftest import ARM, any_body, ask
 from tests.support.made_tracks import skeleton_of
 
 MM = 150.0
-HANDS = {name: skeletons.load(skeletons.NYU_HAND.with_name(f"{name}.prototxt")) for name in ("nyu", "people", "icvl")}
-BODIES = {**HANDS, "arm": skeleton_of(ARM), **{f"any body {seed}": any_body(seed) for seed in range(4)}}
+HANDS = {
+    name: skeletons.load(skeletons.NYU_HAND.with_name(f"{name}.prototxt"))
+    for name in ("nyu", "people", "icvl")
+}
+BODIES = {
+    **HANDS,
+    "arm": skeleton_of(ARM),
+    **{f"any body {seed}": any_body(seed) for seed in range(4)},
+}
 
 COMPUTED = """([skeleton, poses, forces, side]) => {
   const body = new hand.Body({ skeleton, place: hand.data.bodies[0].place });
@@ -49,15 +56,23 @@ def test_joints_torques_and_limits(tab: Any, name: str, side: str) -> None:
     outputs, torques = (np.array([one[key] for one in found]) for key in ("outputs", "torques"))
     joints = np.array([one["joints"] for one in found[::20]])
     np.testing.assert_allclose(outputs, pose.joints * mirror, atol=1e-6)
-    np.testing.assert_allclose(joints[:, :K], pose.joints[::20] * mirror * MM + (0, 0, 700), atol=1e-4)
+    np.testing.assert_allclose(
+        joints[:, :K], pose.joints[::20] * mirror * MM + (0, 0, 700), atol=1e-4
+    )
     expected = kinematics.backward(pose, forces * mirror)
     turns = np.isin(np.arange(D), whole.driven[whole.turns])
-    np.testing.assert_allclose(torques[:, :D], expected * np.where(turns, MM, 1), rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(
+        torques[:, :D], expected * np.where(turns, MM, 1), rtol=1e-6, atol=1e-6
+    )
     assert np.abs(expected).max() > 1 and (torques[:, D:] == 0).all()
-    beyond = np.maximum(poses[:, :D] - skeleton.upper, 0) + np.maximum(skeleton.lower - poses[:, :D], 0)
+    beyond = np.maximum(poses[:, :D] - skeleton.upper, 0) + np.maximum(
+        skeleton.lower - poses[:, :D], 0
+    )
     beyond[:, skeleton.fixed] = 0
     np.testing.assert_allclose([one["loss"]["L1"] for one in found], beyond.sum(axis=1), rtol=1e-9)
-    np.testing.assert_allclose([one["loss"]["L2"] for one in found], (beyond**2).sum(axis=1), rtol=1e-9)
+    np.testing.assert_allclose(
+        [one["loss"]["L2"] for one in found], (beyond**2).sum(axis=1), rtol=1e-9
+    )
 
 
 RENDERED = """([skeleton, bodies]) => bodies.map(([values, camera, uvd, cube]) => {
@@ -70,7 +85,9 @@ RENDERED = """([skeleton, bodies]) => bodies.map(([values, camera, uvd, cube]) =
 })"""
 
 
-def rendered(tab: Any, skeleton: Skeleton, bodies: list[Any]) -> list[tuple[np.ndarray, np.ndarray]]:
+def rendered(
+    tab: Any, skeleton: Skeleton, bodies: list[Any]
+) -> list[tuple[np.ndarray, np.ndarray]]:
     """The capsules (M, 8) and the depth (128, 128) that the page computes for some bodies."""
     found = ask(tab, RENDERED, [skeleton_values(skeleton), bodies])
     return [(np.array(one["ends"]), np.array(one["depth"]).reshape(128, 128)) for one in found]
@@ -105,11 +122,19 @@ def test_the_depth_of_any_body(tab: Any, seed: int) -> None:
         check_depth(depth, expected[n])
 
 
-@pytest.mark.parametrize(("camera", "place"), [(NYU, (15, -20)), (KINECT2, (15, -20)), (ICVL, (15, -20)),
-                                               (NYU, (-315, -240))], ids=["nyu", "kinect2", "icvl", "at the corner"])
-def test_points_are_where_the_camera_saw_them(tab: Any, camera: Camera, place: tuple[float, float]) -> None:
+@pytest.mark.parametrize(
+    ("camera", "place"),
+    [(NYU, (15, -20)), (KINECT2, (15, -20)), (ICVL, (15, -20)), (NYU, (-315, -240))],
+    ids=["nyu", "kinect2", "icvl", "at the corner"],
+)
+def test_points_are_where_the_camera_saw_them(
+    tab: Any, camera: Camera, place: tuple[float, float]
+) -> None:
     """Every pixel of the frame within the cube yields one point, as unprojected by the camera; no others do."""
-    rng, uvd = np.random.default_rng(0), np.array([camera.u0 + place[0], camera.v0 + place[1], 800.0])
+    rng, uvd = (
+        np.random.default_rng(0),
+        np.array([camera.u0 + place[0], camera.v0 + place[1], 800.0]),
+    )
     frame = rng.uniform(500, 1100, (camera.height, camera.width)).astype(np.float32)
     frame[rng.random(frame.shape) < 0.3] = 0
     given = [crop(frame, uvd, 300.0, camera).ravel().tolist(), uvd.tolist(), 300.0, vars(camera)]

@@ -36,7 +36,9 @@ def packaged(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def joints_in(tab: Any) -> np.ndarray:
     """The table of joints (K, 6): mm from the camera, and half-cubes from the crop's centre."""
-    return np.array([row.split("\t")[1:] for row in tab.locator("#joints tr").all_inner_texts()], dtype=float)
+    return np.array(
+        [row.split("\t")[1:] for row in tab.locator("#joints tr").all_inner_texts()], dtype=float
+    )
 
 
 def joints_of(inputs: dict[str, float]) -> np.ndarray:
@@ -85,7 +87,9 @@ def test_there_is_a_labelled_slider_for_every_free_dof(visit: Visit, bare: Path)
     """28 sliders, two of them for the forearm, which belongs to the surface; fixed DoFs are shown on request."""
     tab = visit(bare)
     free = [d.name for d in HAND.with_surface().param.dof if not d.fixed]
-    names = tab.locator("input[type=range]").evaluate_all("(all) => all.map((one) => one.dataset.dof)")
+    names = tab.locator("input[type=range]").evaluate_all(
+        "(all) => all.map((one) => one.dataset.dof)"
+    )
     assert sorted(names) == sorted(free) and len(free) == 28
     unlabelled = "(all) => all.filter((one) => !one.labels.length && !one.ariaLabel).map((one) => one.outerHTML)"
     assert tab.locator("input, select, textarea").evaluate_all(unlabelled) == []
@@ -116,8 +120,12 @@ def test_beyond_a_limit(visit: Visit, bare: Path) -> None:
     assert "beyond" not in thumb.get_attribute("class")
     enter(thumb.locator("input[type=number]"), "60")
     over = np.deg2rad(60) - HAND.upper[HAND.dof_names.index("thumb_tip_rot_z")]
-    assert "beyond" in thumb.get_attribute("class") and "beyond its limit" in thumb.get_attribute("title")
-    assert tab.locator("#limit-loss").inner_text() == f"limit loss {over:.4f} (L1), {over**2:.4f} (L2)"
+    assert "beyond" in thumb.get_attribute("class") and "beyond its limit" in thumb.get_attribute(
+        "title"
+    )
+    assert (
+        tab.locator("#limit-loss").inner_text() == f"limit loss {over:.4f} (L1), {over**2:.4f} (L2)"
+    )
     slider(tab, "thumb_tip_rot_z").fill("20")
     assert "beyond" not in thumb.get_attribute("class")
     assert tab.locator("#limit-loss").inner_text() == "limit loss 0.0000 (L1), 0.0000 (L2)"
@@ -128,12 +136,18 @@ def test_a_pose_is_pasted(visit: Visit, bare: Path) -> None:
     tab = visit(bare)
     inputs = np.round(np.random.default_rng(0).normal(0, 0.5, 47), 4)
     tab.locator("#pose").fill(f"inputs = np.array({inputs.tolist()})")
-    np.testing.assert_allclose(joints_in(tab)[:, 3:], Kinematics(HAND).joints(inputs[None])[0], atol=6e-5)
-    angles = {name: value for name, value in zip(HAND.dof_names, HAND.theta(inputs)) if "rot" in name}
+    np.testing.assert_allclose(
+        joints_in(tab)[:, 3:], Kinematics(HAND).joints(inputs[None])[0], atol=6e-5
+    )
+    angles = {
+        name: value for name, value in zip(HAND.dof_names, HAND.theta(inputs)) if "rot" in name
+    }
     tab.locator("#pose").fill(f"[{', '.join('0' * 47)}]")
     tab.locator("#pose").fill(json.dumps({"hands": [{"angles_rad": angles, "crop": {}}]}, indent=2))
     inputs[:3] = 0
-    np.testing.assert_allclose(joints_in(tab)[:, 3:], Kinematics(HAND).joints(inputs[None])[0], atol=6e-5)
+    np.testing.assert_allclose(
+        joints_in(tab)[:, 3:], Kinematics(HAND).joints(inputs[None])[0], atol=6e-5
+    )
     assert tab.locator("#pose-error").inner_text() == ""
 
 
@@ -144,7 +158,10 @@ def test_a_pose_is_pasted(visit: Visit, bare: Path) -> None:
         ("a pose", "'a' is not a number; expected 47 inputs"),
         ("[" * 50_000, f"'{'[' * 40}' is not a number; expected 47 inputs"),
         ("1e308 " * 47, "palm_x: found 1e+308; expected a number up to 1000000"),
-        ('{"angles_rad": {"nose": 1}}', "unknown DoF 'nose'; skeleton 'nyu' has palm_x, palm_y, palm_z ..."),
+        (
+            '{"angles_rad": {"nose": 1}}',
+            "unknown DoF 'nose'; skeleton 'nyu' has palm_x, palm_y, palm_z ...",
+        ),
         ('{"angles_rad": {"palm_y": "x"}}', "palm_y: found NaN; expected a number up to 1000000"),
         ('{"angles_rad": {1}}', "angles_rad is not complete JSON"),
     ],
@@ -197,14 +214,18 @@ def test_the_surface_is_drawn_where_it_is(visit: Visit, bare: Path) -> None:
     assert re.fullmatch(r"index_tip: 69\.2, 125\.4, 643\.2 mm", tab.locator("#hover").inner_text())
     assert (colours(tab)[:, 3] > 0).sum() > axes + 1000  # the joint's name
     slider(tab, "index_pip_rot_x").fill("-45")
-    assert not tab.locator("#hover").inner_text().startswith("index_tip: 69.2, 125.4")  # the tip has moved
+    # the tip has moved
+    assert not tab.locator("#hover").inner_text().startswith("index_tip: 69.2, 125.4")
     tab.get_by_role("button", name="Start again").click()
     assert tab.locator("#hover").inner_text() == ""
 
 
 def test_an_address_sets_body_pose_and_force(visit: Visit, packaged: Path) -> None:
     """An address as in chapters 8 and 9 sets their arm, its wrist at (3, 6), and torques of 0 and -300 N mm."""
-    tab = visit(packaged, fragment="body=arm&shoulder=53.13&elbow=36.87&force=wrist,1,2,0&nose=1&force=wrist,2")
+    tab = visit(
+        packaged,
+        fragment="body=arm&shoulder=53.13&elbow=36.87&force=wrist,1,2,0&nose=1&force=wrist,2",
+    )
     np.testing.assert_allclose(joints_in(tab)[:, 3:], [[3, 4, 0], [3, 6, 0]], atol=1e-4)
     assert tab.locator(".torque").all_inner_texts() == ["0.0 N mm", "-300 N mm"]
     assert tab.locator("#bodies").input_value() == "arm"
@@ -222,11 +243,16 @@ def test_a_force_is_dragged_at_a_fingertip(visit: Visit, bare: Path) -> None:
     focal, radius = tab.evaluate("[hand.view.camera.focal, hand.view.camera.radius]")
     force = np.array([40, -25, 0]) * depth / focal / (radius / 32)
     np.testing.assert_allclose(tab.evaluate(f"hand.body.forces[{j}]"), force, atol=0.05)
-    assert [float(tab.locator(f"#force-{axis}").input_value()) for axis in "xyz"] == pytest.approx(force, abs=0.05)
+    assert [float(tab.locator(f"#force-{axis}").input_value()) for axis in "xyz"] == pytest.approx(
+        force, abs=0.05
+    )
     for name, unit in (("palm_y", "N"), ("ring_base_rot_x", "N mm"), ("palm_rot_z", "N mm")):
         number, _, shown = row(tab, name).locator(".torque").inner_text().partition(" ")
-        torque = tab.evaluate(f"hand.body.torques[{HAND.dof_names.index(name)}]")  # test_numbers.py compares them
-        assert shown == unit and float(number) == pytest.approx(torque, abs=0.05 if abs(torque) < 100 else 0.5)
+        # test_numbers.py compares them
+        torque = tab.evaluate(f"hand.body.torques[{HAND.dof_names.index(name)}]")
+        assert shown == unit and float(number) == pytest.approx(
+            torque, abs=0.05 if abs(torque) < 100 else 0.5
+        )
     assert row(tab, "index_pip_rot_x").locator(".torque").inner_text() == ""
     tab.get_by_role("button", name="No force").click()
     assert not np.any(tab.evaluate("hand.body.forces"))
@@ -258,10 +284,20 @@ def predicted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarra
         surface, mirror = model.capsules(x, np.zeros((1, 3))), np.array([flip, 1, 1])
         seen = surface._replace(a=surface.a * mirror + center, b=surface.b * mirror + center)
         crop = normalise_depth(render_crop(seen, UVD[None], CUBE, KINECT2), UVD[2:], CUBE)[0]
-        hands.append(hand(
-            f"{side}.png", f"{side} hand, 90% sure", model.whole_inputs_of(x)[0], camera=KINECT2, center_uvd=UVD,
-            cube_mm=CUBE, crop=crop, size=float(np.exp(x[0, -2])), thickness=float(np.exp(x[0, -1])), side=side,
-        ))
+        hands.append(
+            hand(
+                f"{side}.png",
+                f"{side} hand, 90% sure",
+                model.whole_inputs_of(x)[0],
+                camera=KINECT2,
+                center_uvd=UVD,
+                cube_mm=CUBE,
+                crop=crop,
+                size=float(np.exp(x[0, -2])),
+                thickness=float(np.exp(x[0, -1])),
+                side=side,
+            )
+        )
     out = tmp_path_factory.mktemp("predicted") / "predicted.html"
     out.write_text(page("Hands", [body("hand", HAND)], hands), encoding="utf-8")
     return out, model.joints(x)[0] * (-1, 1, 1) + center
@@ -275,12 +311,17 @@ def test_predicted_hands(visit: Visit, predicted: tuple[Path, np.ndarray]) -> No
     assert tab.locator("#description").inner_text() == "left hand, 90% sure"
     assert tab.get_by_label("left hand").is_checked()
     np.testing.assert_allclose(joints_in(tab)[:, :3], joints, atol=0.06)
-    tab.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    tab.evaluate(
+        "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+    )
     drawn, recorded = (picture(tab, name)[..., 0].astype(int) for name in ("depth", "recorded"))
     assert (recorded > 0).mean() > 0.1 and (np.abs(drawn - recorded) > 1).mean() < 0.002
     with_points = colours(tab)
     tab.get_by_label("depth points").uncheck()
-    blue = [(shown[:, 2].astype(int) > shown[:, 0].astype(int) + 60).mean() for shown in (with_points, colours(tab))]
+    blue = [
+        (shown[:, 2].astype(int) > shown[:, 0].astype(int) + 60).mean()
+        for shown in (with_points, colours(tab))
+    ]
     assert blue[0] > blue[1] + 0.01
     tab.get_by_label("left hand").uncheck()
     mirrored = (joints[:, 0] - KINECT2.unproject(UVD)[0]) / (CUBE / 2)
@@ -295,14 +336,20 @@ def test_predicted_hands(visit: Visit, predicted: tuple[Path, np.ndarray]) -> No
 def test_names_are_text_and_no_markup(visit: Visit, tmp_path: Path) -> None:
     """Names in an untrusted skeleton are shown as text; names of properties of every object are drawn like others."""
     evil = '<img src=\\"x\\" onerror=\\"document.title=1\\">'
-    text = ARM.replace('"hand"', f'"{evil}"').replace('"elbow"', '"__proto__"').replace('"arm"', f'"{evil}"')
+    text = (
+        ARM.replace('"hand"', f'"{evil}"')
+        .replace('"elbow"', '"__proto__"')
+        .replace('"arm"', f'"{evil}"')
+    )
     skeleton = skeleton_of(text.replace('"other"', '"constructor"'))
     out = tmp_path / "evil.html"
     out.write_text(page("<b>&", [body("</script><img src=x>", skeleton)]), encoding="utf-8")
     tab = visit(out)
     assert tab.title() == "<b>&" and not tab.locator("img, b").count()
     assert tab.locator("#name").inner_text().startswith('<img src="x" onerror')
-    assert tab.evaluate("hand.body.skeleton.joints[0]") == '<img src="x" onerror="document.title=1">'
+    assert (
+        tab.evaluate("hand.body.skeleton.joints[0]") == '<img src="x" onerror="document.title=1">'
+    )
     assert (colours(tab)[:, 3] == 255).mean() > 1e-4
 
 

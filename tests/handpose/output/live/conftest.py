@@ -22,7 +22,9 @@ ONE = TrackedFrame(1, 0.1, (RIGHT,), (LostHand(2, "left", 0.0, "left the image")
 def serve() -> Callable[..., LiveServer]:
     """``serve()`` makes a server at a free port of this machine."""
     pytest.importorskip("websockets")
-    return lambda host="127.0.0.1", port=0: LiveServer(host, port, Messages(HEADER).header, page(HEADER))
+    return lambda host="127.0.0.1", port=0: LiveServer(
+        host, port, Messages(HEADER).header, page(HEADER)
+    )
 
 
 @pytest.fixture

@@ -67,9 +67,13 @@ def test_both_hands_of_a_frame(shown: Shown) -> None:
     assert len(points) > 1000
     contrast = Contrast()
     contrast.see(0.0, DEPTH, np.concatenate([RIGHT.xyz, LEFT.xyz])[:, 2])
-    assert shown.tab.evaluate("[live.frame.middle, live.frame.spread]") == [contrast.middle, contrast.spread]
+    assert shown.tab.evaluate("[live.frame.middle, live.frame.spread]") == [
+        contrast.middle,
+        contrast.spread,
+    ]
     assert shown.tab.locator("#hands li").all_inner_texts() == [
-        "right 93%, expected error 8 mm, gesture open", "left 42%, expected error 8 mm, gesture open"
+        "right 93%, expected error 8 mm, gesture open",
+        "left 42%, expected error 8 mm, gesture open",
     ]
 
 
@@ -88,12 +92,19 @@ def test_the_depth_image(shown: Shown) -> None:
     u, v, _ = CAMERA.project(RIGHT.xyz.mean(axis=0))
     assert image[int((v + 4 - view.top) * zoom), int((u - view.left) * zoom), 0] > wall + 50
     shown.tab.locator("#depth").hover(position={"x": 1, "y": 1})
-    assert shown.tab.locator("#hover").inner_text() == f"column {int(view.left)}, row {int(view.top)}: 1500 mm"
+    assert (
+        shown.tab.locator("#hover").inner_text()
+        == f"column {int(view.left)}, row {int(view.top)}: 1500 mm"
+    )
 
 
 def test_a_side_that_is_assumed(shown: Shown) -> None:
     """While the side is undecided, list and tag have the assumed one with a question mark."""
-    shown.show(BOTH._replace(hands=(replace(RIGHT, side_confidence=0.7),), lost=(LostHand(2, None, 0.0, "hidden"),)))
+    shown.show(
+        BOTH._replace(
+            hands=(replace(RIGHT, side_confidence=0.7),), lost=(LostHand(2, None, 0.0, "hidden"),)
+        )
+    )
     texts = shown.tab.locator("#hands li").all_inner_texts()
     assert texts[0].startswith("right? 93%, ") and texts[1] == "hand lost 0.0 s: hidden"
 
@@ -114,22 +125,32 @@ def test_the_space(shown: Shown) -> None:
     shown.tab.evaluate("live.view.camera.rotate(-40, 15)")
     turned = shown.tab.evaluate("live.view.camera.orientation")
     shown.show(ONE)
-    assert shown.tab.evaluate("live.view.camera.orientation") == turned, "a new frame leaves the view as it is"
+    assert shown.tab.evaluate("live.view.camera.orientation") == turned, (
+        "a new frame leaves the view as it is"
+    )
     shown.tab.get_by_role("button", name="Front view").click()
-    assert shown.tab.evaluate("live.view.camera.orientation") == [[1, 0, 0], [0, 1, 0], [0, 0, 1]] != turned
+    assert (
+        shown.tab.evaluate("live.view.camera.orientation")
+        == [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+        != turned
+    )
 
 
 def test_names_and_a_hand_that_leaves(shown: Shown) -> None:
     """Pointing at a joint shows its name and position; for a lost hand the reason is shown."""
     shown.show(BOTH)
-    tip = len(RIGHT.xyz) + HEADER.skeleton.joint_names.index("index_tip")  # a joint of the left hand
+    # a joint of the left hand
+    tip = len(RIGHT.xyz) + HEADER.skeleton.joint_names.index("index_tip")
     box = shown.tab.locator("#view").bounding_box()
     u, v, _ = shown.tab.evaluate(f"live.view.camera.project(live.scene.joints[{tip}])")
     shown.tab.mouse.move(box["x"] + u, box["y"] + v)
     x, y, z = LEFT.xyz[tip - len(RIGHT.xyz)]
     assert shown.tab.locator("#joint").inner_text() == f"index_tip: {x:.1f}, {y:.1f}, {z:.1f} mm"
     shown.show(ONE)
-    assert shown.tab.locator("#hands li").all_inner_texts()[1] == "left hand lost 0.1 s: left the image"
+    assert (
+        shown.tab.locator("#hands li").all_inner_texts()[1]
+        == "left hand lost 0.1 s: left the image"
+    )
     assert shown.tab.evaluate("live.scene.joints.length") == len(RIGHT.xyz)
     shown.show(TrackedFrame(2, 0.2, ()))
     assert shown.tab.locator("#hands li").count() == 0
@@ -180,8 +201,14 @@ def test_the_token_leaves_the_address(server: LiveServer, browser: Any) -> None:
 def test_one_file_for_one_server() -> None:
     """No external address; a policy that allows only its own script, style and server."""
     text = page(HEADER)
-    assert not re.search(r"https?://|<link|\bsrc=|url\(|@import|\bimport\s*[({\"']|\beval\(|innerHTML", text)
-    assert "default-src 'none'; " in text and "connect-src 'self'; " in text and "unsafe" not in text.split("<body>")[0]
+    assert not re.search(
+        r"https?://|<link|\bsrc=|url\(|@import|\bimport\s*[({\"']|\beval\(|innerHTML", text
+    )
+    assert (
+        "default-src 'none'; " in text
+        and "connect-src 'self'; " in text
+        and "unsafe" not in text.split("<body>")[0]
+    )
 
 
 def test_a_phone(visit: Visit) -> None:

@@ -36,7 +36,9 @@ def connect() -> Iterator[Connect]:
     with contextlib.ExitStack() as stack:
 
         def connected(server: LiveServer, path: str = LINES, **options: Any) -> Any:
-            one = stack.enter_context(client.connect(server.lines_url.replace(LINES, path), **options))
+            one = stack.enter_context(
+                client.connect(server.lines_url.replace(LINES, path), **options)
+            )
             if path == LINES:
                 assert json.loads(one.recv(timeout=60))["format"] == "handpose"
             assert server.wait_for_client(60)
@@ -59,7 +61,10 @@ def test_lines(connect: Connect, serve: Serve) -> None:
             assert json.loads(client.recv(timeout=60)) == {"number": number}
         server.put(LINES, "last")
     assert list(client) == ["last"]
-    assert (client.protocol.close_code, client.protocol.close_reason) == (1000, "the recording has ended")
+    assert (client.protocol.close_code, client.protocol.close_reason) == (
+        1000,
+        "the recording has ended",
+    )
 
 
 def test_two_clients(connect: Connect, serve: Serve) -> None:
@@ -100,7 +105,8 @@ def test_a_slow_program_misses_frames(connect: Connect, server: LiveServer) -> N
 def test_a_client_that_leaves_in_the_middle_of_a_frame(connect: Connect, serve: Serve) -> None:
     with serve() as server:
         gone, other = (connect(server, max_size=None) for _ in range(2))
-        gone.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # close by a reset
+        # close by a reset
+        gone.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         server.put(LINES, "x" * (1 << 20) * 8)
         gone.socket.shutdown(socket.SHUT_RDWR)
         server.put(LINES, "after")
@@ -115,7 +121,10 @@ def test_a_run_that_is_stopped(connect: Connect, serve: Serve) -> None:
         client = connect(server)
         raise KeyboardInterrupt
     assert list(client) == []
-    assert (client.protocol.close_code, client.protocol.close_reason) == (1001, "the tracker was stopped")
+    assert (client.protocol.close_code, client.protocol.close_reason) == (
+        1001,
+        "the tracker was stopped",
+    )
 
 
 def test_a_client_that_does_not_answer_does_not_hold_up_the_end(
@@ -134,8 +143,12 @@ def test_a_client_that_does_not_answer_does_not_hold_up_the_end(
 
 # ------------------------------------------------------------------------------------------------ access control
 
-UPGRADE = ("Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Key: MDEyMzQ1Njc4OWFiY2RlZg==",
-           "Sec-WebSocket-Version: 13")
+UPGRADE = (
+    "Upgrade: websocket",
+    "Connection: Upgrade",
+    "Sec-WebSocket-Key: MDEyMzQ1Njc4OWFiY2RlZg==",
+    "Sec-WebSocket-Version: 13",
+)
 
 
 def request(target: str, *fields: str, method: str = "GET", host: str = "localhost") -> bytes:
@@ -152,7 +165,9 @@ def opening(*fields: str) -> bytes:
 def asked(server: LiveServer, sent: bytes) -> socket.socket:
     """A connection on which this request was sent."""
     connection = socket.create_connection(("127.0.0.1", server.port), timeout=60)
-    connection.sendall(sent.replace(b"TOKEN", server.token.encode()).replace(b"PORT", b"%d" % server.port))
+    connection.sendall(
+        sent.replace(b"TOKEN", server.token.encode()).replace(b"PORT", b"%d" % server.port)
+    )
     return connection
 
 
@@ -203,7 +218,9 @@ def half_open_connections(server: LiveServer, connect: Connect) -> None:
 def readers_that_never_read(server: LiveServer, connect: Connect) -> None:
     with contextlib.ExitStack() as stack:
         for _ in range(80):
-            stack.enter_context(reader(server)).setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            stack.enter_context(reader(server)).setsockopt(
+                socket.SOL_SOCKET, socket.SO_RCVBUF, 4096
+            )
         client = connect(server)
         for number in range(100):
             server.put(LINES, f"{number}".rjust(1 << 16))
@@ -215,27 +232,41 @@ def readers_that_never_read(server: LiveServer, connect: Connect) -> None:
 # request is not answered, and versions before 17 answer less.
 DEMANDS: dict[str, Any] = {
     "the page": (request("/?token=TOKEN"), 200),
-    "no token": (request("/"), 403), "an empty token": (request("/?token="), 403),
-    "a wrong token": (request("/?token=TOKENx"), 403), "no token for frames": (request("/frames"), 403),
-    "another encoding": (request("/?token=%ff"), 403), "frames": (opening(), 101),
+    "no token": (request("/"), 403),
+    "an empty token": (request("/?token="), 403),
+    "a wrong token": (request("/?token=TOKENx"), 403),
+    "no token for frames": (request("/frames"), 403),
+    "another encoding": (request("/?token=%ff"), 403),
+    "frames": (opening(), 101),
     "frames without a WebSocket": (request("/frames?token=TOKEN"), 426),
     "another host": (request("/?token=TOKEN", host="evil.example"), 403),
     "a host that begins alike": (request("/?token=TOKEN", host="localhost.evil.example"), 403),
-    "no host": (request("/?token=TOKEN", host=""), 400), "no name": (request("/?token=TOKEN", host="a b"), 400),
+    "no host": (request("/?token=TOKEN", host=""), 400),
+    "no name": (request("/?token=TOKEN", host="a b"), 400),
     "two hosts": (request("/?token=TOKEN", "Host: localhost"), 400),
     "its own origin": (opening("Origin: http://127.0.0.1:PORT"), 101),
-    "another origin": (opening("Origin: http://evil.example"), 403), "a null origin": (opening("Origin: null"), 403),
-    "another port": (opening("Origin: http://127.0.0.1"), 403), "no origin": (opening("Origin: http://["), 400),
+    "another origin": (opening("Origin: http://evil.example"), 403),
+    "a null origin": (opening("Origin: null"), 403),
+    "another port": (opening("Origin: http://127.0.0.1"), 403),
+    "no origin": (opening("Origin: http://["), 400),
     "two origins": (opening("Origin: http://127.0.0.1:PORT", "Origin: http://evil.example"), 403),
-    **{method: (request("/?token=TOKEN", method=method), (405, 400, 0))
-       for method in ("POST", "PUT", "HEAD", "OPTIONS", "DELETE")},
-    "a body": (request("/?token=TOKEN", "Content-Length: 5", method="POST") + b"hello", (405, 400, 0)),
-    "up": (request("/../server.py?token=TOKEN"), 404), "up, escaped": (request("/%2e%2e/server.py?token=TOKEN"), 404),
-    "a file": (request("/etc/passwd?token=TOKEN"), 404), "no address": (request("//[x?token=TOKEN"), 400),
+    **{
+        method: (request("/?token=TOKEN", method=method), (405, 400, 0))
+        for method in ("POST", "PUT", "HEAD", "OPTIONS", "DELETE")
+    },
+    "a body": (
+        request("/?token=TOKEN", "Content-Length: 5", method="POST") + b"hello",
+        (405, 400, 0),
+    ),
+    "up": (request("/../server.py?token=TOKEN"), 404),
+    "up, escaped": (request("/%2e%2e/server.py?token=TOKEN"), 404),
+    "a file": (request("/etc/passwd?token=TOKEN"), 404),
+    "no address": (request("//[x?token=TOKEN"), 400),
     "a long address": (request(f"/?token=TOKEN&x={'x' * 10_000}"), (414, 400, 0)),
     "a long field": (request("/?token=TOKEN", f"Cookie: {'x' * 10_000}"), (431, 400, 0)),
     "many fields": (request("/?token=TOKEN", *(f"X-{i}: y" for i in range(200))), (431, 400, 0)),
-    "HTTPS": (b"\x16\x03\x01\x02\x00\r\n\r\n", (400, 0)), "noise": (b"\xff\r\n\r\n", (400, 0)),
+    "HTTPS": (b"\x16\x03\x01\x02\x00\r\n\r\n", (400, 0)),
+    "noise": (b"\xff\r\n\r\n", (400, 0)),
     "HTTP/2": (b"GET / HTTP/2.0\r\n\r\n", (400, 0)),
     "a message of 10 MB": a_message_of_10_mb,
     "300 half-open connections": half_open_connections,
@@ -245,7 +276,11 @@ DEMANDS: dict[str, Any] = {
 
 @pytest.mark.parametrize("demand", DEMANDS)
 def test_what_the_gate_must_hold(
-    demand: str, serve: Serve, connect: Connect, caplog: pytest.LogCaptureFixture, capfd: pytest.CaptureFixture[str],
+    demand: str,
+    serve: Serve,
+    connect: Connect,
+    caplog: pytest.LogCaptureFixture,
+    capfd: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Each demand on requests and clients; after any of them the page is served, and no log has the token."""
@@ -257,10 +292,14 @@ def test_what_the_gate_must_hold(
         else:
             sent, status = DEMANDS[demand]
             answer = exchange(server, sent)
-            assert (int(answer[9:12]) if answer else 0) in (status if isinstance(status, tuple) else (status,))
+            assert (int(answer[9:12]) if answer else 0) in (
+                status if isinstance(status, tuple) else (status,)
+            )
             assert server.token.encode() not in answer or status == 200
         serves(server)
-    logged = [record.getMessage() for record in caplog.records if record.name != "websockets.client"]
+    logged = [
+        record.getMessage() for record in caplog.records if record.name != "websockets.client"
+    ]
     assert not any(server.token in text for text in (*logged, *capfd.readouterr()))
 
 
@@ -278,12 +317,21 @@ def test_the_page(server: LiveServer) -> None:
 
 @pytest.mark.parametrize(
     ("host", "listening", "named"),
-    [("127.0.0.1:80", "127.0.0.1", True), ("LOCALHOST:9", "127.0.0.1", True), ("[::1]:80", "127.0.0.1", True),
-     ("evil.example", "127.0.0.1", False), ("localhost.evil.example", "127.0.0.1", False),
-     ("192.168.0.7", "127.0.0.1", False), ("192.168.0.7", "0.0.0.0", True), ("evil.example:80", "0.0.0.0", False),
-     (socket.gethostname(), "0.0.0.0", True), (socket.gethostname(), "127.0.0.1", False),
-     ("Camera.lab:80", "camera.lab", True), ("192.168.0.7", "192.168.0.7", True),
-     ("192.168.0.8", "192.168.0.7", False)],
+    [
+        ("127.0.0.1:80", "127.0.0.1", True),
+        ("LOCALHOST:9", "127.0.0.1", True),
+        ("[::1]:80", "127.0.0.1", True),
+        ("evil.example", "127.0.0.1", False),
+        ("localhost.evil.example", "127.0.0.1", False),
+        ("192.168.0.7", "127.0.0.1", False),
+        ("192.168.0.7", "0.0.0.0", True),
+        ("evil.example:80", "0.0.0.0", False),
+        (socket.gethostname(), "0.0.0.0", True),
+        (socket.gethostname(), "127.0.0.1", False),
+        ("Camera.lab:80", "camera.lab", True),
+        ("192.168.0.7", "192.168.0.7", True),
+        ("192.168.0.8", "192.168.0.7", False),
+    ],
 )
 def test_hosts(host: str, listening: str, named: bool) -> None:
     """A request must name this server: its own address, or any IP address if it listens on all of them."""
@@ -303,16 +351,22 @@ def test_a_token_of_the_user(serve: Serve) -> None:
 def test_other_machines(serve: Serve) -> None:
     """Other machines can connect only if requested; then the addresses contain this machine's name."""
     with serve() as server:
-        assert not server.is_public and server.page_url.startswith(f"http://127.0.0.1:{server.port}/?token=")
+        assert not server.is_public and server.page_url.startswith(
+            f"http://127.0.0.1:{server.port}/?token="
+        )
     with serve("0.0.0.0") as server:
-        assert server.is_public and urlsplit(server.page_url).hostname == socket.gethostname().lower()
+        assert (
+            server.is_public and urlsplit(server.page_url).hostname == socket.gethostname().lower()
+        )
 
 
 @pytest.mark.skipif(not socket.has_ipv6, reason="no IPv6")
 def test_an_address_of_ipv6(connect: Connect, serve: Serve) -> None:
     try:
         with serve("::1") as server:
-            assert not server.is_public and server.lines_url.startswith(f"ws://[::1]:{server.port}/frames?token=")
+            assert not server.is_public and server.lines_url.startswith(
+                f"ws://[::1]:{server.port}/frames?token="
+            )
             connect(server)
     except NetlibError as error:
         pytest.skip(str(error))
@@ -324,7 +378,9 @@ def test_a_port_that_is_in_use(serve: Serve, server: LiveServer) -> None:
         pass
 
 
-@pytest.mark.parametrize(("host", "why"), [("x" * 70, "unknown host"), ("192.0.2.1", "cannot listen: ")])
+@pytest.mark.parametrize(
+    ("host", "why"), [("x" * 70, "unknown host"), ("192.0.2.1", "cannot listen: ")]
+)
 def test_an_address_that_is_not_of_this_machine(serve: Serve, host: str, why: str) -> None:
     with pytest.raises(NetlibError, match=f"^{host}:0: {why}"), serve(host):
         pass
@@ -344,11 +400,17 @@ def test_the_example_for_programs(tmp_path: Path, serve: Serve) -> None:
     (tmp_path / "watch.py").write_text(program, encoding="utf-8")
     messages = Messages(HEADER)
     with serve() as server:
-        (tmp_path / "live.json").write_text(json.dumps({"frames": server.lines_url}), encoding="utf-8")
-        process = subprocess.Popen([sys.executable, "watch.py"], stdout=subprocess.PIPE, text=True, cwd=tmp_path)
+        (tmp_path / "live.json").write_text(
+            json.dumps({"frames": server.lines_url}), encoding="utf-8"
+        )
+        process = subprocess.Popen(
+            [sys.executable, "watch.py"], stdout=subprocess.PIPE, text=True, cwd=tmp_path
+        )
         assert server.wait_for_client(60)
         server.put(LINES, messages.line(messages.record(BOTH)))
     out, _ = process.communicate(timeout=60)
     tip = HEADER.skeleton.joint_names.index("index_tip")
-    expected = [f"{hand.hand} {[float(mm) for mm in hand.xyz[tip].round(2)]}" for hand in BOTH.hands]
+    expected = [
+        f"{hand.hand} {[float(mm) for mm in hand.xyz[tip].round(2)]}" for hand in BOTH.hands
+    ]
     assert process.returncode == 0 and out.splitlines() == expected

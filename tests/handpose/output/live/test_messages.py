@@ -48,7 +48,10 @@ def test_large_frames_are_sampled() -> None:
     """Images of 640 x 480 pixels are subsampled by 2; the message is padded to 4 bytes; far depths are clipped."""
     for camera in CAMERAS.values():
         grid = grid_of(camera, Window(camera).see(0.0, ()), ())
-        assert grid.step == (2 if camera.width > MAX_SAMPLES else 1) and max(grid.columns, grid.rows) <= MAX_SAMPLES
+        assert (
+            grid.step == (2 if camera.width > MAX_SAMPLES else 1)
+            and max(grid.columns, grid.rows) <= MAX_SAMPLES
+        )
         assert grid.of(np.zeros((camera.height, camera.width))).shape == (grid.rows, grid.columns)
     camera = dataclasses.replace(HEADER.camera, width=642, height=482)
     messages, frame = Messages(dataclasses.replace(HEADER, camera=camera)), TrackedFrame(0, 0.0, ())
@@ -56,7 +59,9 @@ def test_large_frames_are_sampled() -> None:
     (size,) = struct.unpack_from("<I", message)
     samples = np.frombuffer(message[4 + size :], "<u2")
     assert len(samples) == 214 * 161 and (samples == 65535).all()
-    odd = Messages(dataclasses.replace(HEADER, camera=dataclasses.replace(camera, width=3, height=3)))
+    odd = Messages(
+        dataclasses.replace(HEADER, camera=dataclasses.replace(camera, width=3, height=3))
+    )
     message = odd.view(odd.record(frame), np.ones((3, 3), np.float32), frame)
     assert len(message) % 4 == 0
 
@@ -66,7 +71,8 @@ def test_the_part_around_a_hand_is_sent_with_all_its_pixels() -> None:
     camera = dataclasses.replace(CAMERA, width=1600, height=1200, fx=1470, fy=1470, u0=800, v0=600)
     window = View(700.5, 500.5, 200.0, 150.0)
     assert grid_of(camera, window, ()) == Grid(700, 500, 1, 201, 151)
-    hand = dataclasses.replace(RIGHT, center_uvd=np.array([100.0, 600.0, 600.0]))  # a crop of 735 px, partly outside
+    # a crop of 735 px, partly outside
+    hand = dataclasses.replace(RIGHT, center_uvd=np.array([100.0, 600.0, 600.0]))
     grid = grid_of(camera, window, [hand])
     assert (grid.left, grid.left + grid.step * grid.columns) == (0, 903) and grid.step == 3
     assert grid.of(np.zeros((1200, 1600))).shape == (grid.rows, grid.columns)
@@ -74,10 +80,16 @@ def test_the_part_around_a_hand_is_sent_with_all_its_pixels() -> None:
 
 def test_the_documented_size_of_a_frame_for_the_page() -> None:
     """Of two hands in 640 x 480 pixels, with joints and gestures, while the whole frame is shown."""
-    (most,) = re.findall(r"A frame has at most (\d+) kB for the page", (ROOT / "docs" / "live.md").read_text())
-    camera = dataclasses.replace(HEADER.camera, width=640, height=480, fx=588.0, fy=588.0, u0=320.0, v0=240.0)
+    (most,) = re.findall(
+        r"A frame has at most (\d+) kB for the page", (ROOT / "docs" / "live.md").read_text()
+    )
+    camera = dataclasses.replace(
+        HEADER.camera, width=640, height=480, fx=588.0, fy=588.0, u0=320.0, v0=240.0
+    )
     edges = [tracked("right", (-300, 200, 600), 1), tracked("left", (300, -200, 600), 2)]
-    hands = tuple(dataclasses.replace(hand, center_uvd=camera.project(hand.origin_mm)) for hand in edges)
+    hands = tuple(
+        dataclasses.replace(hand, center_uvd=camera.project(hand.origin_mm)) for hand in edges
+    )
     frame = TrackedFrame(0, 0.0, hands)
     messages = Messages(dataclasses.replace(HEADER, camera=camera), "mano", gestures=True)
     message = messages.view(messages.record(frame), np.full((480, 640), 1000, np.float32), frame)

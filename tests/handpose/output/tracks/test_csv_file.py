@@ -28,7 +28,9 @@ def written(path: Path, header: TrackHeader, frames: list[TrackedFrame]) -> list
         return list(csv.DictReader(file))
 
 
-@pytest.mark.parametrize("header", [HAND, header_of(any_skeleton(2))], ids=["the hand", "another body"])
+@pytest.mark.parametrize(
+    "header", [HAND, header_of(any_skeleton(2))], ids=["the hand", "another body"]
+)
 def test_a_row_per_frame_and_hand(tmp_path: Path, header: TrackHeader) -> None:
     frames = any_track(header, 3, 6)
     rows = iter(written(tmp_path / "a.csv", header, frames))
@@ -39,10 +41,16 @@ def test_a_row_per_frame_and_hand(tmp_path: Path, header: TrackHeader) -> None:
             given = (str(frame.number), str(hand.id), hand.hand, "")
             assert (row["number"], row["id"], row["hand"], row["lost"]) == given
             assert float(row["time_s"]) == pytest.approx(frame.time, abs=1e-6)
-            joints = [[float(row[f"{name}_{axis}_mm"]) for axis in "xyz"] for name in sk.joint_names]
+            joints = [
+                [float(row[f"{name}_{axis}_mm"]) for axis in "xyz"] for name in sk.joint_names
+            ]
             assert np.abs(np.array(joints) - hand.xyz).max() < 0.0051
-            errors = [float(row[column]) for column in row if re.fullmatch("[a-z]+_error_mm", column)]
-            assert errors == pytest.approx(hand.finger_error_mm.tolist() if header is HAND else [], abs=0.0501)
+            errors = [
+                float(row[column]) for column in row if re.fullmatch("[a-z]+_error_mm", column)
+            ]
+            assert errors == pytest.approx(
+                hand.finger_error_mm.tolist() if header is HAND else [], abs=0.0501
+            )
             theta = sk.theta(hand.inputs)
             for dof in set(sk.driven[sk.turns]):
                 assert float(row[f"{sk.dof_names[dof]}_rad"]) == pytest.approx(theta[dof], abs=1e-5)
@@ -68,9 +76,13 @@ def test_what_is_not_known_is_empty(tmp_path: Path) -> None:
 
 def test_no_hand_no_row(tmp_path: Path) -> None:
     assert written(tmp_path / "a.csv", HAND, [TrackedFrame(0, 0.0, ())]) == []
-    assert (tmp_path / "a.csv").read_text().startswith(
-        "number,time_s,id,hand,lost,presence,confidence,error_mm,"
-        "thumb_error_mm,index_error_mm,middle_error_mm,ring_error_mm,little_error_mm,little_tip_x_mm,"
+    assert (
+        (tmp_path / "a.csv")
+        .read_text()
+        .startswith(
+            "number,time_s,id,hand,lost,presence,confidence,error_mm,"
+            "thumb_error_mm,index_error_mm,middle_error_mm,ring_error_mm,little_error_mm,little_tip_x_mm,"
+        )
     )
 
 

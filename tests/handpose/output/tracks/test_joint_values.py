@@ -36,21 +36,31 @@ def written(path: Path, joints: FormatName | None) -> Path:
 def test_json(tmp_path: Path, name: FormatName, ending: str) -> None:
     """Every hand has the format in addition to the joints, the header describes it, and the track is read as before."""
     path = written(tmp_path / f"a.{ending}", name)
-    found = json.loads(path.read_text()) if ending == "json" else json.loads(path.read_text().splitlines()[0])
+    found = (
+        json.loads(path.read_text())
+        if ending == "json"
+        else json.loads(path.read_text().splitlines()[0])
+    )
     assert found["joint_format"]["joints"] == list(FORMATS[name].joints)
     plain = written(tmp_path / f"plain.{ending}", None)
     assert repr(read_track(path).frames) == repr(read_track(plain).frames)
     assert "joint_format" not in plain.read_text() and "anatomical_deg" not in plain.read_text()
-    first = found if ending == "json" else {"frames": [json.loads(path.read_text().splitlines()[1])]}
+    first = (
+        found if ending == "json" else {"frames": [json.loads(path.read_text().splitlines()[1])]}
+    )
     hand, values = FRAMES[0].hands[1], first["frames"][0]["hands"][1]
     wanted = formatted(name, HEADER.skeleton, hand.hand, hand.xyz, HEADER.camera)
     key = {"mediapipe": "landmarks", "nyu": "positions_mm"}.get(name, "positions_m")
-    assert np.allclose(values[name][key], wanted.landmarks if name == "mediapipe" else wanted.positions, atol=0.006)
+    assert np.allclose(
+        values[name][key], wanted.landmarks if name == "mediapipe" else wanted.positions, atol=0.006
+    )
     if name == "mediapipe":
         absolute = np.array(values[name]["world_landmarks"]) + values[name]["center_m"]
         assert np.allclose(absolute, wanted.positions, atol=2e-5)
         assert np.allclose(np.mean(values[name]["world_landmarks"], axis=0), 0, atol=1e-5)
-    assert values["anatomical_deg"] == pytest.approx(anatomical_angles(HEADER.skeleton, hand.hand, hand.xyz), abs=0.006)
+    assert values["anatomical_deg"] == pytest.approx(
+        anatomical_angles(HEADER.skeleton, hand.hand, hand.xyz), abs=0.006
+    )
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -64,8 +74,12 @@ def test_csv(tmp_path: Path, name: FormatName) -> None:
     unit, joint = FORMATS[name].unit, list(FORMATS[name].joints)[3]
     if name == "mediapipe":
         assert wanted.landmarks is not None
-        assert [float(row[f"{joint}_{axis}"]) for axis in "xyz"] == pytest.approx(wanted.landmarks[3], abs=1e-5)
-        world = [float(row[f"{joint}_world_{axis}_m"]) + float(row[f"center_{axis}_m"]) for axis in "xyz"]
+        assert [float(row[f"{joint}_{axis}"]) for axis in "xyz"] == pytest.approx(
+            wanted.landmarks[3], abs=1e-5
+        )
+        world = [
+            float(row[f"{joint}_world_{axis}_m"]) + float(row[f"center_{axis}_m"]) for axis in "xyz"
+        ]
         assert world == pytest.approx(wanted.positions[3], abs=2e-5)
     else:
         found = [float(row[f"{joint}_{axis}_{unit}"]) for axis in "xyz"]
@@ -80,9 +94,15 @@ def test_gestures(tmp_path: Path) -> None:
         with open_writer(tmp_path / name, HEADER, gestures=True) as writer:
             for frame in FRAMES:
                 writer.write(frame)
-    rows = [row for row in csv.DictReader(io.StringIO((tmp_path / "a.csv").read_text())) if not row["lost"]]
+    rows = [
+        row
+        for row in csv.DictReader(io.StringIO((tmp_path / "a.csv").read_text()))
+        if not row["lost"]
+    ]
     found = [
-        hand["gesture"] for frame in json.loads((tmp_path / "a.json").read_text())["frames"] for hand in frame["hands"]
+        hand["gesture"]
+        for frame in json.loads((tmp_path / "a.json").read_text())["frames"]
+        for hand in frame["hands"]
     ]
     assert [(one["name"] or "", one["confidence"]) for one in found] == [
         (row["gesture"], float(row["gesture_confidence"])) for row in rows
@@ -95,7 +115,9 @@ def test_gestures(tmp_path: Path) -> None:
 def test_another_body_has_no_format(tmp_path: Path) -> None:
     header = header_of(any_skeleton(2))
     with (
-        pytest.raises(DataError, match=r"no joint 'palm'; only hands have joints and angles of other formats$"),
+        pytest.raises(
+            DataError, match=r"no joint 'palm'; only hands have joints and angles of other formats$"
+        ),
         open_writer(tmp_path / "a.csv", header, joints="mano") as writer,
     ):
         writer.write(any_track(header, 3, 1)[0])

@@ -40,24 +40,39 @@ def check_same(track: Track, header: TrackHeader, frames: list[TrackedFrame]) ->
     assert replace(track.header, skeleton=header.skeleton) == header
     assert track.header.skeleton.param == header.skeleton.param
     assert [frame.number for frame in track.frames] == [frame.number for frame in frames]
-    assert [frame.time for frame in track.frames] == pytest.approx([frame.time for frame in frames], abs=1e-6)
+    assert [frame.time for frame in track.frames] == pytest.approx(
+        [frame.time for frame in frames], abs=1e-6
+    )
     for got, frame in zip(track.frames, frames):
-        assert [(l.id, l.hand, l.reason) for l in got.lost] == [(l.id, l.hand, l.reason) for l in frame.lost]
+        assert [(l.id, l.hand, l.reason) for l in got.lost] == [
+            (l.id, l.hand, l.reason) for l in frame.lost
+        ]
         assert [l.since for l in got.lost] == pytest.approx([l.since for l in frame.lost], abs=1e-6)
         for a, b in zip(got.hands, frame.hands, strict=True):
             assert (a.id, a.hand, a.cube_mm) == (b.id, b.hand, b.cube_mm)
-            assert (a.confidence, a.error_mm) == pytest.approx((b.confidence, b.error_mm), abs=0.006, nan_ok=True)
-            for name, digits in (("xyz", 0.00501), ("origin_mm", 5e-4), ("center_uvd", 5e-4), ("bones", 5e-6),
-                                 ("finger_error_mm", 0.0501)):
+            assert (a.confidence, a.error_mm) == pytest.approx(
+                (b.confidence, b.error_mm), abs=0.006, nan_ok=True
+            )
+            for name, digits in (
+                ("xyz", 0.00501),
+                ("origin_mm", 5e-4),
+                ("center_uvd", 5e-4),
+                ("bones", 5e-6),
+                ("finger_error_mm", 0.0501),
+            ):
                 assert np.abs(getattr(a, name) - getattr(b, name)).max() <= digits
-            again = joints_of(track.header.skeleton, header.unit_mm, a.hand, a.inputs, a.bones, a.origin_mm)
+            again = joints_of(
+                track.header.skeleton, header.unit_mm, a.hand, a.inputs, a.bones, a.origin_mm
+            )
             assert np.abs(again - b.xyz).max() < 0.05
 
 
 @both
 @settings(max_examples=15)
 @given(seed=st.integers(0, 10**6))
-def test_what_is_written_can_be_read(tmp_path_factory: pytest.TempPathFactory, layout: str, seed: int) -> None:
+def test_what_is_written_can_be_read(
+    tmp_path_factory: pytest.TempPathFactory, layout: str, seed: int
+) -> None:
     """Pose, bones and joints of both hands, and lost hands, are restored for any body."""
     header = header_of(any_skeleton(seed), unit_mm=100.0)
     frames = any_track(header, seed)
@@ -78,12 +93,15 @@ def test_the_packaged_hand(tmp_path: Path, layout: str) -> None:
     track = written(tmp_path / f"a.{layout}", HAND, frames)
     check_same(track, HAND, frames)
     assert not track.cut
-    assert (tmp_path / f"a.{layout}").read_text().count("bones_mm") == 4  # two hands whose bones change once
+    # two hands whose bones change once
+    assert (tmp_path / f"a.{layout}").read_text().count("bones_mm") == 4
 
 
 def test_keys_and_units(tmp_path: Path) -> None:
     """Keys and units are as documented; unknown values are null."""
-    hand = replace(any_hand(HAND, np.random.default_rng(0)), confidence=np.nan, error_mm=float("nan"))
+    hand = replace(
+        any_hand(HAND, np.random.default_rng(0)), confidence=np.nan, error_mm=float("nan")
+    )
     written(tmp_path / "a.json", HAND, [TrackedFrame(7, 0.25, (hand,))])
     found = json.loads((tmp_path / "a.json").read_text())
     body, (frame,) = found["skeleton"], found["frames"]
@@ -110,11 +128,19 @@ def test_values_that_a_hand_may_lack(tmp_path: Path) -> None:
     """Joints before smoothing are of smoothed hands only; errors of fingers may be null, or absent in older tracks."""
     hand = any_hand(HAND, np.random.default_rng(0))
     full = replace(hand, raw_xyz=hand.xyz + 7.125, finger_error_mm=np.array([7, np.nan, 8, 9, 10]))
-    written(tmp_path / "a.json", HAND, [TrackedFrame(7, 0.25, (full,)), TrackedFrame(8, 0.5, (hand,))])
+    written(
+        tmp_path / "a.json", HAND, [TrackedFrame(7, 0.25, (full,)), TrackedFrame(8, 0.5, (hand,))]
+    )
     found = json.loads((tmp_path / "a.json").read_text())
     assert not json_schema.faults(found)
     (one,), (other,) = (frame["hands"] for frame in found["frames"])
-    assert one.pop("finger_error_mm") == {"thumb": 7, "index": None, "middle": 8, "ring": 9, "little": 10}
+    assert one.pop("finger_error_mm") == {
+        "thumb": 7,
+        "index": None,
+        "middle": 8,
+        "ring": 9,
+        "little": 10,
+    }
     assert "raw_positions_mm" not in other
     (tmp_path / "older.json").write_text(json.dumps(found))
     for name, errors in (("a", [7, np.nan, 8, 9, 10]), ("older", [np.nan] * 5)):
@@ -158,7 +184,9 @@ def test_a_track_without_the_minimum_range(tmp_path: Path) -> None:
 @pytest.mark.parametrize("smoothed", [True, False])
 def test_joints_before_smoothing_of_a_hand_without_joints(tmp_path: Path, smoothed: bool) -> None:
     """Null in smoothed tracks, as the joints themselves; not in others."""
-    frame = TrackedFrame(0, 0.0, (), (), (PresentHand(8, None, 0.5, 0.125, (1.5, 2.5, 600.0), "covered"),))
+    frame = TrackedFrame(
+        0, 0.0, (), (), (PresentHand(8, None, 0.5, 0.125, (1.5, 2.5, 600.0), "covered"),)
+    )
     written(tmp_path / "a.json", replace(HAND, smoothed=smoothed), [frame])
     found = json.loads((tmp_path / "a.json").read_text())
     assert not json_schema.faults(found)
@@ -213,37 +241,83 @@ def test_a_document_that_another_program_laid_out(tmp_path: Path) -> None:
         check_same(read_track(tmp_path / "b.json"), HAND, frames)
 
 
-@bad_inputs(DataError, {
-    f"{old} -> {new[:20]}": ((old, new), *error, f"...a.json: {line}") for old, new, *error, line in (
-        ('"handpose"', '"something"', "not a track; expected a file that track --json has written"),
-        ('"version":2', '"version":3', "format version 3; this program reads 2"),
-        ('"version":2', '"version":true', "'version' is True, expected a whole number of at least 0"),
-        ('"source":"wave.bag"', '"source":7', "'source' is 7, expected a text"),
-        ('"smoothed":true', '"smoothed":1', "'smoothed' is 1, expected true or false"),
-        ('"camera":{', '"camera":[1],"c":{', "'camera': found [1], expected an object"),
-        ('"fx":588.03', '"fx":-3', "'camera': 'fx' is -3, expected a number above 0"),
-        ('"u0":320.0', '"u0":1e13', "'camera': 'u0' is 10000000000000.0, expected a number"),
-        ('"width":640', '"width":640.5', "'camera': 'width' is 640.5, expected a whole number of at least 0"),
-        ('"frames":[', '"frames":7,"f":[', "'frames' is 7, expected a list"),
-        ('"time_s":0.0', '"time_s":NaN', "'frames' 0: 'time_s' is nan, expected a number"),
-        ('"time_s":0.0', '"time_s":"0"', "'frames' 0: 'time_s' is '0', expected a number"),
-        ('"number":0', '"number":-1', "'frames' 0: 'number' is -1, expected a whole number of at least 0"),
-        ('"hands"', '"fingers"', "'frames' 0: there is no 'hands'"),
-        ('"hand":"right"', '"hand":"both"', "'frames' 0: 'hands' 0: 'hand' is 'both', expected 'right' or 'left'"),
-        ('"hand":"right"', '"hand":null,"assumed_hand":"right","assumed_confidence":1',
-         "'frames' 0: 'hands' 0: 'assumed_confidence' is 1, expected a number of at least 0, at most 0.999999"),
-        ('"positions_mm":[', '"positions_mm":[[1,2,3],',
-         "'frames' 0: 'hands' 0: 'positions_mm' is [[1, 2, 3], ..., expected 31 x 3 numbers"),
-        ('"bones_mm"', '"bones"', "'frames' 0: 'hands' 0: hand 0 has no 'bones_mm', neither here nor before"),
-        ('dof { name: \\"palm_x', 'dog { name: \\"palm_x', PrototxtError,
-         "'skeleton' 'prototxt':3:1: error: unknown field 'dog' (did you mean 'dof'?)"),
-        ('"camera":{', '"camera":null,"c":{',
-         "predicted from crops without a camera, so positions are relative to crops"),
-        ('"complete":true}', '"complete":true', "not whole JSON: Expecting ',' delimiter: line ..."),
-        ('"number":0', '"number":' + "1" * 5000, "not whole JSON: ..."),
-        ('"number":0', '"number":0,"number":1', "has 'number' twice"),
-        ("{", "[" * 100_000, "JSON of too many levels"))
-})
+@bad_inputs(
+    DataError,
+    {
+        f"{old} -> {new[:20]}": ((old, new), *error, f"...a.json: {line}")
+        for old, new, *error, line in (
+            (
+                '"handpose"',
+                '"something"',
+                "not a track; expected a file that track --json has written",
+            ),
+            ('"version":2', '"version":3', "format version 3; this program reads 2"),
+            (
+                '"version":2',
+                '"version":true',
+                "'version' is True, expected a whole number of at least 0",
+            ),
+            ('"source":"wave.bag"', '"source":7', "'source' is 7, expected a text"),
+            ('"smoothed":true', '"smoothed":1', "'smoothed' is 1, expected true or false"),
+            ('"camera":{', '"camera":[1],"c":{', "'camera': found [1], expected an object"),
+            ('"fx":588.03', '"fx":-3', "'camera': 'fx' is -3, expected a number above 0"),
+            ('"u0":320.0', '"u0":1e13', "'camera': 'u0' is 10000000000000.0, expected a number"),
+            (
+                '"width":640',
+                '"width":640.5',
+                "'camera': 'width' is 640.5, expected a whole number of at least 0",
+            ),
+            ('"frames":[', '"frames":7,"f":[', "'frames' is 7, expected a list"),
+            ('"time_s":0.0', '"time_s":NaN', "'frames' 0: 'time_s' is nan, expected a number"),
+            ('"time_s":0.0', '"time_s":"0"', "'frames' 0: 'time_s' is '0', expected a number"),
+            (
+                '"number":0',
+                '"number":-1',
+                "'frames' 0: 'number' is -1, expected a whole number of at least 0",
+            ),
+            ('"hands"', '"fingers"', "'frames' 0: there is no 'hands'"),
+            (
+                '"hand":"right"',
+                '"hand":"both"',
+                "'frames' 0: 'hands' 0: 'hand' is 'both', expected 'right' or 'left'",
+            ),
+            (
+                '"hand":"right"',
+                '"hand":null,"assumed_hand":"right","assumed_confidence":1',
+                "'frames' 0: 'hands' 0: 'assumed_confidence' is 1, expected a number of at least 0, at most 0.999999",
+            ),
+            (
+                '"positions_mm":[',
+                '"positions_mm":[[1,2,3],',
+                "'frames' 0: 'hands' 0: 'positions_mm' is [[1, 2, 3], ..., expected 31 x 3 numbers",
+            ),
+            (
+                '"bones_mm"',
+                '"bones"',
+                "'frames' 0: 'hands' 0: hand 0 has no 'bones_mm', neither here nor before",
+            ),
+            (
+                'dof { name: \\"palm_x',
+                'dog { name: \\"palm_x',
+                PrototxtError,
+                "'skeleton' 'prototxt':3:1: error: unknown field 'dog' (did you mean 'dof'?)",
+            ),
+            (
+                '"camera":{',
+                '"camera":null,"c":{',
+                "predicted from crops without a camera, so positions are relative to crops",
+            ),
+            (
+                '"complete":true}',
+                '"complete":true',
+                "not whole JSON: Expecting ',' delimiter: line ...",
+            ),
+            ('"number":0', '"number":' + "1" * 5000, "not whole JSON: ..."),
+            ('"number":0', '"number":0,"number":1', "has 'number' twice"),
+            ("{", "[" * 100_000, "JSON of too many levels"),
+        )
+    },
+)
 def test_what_is_no_track(tmp_path: Path, given: tuple[str, str], rejected: Any) -> None:
     """The error names the place and what was expected, on one line."""
     path = tmp_path / "a.json"
@@ -264,9 +338,13 @@ def test_an_undecided_side(tmp_path: Path, layout: str) -> None:
     track = written(tmp_path / f"a.{layout}", HAND, [frame])
     (found,) = track.frames
     assert (
-        found.hands[0].hand == "left" and found.hands[0].known_side is None and found.hands[0].side_confidence == 0.75
+        found.hands[0].hand == "left"
+        and found.hands[0].known_side is None
+        and found.hands[0].side_confidence == 0.75
     )
     assert found.lost[0].hand is None and found.present == frame.present
     if layout == "json":
         assert not json_schema.faults(json.loads((tmp_path / "a.json").read_text()))
-    assert '"hand": null' in (tmp_path / f"a.{layout}").read_text().replace('"hand":null', '"hand": null')
+    assert '"hand": null' in (tmp_path / f"a.{layout}").read_text().replace(
+        '"hand":null', '"hand": null'
+    )

@@ -29,7 +29,9 @@ def test_by_the_ending(tmp_path: Path, name: str) -> None:
         assert len(read_track(tmp_path / name).frames) == len(frames)
 
 
-def test_standard_output(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_standard_output(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """JSON lines; one that is closed, as by >&- in a shell, is an error."""
     with open_writer("-", HAND) as writer:
         writer.write(any_track(HAND, 1)[0])
